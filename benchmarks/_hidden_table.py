@@ -8,6 +8,7 @@ chi2 per sample.
 import argparse
 import importlib
 import json
+import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -18,16 +19,23 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import blocks_of, predictions
 from armdyn.identify.prepare import noise_of_runs
-from armdyn.identify.problem import Problem, chi2_of
+from armdyn.identify.problem import Block, Problem, chi2_of
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
 Row = dict[str, Any]
 SHARES = ("start", "reproduced", "named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
+JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+"""Effects of the catalogue for an arm."""
+PENDULUM_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+"""Effects of the catalogue for a pendulum."""
+SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
+"""Effects that together have the same torque and as many values as another effect, by that effect."""
 GOOD_HELD_OUT = 1.1
 """Chi2 per sample of held-out runs up to which a repair counts as complete."""
 
@@ -99,8 +107,25 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}
     for key, blocks in (("held_out", blocks_of(predictions(problem, fresh))), ("in_turn", study.held_out_blocks(fit))):
-        chi2[key] = chi2_of(blocks) / sum(len(b.residual) for b in blocks) if blocks else None
+        chi2[key] = chi2_per_sample(blocks) if blocks else None
     return chi2
+
+
+def chi2_per_sample(blocks: Sequence[Block]) -> float:
+    """Sum of the squared residuals, in standard deviations of the noise, over the number of samples."""
+    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+
+
+def kept(file: Path | None, make: Callable[[], Any]) -> Any:
+    """What `make` returns; it is read from a file if it was written there before, None for no file."""
+    if file is not None and file.exists():
+        with file.open("rb") as stream:
+            return pickle.load(stream)
+    made = make()
+    if file is not None:
+        with file.open("wb") as stream:
+            pickle.dump(made, stream)
+    return made
 
 
 def by_effect(

@@ -26,6 +26,8 @@ from armdyn.threads import one_thread
 
 Contender = Callable[[], float]
 """Does the work once and returns the seconds that it took."""
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+"""Default folder of the public recordings, which are not in the repository."""
 PACKAGES = ("armdyn", "casadi", "crocoddyl", "numpy", "scipy")
 
 

@@ -8,25 +8,29 @@ are the root mean square over the noise, largest over channels, of the runs that
 which take part in choosing, and of the exam, which takes part in nothing; each before and after what was discovered.
 """
 
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent / "hidden"))
+from discover import effects_found, largest_error  # isort: skip
+
 import json
 import tempfile
 import time
 from argparse import ArgumentParser
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
+import _timing as bench
 import numpy as np
 import real as pendulums
 import real_arms as arms
-from discover import effects_found
+from _hidden_table import JOINT_EFFECTS
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.discover import discover
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 from armdyn.model import Model
@@ -71,7 +75,7 @@ def given(of: pendulums.Recorded | arms.Recorded, folder: Path) -> tuple[Model, 
         return pendulum_model(pendulums.LENGTH, pendulums.MASS), list(CATALOGUE.values())
     file = folder / of.robot
     model = arm_model(file) if file.exists() else arm_model(robot=of.robot)
-    return model, [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
+    return model, list(JOINT_EFFECTS)
 
 
 def thinned(file: Path) -> Run:
@@ -88,18 +92,13 @@ def thinned(file: Path) -> Run:
 def errors(study: Study, fit: Fit) -> dict[str, float]:
     """Over the noise, by kind of run."""
     kinds = {"fitted": fit.blocks, "held out": study.held_out_blocks(fit), "exam": study.exam_blocks(fit)}
-    return {kind: worst(blocks) for kind, blocks in kinds.items() if blocks}
-
-
-def worst(blocks: Sequence[Block]) -> float:
-    """Of the runs' channels, the largest rms error over the noise."""
-    return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 2)
+    return {kind: round(largest_error(blocks), 2) for kind, blocks in kinds.items() if blocks}
 
 
 def main() -> None:
     """Print a row for each set."""
     parser = ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=arms.DATA, help="folder with the sets")
+    parser.add_argument("--data", type=Path, default=bench.DATA, help="folder with the sets")
     parser.add_argument("--sets", default=",".join(SETS))
     chosen = parser.parse_args()
     for name in chosen.sets.split(","):

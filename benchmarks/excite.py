@@ -27,10 +27,10 @@ from pathlib import Path
 
 import _timing
 import numpy as np
-from _hidden_table import generator
+from _hidden_table import JOINT_EFFECTS, generator
 
 from armdyn.arm.model import arm_model
-from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.effects.catalogue import find
 from armdyn.experiments.goal import MotionGoal, goal_to_determine, goal_to_separate
 from armdyn.experiments.series import FourierSeries
 from armdyn.identify.diagnose import diagnose
@@ -53,7 +53,6 @@ SEPARATE = {
     "payload_or_link": ("payload", "link_inertia"),
     "rotor_or_link": ("rotor_inertia", "link_inertia"),
 }
-JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 SIZES = {"gravity_spring": 0.02, "torque_offset": 0.2, "payload": 0.05, "link_inertia": 0.1}
 """Of the realistic ones: small enough that a poor motion does not tell them."""
 
@@ -140,7 +139,7 @@ def named(found: Excitation, motion: Expectation, truth: str, seed: int) -> tupl
     """Whether the first name is right without a tie, and whether the answer is honest."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
-    said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT))
+    said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT_EFFECTS))
     first = said.suspects[0].effect if said.suspects else ""
     tied = said.suspects[0].tied_with if said.suspects else ()
     right = first == truth and said.verdict.key == "effect_missing"

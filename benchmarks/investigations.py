@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from _hidden_table import by_effect
 
-from pipeline.trial import TrialSettings, simulate
-from pipeline.trial.investigation import Stop
+from pipeline.trial import TrialSettings, simulate_trial
+from pipeline.trial.investigation import InvestigationEnd
 
 HIDDEN = {
     "pivot_viscous_friction": 1e-3, "linear_drag": 0.01, "quadratic_drag": 0.05, "pivot_coulomb_friction": 2e-3,
@@ -44,12 +44,12 @@ class Case:
     @property
     def right(self) -> bool:
         """Whether the hidden effect was named, and no other."""
-        return self.stop == Stop.NAMED.name and self.last == (self.effect,)
+        return self.stop == InvestigationEnd.NAMED.name and self.last == (self.effect,)
 
 
 def investigation(effect: str, seed: int) -> Case:
     """Find out, and throw."""
-    trial = simulate(TrialSettings(hidden={effect: HIDDEN[effect]}, seed=seed, investigate=EXPERIMENTS))
+    trial = simulate_trial(TrialSettings(hidden={effect: HIDDEN[effect]}, seed=seed, investigate=EXPERIMENTS))
     found = trial.result.investigation
     assert found is not None, "it was asked for"
     first, last = (found.stages[k].candidates if found.stages else () for k in (0, -1))

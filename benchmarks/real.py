@@ -11,8 +11,8 @@ exams in nothing. Every run has its own start. Columns:
 - as given, repaired: rms error of the channel that the fit by hand was made for, on training, held-out and exam runs;
 - by hand: the same of the best structure that a person found with plain output error, with no code of armdyn;
 - held out / by hand: below 1 armdyn predicts the held-out run better;
-- told: errors where armdyn is told the structure found by hand and only fits it, as `armdyn add` does. Where these are
-  smaller than the repaired model's, it is the search that chose worse, not the fit.
+- same structure: errors of armdyn's fit of the structure found by hand, as by `armdyn add`. If they are smaller than
+  those of the repaired model, the search has chosen worse effects.
 
 `--pictures` writes what the model lacks against speed and angle, one picture for each set; it needs `chromium`.
 """
@@ -36,7 +36,6 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import read_run
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LENGTH, MASS = 0.35, 0.1
 """m, kg: of every model as given."""
 CLOSE = 1.1
@@ -53,11 +52,11 @@ class ByHand:
     """The best structure that a person found with output error.
 
     Attributes:
-        effects: names of the catalogue.
-        training: rms error, in the unit of the channel.
-        held_out: likewise, the run's own start fitted.
-        exam: likewise; None where nobody looked.
-        source: file beside the recordings that says so.
+        effects: names of its effects in the catalogue.
+        training: rms error in the training runs, in the unit of the channel.
+        held_out: rms error in the held-out runs, with their starts fitted.
+        exam: rms error in the exam runs; None if unknown.
+        source: file beside the recordings with these errors.
     """
 
     effects: tuple[str, ...]
@@ -72,13 +71,13 @@ class Recorded:
     """One set of recordings of one pendulum.
 
     Attributes:
-        name: for the table and the picture's file.
-        folder: below the data folder.
-        channel: whose errors are told.
-        training: stems of the files.
-        held_out: likewise.
-        exam: likewise.
-        by_hand: what a person made of them.
+        name: name in the table and of the figure's file.
+        folder: subfolder of the data folder.
+        channel: channel of the listed errors.
+        training: names of the training files, without ending.
+        held_out: names of the held-out files.
+        exam: names of the exam files.
+        by_hand: fit by hand.
     """
 
     name: str
@@ -138,7 +137,7 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
     begun = time.process_time()
     found = repair(study())
     seconds = time.process_time() - begun
-    told = add(study(), [CATALOGUE[name] for name in recorded.by_hand.effects])
+    same = add(study(), [CATALOGUE[name] for name in recorded.by_hand.effects])
     given, last = found.path[0], found.path[-1]
     first = found.path[1] if len(found.path) > 1 else given
     channel, hand = recorded.channel, recorded.by_hand
@@ -156,8 +155,8 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
         "held_out": errors("held_out_rmse"),
         "exam": errors("exam_rmse"),
         "by_hand": {"effects": hand.effects, "errors": (hand.training, hand.held_out, hand.exam), "in": hand.source},
-        "told": [getattr(told.path[-1], kind).get(channel) for kind in ("rmse", "held_out_rmse", "exam_rmse")],
-        "told_accelerations": accelerations(told.after.parameters),
+        "same_structure": [getattr(same.path[-1], k).get(channel) for k in ("rmse", "held_out_rmse", "exam_rmse")],
+        "same_structure_accelerations": accelerations(same.after.parameters),
         "ratio": last.held_out_rmse[channel] / hand.held_out,
         "seconds": seconds,
         "verdict": found.verdict.key,
@@ -198,13 +197,13 @@ def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
     from PIL import Image
 
     from pipeline.report.missing_force import missing_force_charts
-    from pipeline.report.theme import TEMPLATE
+    from pipeline.report.theme import PLOTLY_TEMPLATE
 
     effects = ", ".join(name for step in found.path[1:] for name in step.added)
     curves = [curve for curve in found.missing_force if curve.against in SHOWN]
     (drawn,) = missing_force_charts(curves, f"with {effects}")
     figure = go.Figure(drawn.figure)
-    figure.update_layout(template=TEMPLATE, width=PICTURE[0], height=PICTURE[1])
+    figure.update_layout(template=PLOTLY_TEMPLATE, width=PICTURE[0], height=PICTURE[1])
     target = folder / f"real_{recorded.name}.png"
     with tempfile.TemporaryDirectory() as work:
         page = Path(work) / "page.html"
@@ -233,10 +232,10 @@ def show(rows: Sequence[dict]) -> None:
     bench.print_table(
         "Errors, as given -> repaired",
         ("set", "unit", "training", "held out", "exam", "by hand: training", "held out", "exam",
-         "held out / by hand", "told: training", "held out", "exam", "processor s"),
+         "held out / by hand", "same structure: training", "held out", "exam", "processor s"),
         [
             (row["set"], units[row["channel"]], *(change(row[kind]) for kind in ("training", "held_out", "exam")),
-             *map(small, row["by_hand"]["errors"]), f"{row['ratio']:.2f}", *map(small, row["told"]),
+             *map(small, row["by_hand"]["errors"]), f"{row['ratio']:.2f}", *map(small, row["same_structure"]),
              f"{row['seconds']:.1f}")
             for row in rows
         ],
@@ -254,7 +253,7 @@ def show(rows: Sequence[dict]) -> None:
     )  # fmt: skip
     for row in rows:
         print(f"\n{row['set']}: {row['sentence']}")
-        for title, key in (("", "accelerations"), (", told", "told_accelerations")):
+        for title, key in (("", "accelerations"), (", same structure", "same_structure_accelerations")):
             for name, (value, unit) in row[key].items():
                 print(f"  {name + title:48s}{value:12.4g} {unit}")
         for step in row["steps"]:
@@ -285,7 +284,7 @@ def main() -> int:
     parser = bench.argparse.ArgumentParser(
         description=__doc__, formatter_class=bench.argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, default=DATA, metavar="DIR", help="the folder that holds the sets")
+    parser.add_argument("--data", type=Path, default=bench.DATA, metavar="DIR", help="the folder that holds the sets")
     parser.add_argument("--only", default="", help="names of sets, with commas")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture of what each model lacks")
     parser.add_argument("--quick", action="store_true", help=f"'{QUICK}' only, in a few seconds")

@@ -16,14 +16,12 @@ from pathlib import Path
 
 import _timing as bench
 import numpy as np
+from _hidden_table import JOINT_EFFECTS
 
 from armdyn.arm.model import arm_model
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run, read_run
-
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,8 @@ def examine(recorded: Recorded, data: Path) -> list[str]:
 
     file = folder / recorded.robot
     model = arm_model(file) if file.exists() else arm_model(robot=recorded.robot)
-    joint = [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
     begun = time.process_time()
-    study = Study.of(model, runs(*recorded.training), runs(*recorded.held_out), joint, exam=runs(recorded.exam))
+    study = Study.of(model, runs(*recorded.training), runs(*recorded.held_out), JOINT_EFFECTS, exam=runs(recorded.exam))
     found = repair(study)
     seconds = time.process_time() - begun
     first, last = found.path[0], found.path[-1]
@@ -92,7 +89,7 @@ def examine(recorded: Recorded, data: Path) -> list[str]:
 def main() -> None:
     """Print the table."""
     parser = ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=DATA, help="folder with the sets")
+    parser.add_argument("--data", type=Path, default=bench.DATA, help="folder with the sets")
     data = parser.parse_args().data
     if not data.is_dir():
         raise SystemExit(f"{data}: there is no such folder: give --data")

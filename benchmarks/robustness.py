@@ -30,7 +30,7 @@ from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import HISTORY_STRIDE
-from pipeline.trial import TrialSettings, simulate
+from pipeline.trial import TrialSettings, simulate_trial
 
 tests = str(Path(__file__).resolve().parent.parent / "tests")
 if tests not in sys.path:
@@ -133,7 +133,7 @@ def one(seed: int) -> Outcome:
     success, stopped, message, to_rest, wrong = False, False, "", math.nan, list[str]()
     with TemporaryDirectory() as scratch:
         try:
-            trial = simulate(replace(settings, out=Path(scratch)), through=robot.around)
+            trial = simulate_trial(replace(settings, out=Path(scratch)), through=robot.around)
             result = trial.result
             success, stopped, message = result.success, result.stopped, result.message
             wrong += violations(robot.told, trial.experiment.description.limits)

@@ -33,7 +33,6 @@ from scipy.signal import butter, lfilter
 from scipy.stats import chi2
 
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
@@ -45,7 +44,6 @@ imperfect = hidden_table.generator("imperfect_arm")
 hidden_drive = hidden_table.generator("drive")
 motions = hidden_table.generator("motions")
 
-JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 CASE = "coulomb"
 MINUTE = 60.0
 CALIBRATION = 15
@@ -69,7 +67,9 @@ class Robot:
     def of(cls, name: str, seed: int) -> "Robot":
         """Repaired as a user would."""
         case = imperfect.generate(name, CASE, seed)
-        return cls(case, repair(Study.of(arm_model(robot=name), case.train, case.held_out, JOINT_EFFECTS)).model)
+        return cls(
+            case, repair(Study.of(arm_model(robot=name), case.train, case.held_out, hidden_table.JOINT_EFFECTS)).model
+        )
 
     def work(
         self, rng: np.random.Generator, rate: float, *, seconds: float = MINUTE, what: str = "", begin: float = 0.0

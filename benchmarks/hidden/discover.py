@@ -11,6 +11,7 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available, load_effects
+from armdyn.identify.problem import Block
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.model import Model
@@ -65,10 +67,14 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
 
 
 def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:
-    """Of the exam run, the largest over channels of the rms error over the noise, both as they are compared."""
+    """Largest error of the exam run over the noise, after `add` of some effects."""
     study = Study.of(model, given.runs, [given.held_out], tuple(effects), [given.exam])
-    blocks = study.exam_blocks(add(study, effects).steps[-1].fit)
-    return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 3)
+    return round(largest_error(study.exam_blocks(add(study, effects).steps[-1].fit)), 3)
+
+
+def largest_error(blocks: Sequence[Block]) -> float:
+    """Largest root mean square error of a channel, over its noise."""
+    return max(float(np.sqrt(np.mean(block.residual**2))) for block in blocks)
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from imperfect_arm import JOINT_EFFECTS, exam_error
+from imperfect_arm import exam_error
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
@@ -49,7 +49,7 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
     big, train, held_out, exam = case.dominant, case.train, [case.held_out] if seed % 2 else [], [case.exam]
     model = arm_model(robot=robot)
     begun = time.perf_counter()
-    mended = repair(Study.of(model, train, held_out, JOINT_EFFECTS))
+    mended = repair(Study.of(model, train, held_out, hidden_table.JOINT_EFFECTS))
     seconds = time.perf_counter() - begun
     wanted: list[Effect] = [CATALOGUE["base_tilt"]] if kind == "tilt" else []
     names = {"base_tilt"} if kind == "tilt" else {hidden.effect for hidden in big}

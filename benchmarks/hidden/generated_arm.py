@@ -36,27 +36,24 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, repair
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD, WHY
+from pipeline.exports.parts import EXPRESSIBLE_EFFECTS, INEXPRESSIBLE_REASONS
 
 generated = hidden_table.generator("generated_arm")
 
-JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.95, "second": 0.98}
 DEVIATIONS = 3.0
 CLOSE = 1.2
 """Error of the exported model over the model's own."""
-SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
-"""The same torque with as many values."""
 EXPORTED = tuple(
     effect
     for effect in generated.EFFECTS
-    if effect in HELD["mujoco"] | set(WHY) and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
+    if effect in EXPRESSIBLE_EFFECTS["mujoco"] | set(INEXPRESSIBLE_REASONS)
+    and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
 )
 LENGTHS, COUNTS = (12.0, 30.0, 60.0, 120.0), (1, 6)
 """s; runs."""
@@ -69,7 +66,7 @@ def model_of(robot: object) -> ArmModel:
 
 def study_of(model: ArmModel, runs: Sequence[Run], held_out: bool) -> Study:
     count = len(runs) - held_out
-    return Study.of(model, runs[:count], runs[count:], JOINT_EFFECTS)
+    return Study.of(model, runs[:count], runs[count:], hidden_table.JOINT_EFFECTS)
 
 
 def atoms(effects: Iterable[Candidate]) -> set[Atom]:
@@ -80,7 +77,7 @@ def judged(mended: Repair, truth: set[Atom]) -> tuple[set[Atom], set[Atom]]:
     """Hidden effects that are not named, and named ones that are not hidden."""
     found = atoms(mended.steps[-1].effects)
     missed, false = truth - found, found - truth
-    for one, parts in SAME_TORQUE.items():
+    for one, parts in hidden_table.SAME_TORQUE.items():
         for joint in {joint for _, joint in truth | found}:
             whole, split = {(one, joint)}, {(part, joint) for part in parts}
             for said, hidden in ((whole, split), (split, whole)):
@@ -146,18 +143,22 @@ def _spoken(which: object) -> str:
     return ", ".join(" ".join(map(str, one)) for one in which)
 
 
-def show(rows: Sequence[hidden_table.Row]) -> None:
-    """All robots, beside what is wanted."""
+def found_shares(rows: Sequence[hidden_table.Row]) -> dict[str, tuple[float, int]]:
+    """Shares, each with its number of cases: of named effects, of robots with no wrong name, of right values."""
     pulls = np.abs(np.concatenate([[*row["pulls"].values()] for row in rows]))
-    hidden, missed = (sum(counts) for counts in ([r["hidden"] for r in rows], [len(r["missed"]) for r in rows]))
-    shares = {
-        "named": (1.0 - missed / hidden, hidden),
+    hidden = sum(row["hidden"] for row in rows)
+    return {
+        "named": (1.0 - sum(len(row["missed"]) for row in rows) / hidden, hidden),
         "nothing false": (float(np.mean([not row["false"] for row in rows])), len(rows)),
         "values": (float(np.mean(pulls < DEVIATIONS)), len(pulls)),
-        "second": (float(np.mean([row["same after"] for row in rows])), len(rows)),
     }
+
+
+def show(rows: Sequence[hidden_table.Row]) -> None:
+    """Print the shares of all robots beside the wanted ones, and the time."""
     print()
-    hidden_table.show_shares(shares, TARGETS)
+    second = float(np.mean([row["same after"] for row in rows])), len(rows)
+    hidden_table.show_shares({**found_shares(rows), "second": second}, TARGETS)
     print(f"robots with everything named: {sum(not row['missed'] for row in rows)} of {len(rows)}")
     taken = [row["seconds"] for row in rows]
     print(f"seconds: median {np.median(taken):.1f}, worst {max(taken):.1f}")
@@ -188,11 +189,11 @@ def exported_error(seed: int) -> tuple[float, float]:
     """Rms error of the exported and of the repaired model on new motions against the true torque, N m."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
-    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in WHY])
+    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in INEXPRESSIBLE_REASONS])
     dynamics, compiled = inverse_dynamics_function(arm), mujoco.MjModel.from_xml_string(mujoco_text(mended)[0])
     data, squares = mujoco.MjData(compiled), []
     for world in robot.fresh():
-        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in WHY])[1]
+        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in INEXPRESSIBLE_REASONS])[1]
         for q, v, a, torque in zip(*world.motion.at(world.stamps), true, strict=True):
             data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
             mujoco.mj_inverse(compiled, data)

@@ -16,14 +16,12 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import _hidden_table as hidden_table  # isort: skip
 
-import pickle
 import time
 import zlib
 from functools import cache
 
 import numpy as np
 
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
@@ -34,7 +32,6 @@ from armdyn.run import Run
 
 hidden_pendulum = hidden_table.generator("pendulum")
 
-PENDULUM = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 OUTSIDE = {"one_sided_rub": 4e-3, "hum": 0.01, "magnet": 0.1, "sensor_play": 0.01, "sensor_clipping": 1.03}
 PAIRS = (
     ("quadratic_drag", "sensor_delay"), ("pivot_coulomb_friction", "quadratic_drag"), ("gripper_lag", "sensor_bias"),
@@ -49,10 +46,13 @@ def recordings(
     """Two runs to learn from and a third to predict where `count` is 3, the true length and the true mass."""
     label = "+".join(f"{name}={size:g}" for name, size in (*hidden.items(), *settings.items()))
     file = None if keep is None else keep / f"{label or 'clean'}-{seed}.pickle"
-    if file is not None and file.exists():
-        with file.open("rb") as stream:
-            return pickle.load(stream)
     rng = np.random.default_rng([seed, zlib.crc32(label.encode())])
+    return hidden_table.kept(file, lambda: _recorded(rng, hidden, count, settings))
+
+
+def _recorded(
+    rng: np.random.Generator, hidden: dict[str, float], count: int, settings: dict[str, float]
+) -> tuple[list[Run], float, float]:
     mass, length = rng.uniform(0.06, 0.12), rng.uniform(0.30, 0.45)
     weighed = KnownQuantity(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
     measured = KnownQuantity(length + 1e-3 * rng.normal(), 1e-3, "m")
@@ -62,14 +62,11 @@ def recordings(
             length=length, mass=mass, hidden=hidden, start=(0.02 * rng.normal(), 0.04 * rng.normal()), **settings
         )
         runs.append(hidden_pendulum.weighed(hidden_pendulum.record(f"r{k}.csv", setup, rng), weighed, measured))
-    if file is not None:
-        with file.open("wb") as stream:
-            pickle.dump((runs, length, mass), stream)
     return runs, length, mass
 
 
 def study_of(runs: list[Run]) -> Study:
-    return Study.of(pendulum_model(0.35, 0.1), runs, [], PENDULUM)
+    return Study.of(pendulum_model(0.35, 0.1), runs, [], hidden_table.PENDULUM_EFFECTS)
 
 
 def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_table.Row:

@@ -32,10 +32,8 @@ from functools import cache
 import numpy as np
 
 from armdyn.arm.model import arm_model
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.problem import chi2_of
 from armdyn.identify.repair import repair
 from armdyn.identify.selection.path import Step
 from armdyn.identify.study import Study
@@ -43,13 +41,11 @@ from armdyn.run import Run
 
 hidden_arm = hidden_table.generator("baxter")
 
-JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 PAIRS = (
     ("joint_viscous_friction", "joint_coulomb_friction"), ("joint_coulomb_friction", "gravity_spring"),
     ("payload", "joint_coulomb_friction"), ("torque_offset", "joint_viscous_friction"),
     ("link_inertia", "joint_coulomb_friction"), ("gravity_spring", "torque_delay"),
 )  # fmt: skip
-SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
 
 
 def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: float) -> list[Run]:
@@ -58,7 +54,7 @@ def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: floa
 
 def study_of(runs: list[Run]) -> Study:
     """Against Baxter's arm as described, with the whole catalogue of joints."""
-    return Study.of(arm_model(robot="baxter"), runs, [], JOINT)
+    return Study.of(arm_model(robot="baxter"), runs, [], hidden_table.JOINT_EFFECTS)
 
 
 def true_joints(effect: str) -> set[str]:
@@ -71,7 +67,7 @@ def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
         return False, False, False
     first = found.suspects[0]
     added = {c.effect: set(c.joints) for c in found.search.last.effects}
-    same = set(SAME_TORQUE.get(truth, ()))
+    same = set(hidden_table.SAME_TORQUE.get(truth, ()))
     if same and set(added) == same and len({frozenset(joints) for joints in added.values()}) == 1:
         return True, True, set(first.joints) == true_joints(truth)
     named = first.effect == truth
@@ -88,12 +84,6 @@ def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]
         for name, found in fitted.items()
         if name in true and found.std
     }  # fmt: skip
-
-
-def held_out_chi2(study: Study, last: Step) -> float:
-    """Per sample, whole runs held out in turn."""
-    blocks = study.held_out_blocks(last.fit)
-    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
 
 
 def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
@@ -133,7 +123,7 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     if kind in ("single", "tenth"):
         named, honest, joints = judged(found, what)
         row |= {"named": named, "honest": honest, "tie": found.verdict.key == "cannot_tell_apart"}
-        row["in_turn"] = held_out_chi2(study, found.search.last)
+        row["in_turn"] = hidden_table.chi2_per_sample(study.held_out_blocks(found.search.last.fit))
         if named:
             row["joints"] = joints
             row["pull"] = list(pulls(study, found.search.last, what, size).values())

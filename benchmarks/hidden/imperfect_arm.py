@@ -41,7 +41,6 @@ from armdyn.run import Run
 
 imperfect = hidden_table.generator("imperfect_arm")
 
-JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 CLOSE = 1.2
 """Error in the exam, over that of the true effects, up to which a repair counts as good."""
 FEW = 2.0
@@ -91,7 +90,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
     truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
     model = arm_model(robot=robot)
     begun, cpu = time.perf_counter(), time.process_time()
-    mended = repair(Study.of(model, case.train, case.held_out, JOINT_EFFECTS))
+    mended = repair(Study.of(model, case.train, case.held_out, hidden_table.JOINT_EFFECTS))
     row: hidden_table.Row = {
         "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed,
         "truth": sorted(map(list, truth)),

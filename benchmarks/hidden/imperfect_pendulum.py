@@ -45,7 +45,6 @@ from armdyn.pendulum.model import pendulum_model
 imperfect = hidden_table.generator("imperfect_pendulum")
 output_error = hidden_table.generator("output_error")
 
-PENDULUM = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 CLOSE = 1.1
 """Error in the exam over that of the true structure, up to which a repair counts as good."""
 REACHED = 1.05
@@ -166,7 +165,7 @@ def _warm() -> None:
 def _study(world: object, *, exam: bool = False) -> Study:
     length, mass = world.guess
     given = pendulum_model(length=length, mass=mass)
-    return Study.of(given, world.runs, world.held_out, PENDULUM, world.exam if exam else ())
+    return Study.of(given, world.runs, world.held_out, hidden_table.PENDULUM_EFFECTS, world.exam if exam else ())
 
 
 def _added(world: object, names: Sequence[str]) -> float:

@@ -43,7 +43,6 @@ from armdyn.run import Run, read_run
 
 made, recorded = hidden_table.generator("mistakes"), hidden_table.generator("sound_recordings")
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 DESCRIBED = {
     "arm_dfki_double": "double_pendulum_C1.urdf", "arm_gen3": "gen3.urdf", "emps": "emps.urdf", "ur10e": "ur10e.urdf",
     "arm_panda_unisa": "panda",
@@ -171,7 +170,7 @@ def main() -> int:
     )
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--robots", default=",".join(recorded.ROBOTS), help="names, with commas")
-    parser.add_argument("--data", type=Path, default=DATA, metavar="DIR", help="folder of the real recordings")
+    parser.add_argument("--data", type=Path, default=bench.DATA, metavar="DIR", help="folder of the real recordings")
     parser.add_argument("--quick", action="store_true", help="one pendulum and one arm's mistakes, once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write what is printed as JSON too")
     options = parser.parse_args()

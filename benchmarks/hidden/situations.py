@@ -17,7 +17,6 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import _hidden_table as hidden_table  # isort: skip
 
-import pickle
 import time
 import zlib
 from functools import cache
@@ -32,7 +31,6 @@ from armdyn.pendulum.model import PendulumModel, pendulum_model
 
 situations = hidden_table.generator("situations")
 
-PENDULUM = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 EFFECTS = ("pivot_viscous_friction", "quadratic_drag", "sensor_bias")
 UNSEEN = {("release_unweighed", "sensor_bias")}
 """A bias is mass where nothing is weighed."""
@@ -46,19 +44,12 @@ def recordings(name: str, effect: str, seed: int, keep: Path | None) -> tuple[ob
     situation = situations.SITUATIONS[name]
     hidden = {} if effect == "none" else situations.realistic(effect, situation)
     file = None if keep is None else keep / f"{name}-{effect}-{seed}.pickle"
-    if file is not None and file.exists():
-        with file.open("rb") as stream:
-            return pickle.load(stream), hidden
     rng = np.random.default_rng([seed, zlib.crc32(f"{name}{effect}".encode())])
-    found = situations.recorded(situation, hidden, rng)
-    if file is not None:
-        with file.open("wb") as stream:
-            pickle.dump(found, stream)
-    return found, hidden
+    return hidden_table.kept(file, lambda: situations.recorded(situation, hidden, rng)), hidden
 
 
 def study_of(model: PendulumModel, recorded: object) -> Study:
-    return Study.of(model, recorded.runs, [], PENDULUM)
+    return Study.of(model, recorded.runs, [], hidden_table.PENDULUM_EFFECTS)
 
 
 def given(name: str) -> PendulumModel:
@@ -91,9 +82,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
     wanted = problem.fitted & ~problem.of([n for c in study.candidates for n in c.names])
     best = problem.fit(wanted, truth)
     blocks = problem.blocks(best.values)
-    samples = sum(len(block.residual) for block in blocks)
-    reachable = sum(float(block.residual @ block.residual) for block in blocks) / samples
-    reached = first.chi2_per_sample
+    reachable, reached = hidden_table.chi2_per_sample(blocks), first.chi2_per_sample
     return {"start": bool(reached <= max(1.2, AS_GOOD * reachable)), "reached": reached, "reachable": reachable}
 
 

@@ -185,12 +185,12 @@ def _sound(
         InputError: the model is no arm's, or the recordings are too short.
     """
     from armdyn.watch.fault_free import statistics_of_recordings
-    from pipeline.watch.sources import runs_of, sample_sources
+    from pipeline.watch.sources import read_arm_runs, sample_sources
 
     model = _known(path, key, effects).file.model.as_arm()
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
-    return model, statistics_of_recordings(model, sample_sources(model, runs_of(model, calibrate)))
+    return model, statistics_of_recordings(model, sample_sources(model, read_arm_runs(model, calibrate)))
 
 
 @lru_cache(maxsize=64)

@@ -37,7 +37,7 @@ def batch(
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, noted_signals
     from pipeline.report.batch import batch_report
-    from pipeline.trial.folder import own_folder
+    from pipeline.trial.folder import locked_folder
 
     check_parquet()
     asked = read_spec(spec)
@@ -45,7 +45,7 @@ def batch(
     own = (JOURNAL, ROWS, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
-    with own_folder(output, output, "batch", own) as folder, noted_signals(signals.append), spinner() as say:
+    with locked_folder(output, output, "batch", own) as folder, noted_signals(signals.append), spinner() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
         write_parquet(folder / ROWS, asked, done.rows)
@@ -67,14 +67,14 @@ def batch(
 def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
     from pipeline.batch.history import moment
     from pipeline.fields import fields
-    from pipeline.report.batch import verdicts
+    from pipeline.report.batch import verdict_counts
 
     return {
         "schema": "armdyn.batch/1",
         "task": spec.task,
         "recordings": len(done.rows),
         "worked": done.worked,
-        "verdicts": verdicts(done.rows),
+        "verdicts": verdict_counts(done.rows),
         "bad": [
             {"recording": spec.name(row.item.run), "problem": row.outcome.problem}
             for row in done.rows

@@ -51,7 +51,7 @@ def check(
     from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
-    from pipeline.report.feasibility import feasibility_document, feasibility_page
+    from pipeline.report.feasibility import feasibility_document, feasibility_report
 
     mass = quantity(load_mass, "kg", "--load-mass").value
     if mass < 0.0:
@@ -87,7 +87,7 @@ def check(
         result.to_json,
         json_file,
         report,
-        lambda: feasibility_page(result, title),
+        lambda: feasibility_report(result, title),
     )
     return 0 if result.feasible else 1
 
@@ -111,10 +111,10 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
     """Present joint positions of the arm behind a rosbridge; no command is sent."""
-    from pipeline.ros.states import where_is
+    from pipeline.ros.states import present_joint_state
     from pipeline.ros.topics import read_topics, settings_file
 
     if start is not None:
         raise InputError("--start and --ros: give one of them")
-    at = where_is(uri, arm.joint_names, read_topics(settings_file(robot)).joint_states)
+    at = present_joint_state(uri, arm.joint_names, read_topics(settings_file(robot)).joint_states)
     return [float(angle) for angle in at.q]

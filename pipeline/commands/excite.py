@@ -83,7 +83,7 @@ def excite(
         from armdyn.recording.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
-        from pipeline.report.excitation import excitation_document, excitation_page
+        from pipeline.report.excitation import excitation_document, excitation_report
 
         say("reading the robot")
         model = arm_model(choice.urdf_file, choice.robot, names_in(joints), tool=tool)
@@ -101,7 +101,7 @@ def excite(
         lambda: excitation_answer(found, output),
         json_file,
         report,
-        lambda: excitation_page(found),
+        lambda: excitation_report(found),
         [f"motion: {output}"],
     )
     return 0

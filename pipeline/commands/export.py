@@ -33,9 +33,9 @@ def export(
     """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model_file
-    from pipeline.exports import format_of, write_export
+    from pipeline.exports import format_of_file, write_export
 
-    made = format_of(output)
+    made = format_of_file(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:

@@ -17,9 +17,9 @@ from pipeline.console.screen import plain_table, show, spinner, to_screen, write
 
 if TYPE_CHECKING:
     from armdyn.run import Run
-    from pipeline.imports.conversion import Imported
-    from pipeline.imports.foreign import Foreign
-    from pipeline.imports.joints import Joints
+    from pipeline.imports.conversion import ImportedRun
+    from pipeline.imports.foreign import ForeignRecording
+    from pipeline.imports.joints import RobotJoints
     from pipeline.imports.mapping import ColumnMap
 
 PANEL = "Recordings"
@@ -65,7 +65,7 @@ def import_(
     check_rate(wanted.rate_text)
     check_outputs(json_file)
     with stopped_if_wrong(json_file), spinner() as say:
-        recordings: list[Foreign] = []
+        recordings: list[ForeignRecording] = []
         for file in wanted.files:
             say(f"reading {file}")
             recordings += read_foreign(file)
@@ -77,13 +77,17 @@ def import_(
 
 
 def _import(
-    wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, trust_data: bool, json_file: Path | None
+    wanted: ImportOptions,
+    recordings: "list[ForeignRecording]",
+    choice: RobotChoice,
+    trust_data: bool,
+    json_file: Path | None,
 ) -> None:
     from armdyn.arm.model import arm_model
     from armdyn.inspection.check import Inspection, sorted_by_severity
     from armdyn.inspection.inspect import inspect_runs, require_usable
     from pipeline.answers import checks_answer
-    from pipeline.imports.conversion import imported
+    from pipeline.imports.conversion import run_from_recording
     from pipeline.imports.guess import known_columns
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
@@ -91,7 +95,7 @@ def _import(
     given: Mapping[str, ColumnMap | None] = read_map(wanted.mapping) if wanted.mapping is not None else {"": None}
     joints = _joints(choice)
     columns = {name for foreign in recordings for name in foreign.columns}
-    found: list[Imported] = []
+    found: list[ImportedRun] = []
     problems: list[str] = []
     for foreign in recordings:
         for name, own in given.items():
@@ -99,7 +103,7 @@ def _import(
                 read = own or known_columns(foreign, joints)
                 read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
-                found.append(imported(part, read, columns))
+                found.append(run_from_recording(part, read, columns))
     if problems:
         raise InputError("; ".join(problems))
     looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
@@ -113,11 +117,11 @@ def _import(
         _say(found, written, choice)
 
 
-def _joints(choice: RobotChoice) -> "Joints | None":
+def _joints(choice: RobotChoice) -> "RobotJoints | None":
     from armdyn.arm.arm import find_arm
-    from pipeline.imports.joints import Joints
+    from pipeline.imports.joints import RobotJoints
 
-    return Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
+    return RobotJoints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
 
 
 def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
@@ -133,7 +137,9 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
     return paths
 
 
-def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
+def _propose(
+    wanted: ImportOptions, recordings: "list[ForeignRecording]", choice: RobotChoice, json_file: Path | None
+) -> None:
     from pipeline.fields import fields
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
@@ -162,15 +168,15 @@ def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotCh
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
-def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
+def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target: Path) -> None:
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
-    from pipeline.imports.mapping import reason
+    from pipeline.imports.mapping import reason_comment
 
     table = plain_table("column", "channel", "unit", "why")
     if found.time:
-        table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
+        table.add_row(found.time, "time", found.time_unit, reason_comment(found.why, found.check))
     for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason(entry.why, entry.check))
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason_comment(entry.why, entry.check))
     to_screen().print(table)
     asked = [column for column, entry in found.entries.items() if entry.check]
     asked += [found.time] if found.check else []
@@ -191,7 +197,7 @@ def _words(choice: RobotChoice) -> list[str]:
     return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]
 
 
-def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> None:
+def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -> None:
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
         run = each.run
@@ -212,7 +218,7 @@ def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> N
         typer.echo(compare)
 
 
-def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
+def _answer(found: "list[ImportedRun]", written: list[Path]) -> dict[str, object]:
     from pipeline.fields import fields
 
     return {

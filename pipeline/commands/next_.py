@@ -38,7 +38,7 @@ def next_(
     from pipeline.answers_motion import next_answer
     from pipeline.front import plan_experiment, rig_limits
     from pipeline.motion.feasible_motion import write_motion
-    from pipeline.report.next_experiment import next_document, next_report
+    from pipeline.report.next_experiment import next_experiment_document, next_experiment_report
 
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
@@ -51,13 +51,13 @@ def next_(
     written = output if offer is not None else None
     if offer is not None and output is not None:
         write_motion(offer, output)
-    document = next_document(made, sentence, written if limits is None else None)
+    document = next_experiment_document(made, sentence, written if limits is None else None)
     document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
     finish(
         document,
         lambda: next_answer(made, verdict, sentence, written),
         inputs.json_file,
         inputs.report,
-        lambda: next_report(document, made),
+        lambda: next_experiment_report(document, made),
         [] if written is None else [f"motion {written}"],
     )

@@ -18,12 +18,12 @@ def table(
     json_file: JsonOption = None,
 ) -> None:
     """Table I of the paper: nine guesses of the length, with and without estimation."""
-    from pipeline.report.table import table_report
-    from pipeline.trial.table import run_table
+    from pipeline.report.table import table_one_report
+    from pipeline.trial.table import run_table_one
 
     with spinner() as show:
-        result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
+        result = run_table_one(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)
-    document = table_report(result)
+    document = table_one_report(result)
     finish(document, result.as_json, json_file, report, lambda: document)

@@ -66,8 +66,8 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.trial import TrialSettings, simulate
-    from pipeline.trial.folder import own_folder
+    from pipeline.trial import TrialSettings, simulate_trial
+    from pipeline.trial.folder import locked_folder
 
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
@@ -87,12 +87,12 @@ def trial(
         mass_std=weighed.std or 0.01 * weighed.value, motion=along, investigate=investigate,
         hidden=parse_hidden(hidden or []), seed=seed,
     )  # fmt: skip
-    with own_folder(out, Path("out/trial")) as folder:
+    with locked_folder(out, Path("out/trial")) as folder:
         if link.robot != "simulated":
             real_trial(settings, link, folder, json_file, note)
             return
         with spinner() as progress:
-            done = simulate(replace(settings, out=folder), progress)
+            done = simulate_trial(replace(settings, out=folder), progress)
         conclude_trial(
             done,
             folder,

@@ -37,8 +37,8 @@ def view(
     import urdf
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model
-    from pipeline.view.reading import scene_of
-    from pipeline.view.scene import write_view
+    from pipeline.view.reading import scene_of_file
+    from pipeline.view.scene import write_scene_page
 
     page = output or Path(f"{file.resolve().stem}_view.html")
     check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
@@ -48,8 +48,8 @@ def view(
         given = None if model is None else read_model(model, load_effects(effects, stages=None))
         chosen = urdf.load(choice.robot or str(choice.urdf_file), meshes=False) if choice else None
         say("drawing")
-        scene = scene_of(file, given, chosen)
-        write_view(scene, page, command_text(*sys.argv[1:]))
+        scene = scene_of_file(file, given, chosen)
+        write_scene_page(scene, page, command_text(*sys.argv[1:]))
     answer = {
         "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
         "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from armdyn.watch.event import WatchEvent
     from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
     from armdyn.watch.watch import Watch
-    from pipeline.watch.log import Log
+    from pipeline.watch.log import SampleLog
 
 PANEL = "Recordings"
 STANDARD = Path("-")
@@ -62,8 +62,8 @@ def watch(
     from armdyn.model_file import read_model_file
     from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
     from armdyn.watch.watch import Watch
-    from pipeline.watch.log import Log
-    from pipeline.watch.sources import recordings_in, runs_of, sample_sources
+    from pipeline.watch.log import SampleLog
+    from pipeline.watch.sources import read_arm_runs, recordings_in, sample_sources
 
     runs, calibrate = runs or [], recordings_in(calibrate or [])
     if (ros is None) == (not runs) or (STANDARD in runs and len(runs) > 1):
@@ -74,7 +74,7 @@ def watch(
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
-        sound_runs, watched = runs_of(given, calibrate), runs_of(given, files)
+        sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
         given = given.following([*sound_runs, *watched])
         say("measuring a sound robot")
         with at(model):
@@ -86,7 +86,7 @@ def watch(
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:
         out = _Out(model, effects, json_file, sound, stack)
-        kept = Log(log, given) if log is not None else None
+        kept = SampleLog(log, given) if log is not None else None
         if kept is not None:
             stack.callback(kept.close)
         shown = None
@@ -115,18 +115,18 @@ def _sources(
     watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]"
 ) -> "Iterator[tuple[Path | None, Iterator[JointSample]]]":
     """The sources in order: file of the recording, or None if live; its samples."""
-    from pipeline.watch.sources import RosStates, lines_of
+    from pipeline.watch.sources import RosSampleSource, samples_from_lines
 
     if ros is not None:
         from pipeline.ros.topics import read_topics, settings_file
 
         topic = read_topics(settings_file(arm)).joint_states
-        yield None, RosStates(ros, topic, watching.model.arm.joints).samples()
+        yield None, RosSampleSource(ros, topic, watching.model.arm.joints).samples()
     elif recorded:
         for file, samples in recorded:
             yield file, samples()
     else:
-        yield None, lines_of(sys.stdin, watching.model)
+        yield None, samples_from_lines(sys.stdin, watching.model)
 
 
 class _Out:
@@ -151,7 +151,7 @@ class _Out:
             typer.echo(sentence)
             sys.stdout.flush()
 
-    def report(self, event: "WatchEvent", kept: "Log | None") -> None:
+    def report(self, event: "WatchEvent", kept: "SampleLog | None") -> None:
         """Report an event; after a change, start a new log file and print the command for a repair."""
         from armdyn.watch.event import EventKind
 

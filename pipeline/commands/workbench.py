@@ -44,14 +44,14 @@ def workbench(
     with spinner() as say:
         say("starting")
         try:
-            from pipeline.workbench.server import is_loopback, listening, serve
+            from pipeline.workbench.server import is_loopback, listening_socket, serve_workbench
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] in ("pipeline", "armdyn", "urdf", "ik"):
                 raise
             raise InputError(
                 "the workbench needs the package 'nicegui': run pip install 'armdyn[workbench]'"
             ) from error
-        listen = listening(port, host)
+        listen = listening_socket(port, host)
 
     if not is_loopback(host):
         typer.echo(
@@ -76,4 +76,4 @@ def workbench(
             print("workbench closed", flush=True)
 
     inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
-    serve(inputs, listen, host, started, closed)
+    serve_workbench(inputs, listen, host, started, closed)

@@ -65,10 +65,10 @@ class RobotOptions:
         """
         import urdf
         from pipeline.loadcell.calibration import Calibration, default_path
-        from pipeline.robot.drivers import driver_at
+        from pipeline.robot.drivers import driver_and_address
         from pipeline.trial.real import RobotLink
 
-        driver, where = driver_at(self.robot, self.ros)
+        driver, where = driver_and_address(self.robot, self.ros)
         description = urdf.load(self.arm)
         connect = driver.reach(where, self.arm, description)
         port = None if self.rehearse else self.loadcell
@@ -179,13 +179,13 @@ def real_trial(
     settings: "ProtocolSettings", options: RobotOptions, out: Path, json_file: Path | None, note: str
 ) -> None:
     """Run or rehearse a trial on a robot, and print its result and `note`; exit status 1 where the load missed."""
-    from pipeline.trial.real import rehearse, run_real
+    from pipeline.trial.real import rehearse, run_real_trial
 
     link = options.connection()
     with spinner() as progress:
         prompts = options.prompts(json_file)
         if not options.rehearse:
-            done = run_real(settings, link, prompts, out, progress)
+            done = run_real_trial(settings, link, prompts, out, progress)
         else:
             statistics, farthest = rehearse(settings, link, prompts, progress)
     if options.rehearse:

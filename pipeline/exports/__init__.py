@@ -1,4 +1,4 @@
-"""A model for other tools. The formats are the `FORMATS` of every module here; nothing else lists them."""
+"""Export of models for other tools; the formats are found in the constants `FORMATS` of this package's modules."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from armdyn.errors import InputError
 if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
     from pipeline.exports.format import Format
-    from pipeline.exports.left_out import LeftOut
+    from pipeline.exports.left_out import ExportDeviation
 
 
 @cache
@@ -23,7 +23,7 @@ def formats() -> "dict[str, Format]":
     return {made.ending: made for module in modules for made in getattr(module, "FORMATS", ())}
 
 
-def format_of(output: Path) -> "Format":
+def format_of_file(output: Path) -> "Format":
     """The format of a file, by the ending of its name.
 
     Raises:
@@ -36,40 +36,40 @@ def format_of(output: Path) -> "Format":
 
 
 @dataclass(frozen=True)
-class Written:
+class ExportResult:
     """Result of an export.
 
     Attributes:
-        refused: True where nothing was written, because the file would lack too much.
-        notes: sentence on each thing that the format cannot hold.
-        missing: error of the exported model; None where it has none, or the error is unknown.
+        refused: whether nothing was written, because the file would lack too much of the model.
+        notes: sentences on parts of the model that the format cannot express.
+        missing: error of the exported model; None if it has none or the error is unknown.
         usage: command or line of code that uses the file.
     """
 
     refused: bool
     notes: tuple[str, ...]
-    missing: "LeftOut | None"
+    missing: "ExportDeviation | None"
     usage: str
 
 
-def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool = False) -> Written:
+def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool = False) -> ExportResult:
     """Write a model for other tools, unless the file would lack much of what a repair found.
 
     Args:
         file: the model, with its history.
         output: file to write; its ending defines the format.
         name: name of the model, for the file's first line.
-        incomplete: whether to write it all the same.
+        incomplete: whether to write a file that lacks much of the model.
 
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
     """
-    from pipeline.exports.left_out import left_out
+    from pipeline.exports.left_out import export_deviation
 
-    made = format_of(output)
+    made = format_of_file(output)
     found = made.export(file, output, f"{made.kind} of {name}")
-    missing = left_out(file, found.held)
+    missing = export_deviation(file, found.held)
     refused = missing is not None and missing.matters and not incomplete
     if not refused:
         atomic.write_text(output, found.text)
-    return Written(refused, tuple(found.notes), missing, found.usage)
+    return ExportResult(refused, tuple(found.notes), missing, found.usage)

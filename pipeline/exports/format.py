@@ -14,8 +14,8 @@ class Exported(NamedTuple):
 
     Attributes:
         text: content of the file.
-        notes: sentence on each thing that the format cannot hold.
-        held: names of the effects that the format holds.
+        notes: sentences on parts of the model that the format cannot express.
+        held: names of the effects that the format can express.
         usage: command or line of code that uses the file.
     """
 
@@ -26,12 +26,12 @@ class Exported(NamedTuple):
 
 
 class Format(NamedTuple):
-    """One format.
+    """A file format for the export of models.
 
     Attributes:
         ending: ending of the file names, such as ``".urdf"``.
         kind: name of the format.
-        export: exports a model, for the file to write and a line about the model.
+        export: function from the model, the path of the file to write, and a comment line to the exported text.
     """
 
     ending: str
@@ -39,11 +39,11 @@ class Format(NamedTuple):
     export: Callable[[ModelFile, Path, str], Exported]
 
 
-def arm_of(file: ModelFile, output: Path) -> ArmModel:
+def arm_of_model_file(file: ModelFile, output: Path) -> ArmModel:
     """The arm of a model file.
 
     Raises:
-        InputError: the model is of another base.
+        InputError: the model is not an arm.
     """
     arm = file.model.as_arm()
     if arm is None:

@@ -1,4 +1,4 @@
-"""The functions of a model with its parameters' values, and their code in one C or Python file.
+"""Export of a model as functions in one C or Python file, with the values of its parameters.
 
 The C file needs no library: it is CasADi's code, with a function of plain arrays around each of its functions. The
 Python file needs only numpy and contains one line per operation of CasADi's expression graph; its functions take one
@@ -25,14 +25,14 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import Exported, Format
-from pipeline.exports.parts import background_left_over, left_over
+from pipeline.exports.parts import inexpressible_background, inexpressible_effects
 
-LATE = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
-"""Effects that depend on the past, which a function of one instant cannot have."""
+EFFECTS_OF_THE_PAST = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
+"""Effects that depend on past inputs, so that no function of one instant can express them."""
 
 
-class Function(NamedTuple):
-    """One function for other languages.
+class ExportedFunction(NamedTuple):
+    """One function of a model for export to C or Python.
 
     Attributes:
         function: the function, whose inputs and outputs are vectors or numbers.
@@ -47,8 +47,8 @@ class Function(NamedTuple):
     outputs: dict[str, str]
 
 
-def functions_of(model: Model, *, observer: bool = False) -> tuple[list[Function], list[str]]:
-    """The functions of a model, and sentences on what they leave out.
+def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[ExportedFunction], list[str]]:
+    """Functions of a model for export, and sentences on effects that they lack.
 
     Args:
         model: the model.
@@ -72,7 +72,7 @@ def functions_of(model: Model, *, observer: bool = False) -> tuple[list[Function
     return functions, missing
 
 
-def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
+def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     from armdyn.arm.symbolic import (
         READING_EFFECTS,
         drive_command_function,
@@ -94,7 +94,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}
     unit = "N m (forces, N, of joints that slide)"
     found = [
-        Function(
+        ExportedFunction(
             inverse_dynamics_function(kept),
             "Torques that the drives give during a motion; dry friction has the sign of v.",
             motion,
@@ -103,7 +103,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     ]
     if held & READING_EFFECTS:
         found.append(
-            Function(
+            ExportedFunction(
                 drive_command_function(kept),
                 "What the drives are told, or read, while they give these torques: with their gains and offsets.",
                 motion,
@@ -113,17 +113,17 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     if model.drives:
         told = {"q_cmd": "positions that the joints are told", "v_cmd": "velocities that they are told, per s"}
         found.append(
-            Function(
+            ExportedFunction(
                 servo_torque_function(kept),
                 "Torques of the servos; a joint moves so that inverse_dynamics gives the same.",
                 {"q": motion["q"], "v": motion["v"], **told},
                 {"tau": f"torques, {unit}"},
             )
         )
-    return found, left_over(model, held - LATE, "a function", symmetric=False)
+    return found, inexpressible_effects(model, held - EFFECTS_OF_THE_PAST, "a function", symmetric=False)
 
 
-def _observer_of(model: ArmModel) -> Function:
+def _observer_of(model: ArmModel) -> ExportedFunction:
     """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`."""
     from armdyn.watch.observer import (
         MAX_SAMPLE_GAP,
@@ -153,17 +153,17 @@ def _observer_of(model: ArmModel) -> Function:
         "motion": "3 n numbers: positions, velocities and accelerations behind the low-pass",
     }
     summary = "One sample of the observer of outside torques: no allocation, the same time for every sample."
-    return Function(observer_function(without_memory(model)), summary, inputs, outputs)
+    return ExportedFunction(observer_function(without_memory(model)), summary, inputs, outputs)
 
 
-def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
+def _of_pendulum(model: PendulumModel) -> tuple[list[ExportedFunction], list[str]]:
     variational = model.variational()
     theta = ca.DM([model.parameters[name].value for name in variational.names])
     s, u, t, dt = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
     following = variational.step(s, u, t, dt, theta)
     tension = variational.tension(s, u, t, dt, theta, following)
     names = ["s", "u", "t", "dt"], ["s_next", "tension"]
-    found = Function(
+    found = ExportedFunction(
         ca.Function("step", [s, u, t, dt], [ca.densify(following), ca.densify(tension)], *names),
         "One step of the midpoint variational integrator.",
         {
@@ -180,17 +180,17 @@ def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
     why |= dict.fromkeys(sensors, "belongs to the sensor, not to the pendulum")
     notes = [f"{effect.name}: {why[effect.name]}" for effect in model.named_effects if effect.name in why]
     held = {effect.name for effect in model.effects} - why.keys()
-    return [found], [*notes, *background_left_over(model, held, "a step along the line of motion")]
+    return [found], [*notes, *inexpressible_background(model, held, "a step along the line of motion")]
 
 
-FUNCTIONS_BY_BASE: Mapping[str, Callable[[Any], tuple[list[Function], list[str]]]] = {
+FUNCTIONS_BY_BASE: Mapping[str, Callable[[Any], tuple[list[ExportedFunction], list[str]]]] = {
     "arm": _of_arm,
     "pendulum": _of_pendulum,
 }
 
 
-def c_text(functions: list[Function], about: list[str]) -> str:
-    """The text of the file; the lines `about` it come first."""
+def c_text(functions: list[ExportedFunction], about: list[str]) -> str:
+    """C code of functions, after the lines `about` as a comment."""
     generator = ca.CodeGenerator("model.c", {"with_header": False, "avoid_stack": False})
     for each in functions:
         generator.add(each.function)
@@ -208,14 +208,14 @@ def _all_used(code: str) -> str:
     return re.sub(r"^\w[^\n;#]*\([^\n;]*\) *\{", cast, code, flags=re.MULTILINE)
 
 
-def _signature(each: Function) -> str:
+def _signature(each: ExportedFunction) -> str:
     f = each.function
     inputs = [f"const double {f.name_in(i)}[{f.numel_in(i)}]" for i in range(f.n_in())]
     outputs = [f"double {f.name_out(i)}[{f.numel_out(i)}]" for i in range(f.n_out())]
     return f"int armdyn_{f.name()}({', '.join([*inputs, *outputs])})"
 
 
-def _wrapper(each: Function) -> str:
+def _wrapper(each: ExportedFunction) -> str:
     f = each.function
     explained = (f"{name}: {what}" for name, what in (*each.inputs.items(), *each.outputs.items()))
     arguments, results = ", ".join(f.name_in()), ", ".join(f.name_out())
@@ -232,14 +232,14 @@ def _wrapper(each: Function) -> str:
     return "\n".join(lines) + "\n"
 
 
-def python_text(functions: list[Function], about: list[str]) -> str:
-    """The text of the file; the lines `about` it come first."""
+def python_text(functions: list[ExportedFunction], about: list[str]) -> str:
+    """Python code of functions, after the lines `about` as a comment."""
     return f"{python_docstring(about)}\n\nimport numpy as np\n" + "".join(
         f"\n\n{_function(each)}" for each in functions
     )
 
 
-def _function(each: Function) -> str:
+def _function(each: ExportedFunction) -> str:
     f = each.function.expand() if not each.function.is_a("SXFunction") else each.function
     for operation in unknown_operations(f):
         raise InputError(f"CasADi's operation {operation} has no line in Python: export the model as .c")
@@ -269,11 +269,13 @@ def _shape(size: int) -> str:
     return "" if size == 1 else f"(..., {size}) "
 
 
-def _exported(file: ModelFile, about: str, write: Callable[[list[Function], list[str]], str], **of: bool) -> Exported:
-    """The functions in one language, with a comment on what they lack; `of` are the options of `functions_of`."""
-    functions, notes = functions_of(file.model, **of)
+def _exported(
+    file: ModelFile, about: str, write: Callable[[list[ExportedFunction], list[str]], str], **of: bool
+) -> Exported:
+    """The functions in one language, with a comment on what they lack; `of` are the options of `exported_functions`."""
+    functions, notes = exported_functions(file.model, **of)
     lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
-    held = {effect.name for effect in file.model.effects} - LATE
+    held = {effect.name for effect in file.model.effects} - EFFECTS_OF_THE_PAST
     return Exported(write(functions, lines), notes, held, functions[0].function.name())
 
 

@@ -1,4 +1,4 @@
-"""A model's physical parameters with their standard deviations, as JSON."""
+"""Export of a model's physical parameters, with their standard deviations, as JSON."""
 
 import json
 from typing import Any
@@ -9,16 +9,16 @@ from armdyn.arm.rigid import inertia_about_centre
 from armdyn.model_file import ModelFile
 from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
-from pipeline.exports.parts import parts_of
+from pipeline.exports.parts import joint_parts
 from pipeline.fields import fields, number
 from urdf.write import MOMENTS
 
 
 def parameters_answer(file: ModelFile) -> dict[str, Any]:
-    """The file's content; for an arm with its links in kg, m and kg m^2.
+    """JSON ``armdyn.parameters/1``: a model's effects and parameters; for an arm also its links in kg, m and kg m^2.
 
-    A link's values follow from several parameters, whose correlation the model file does not keep: their standard
-    deviations are in the answer of `repair --json`.
+    The links have no standard deviations here, because they depend on correlations that the model file does not
+    contain; `repair --json` has them.
     """
     model, named = file.model, file.model.named_only()
     answer: dict[str, Any] = {
@@ -36,13 +36,17 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
         answer["gravity"] = {"value": [number(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
         answer["links"] = [
             {"joint": joint.name, "urdf": link_answer(joint.described), "model": link_answer(joint.link)}
-            for joint in parts_of(arm)
+            for joint in joint_parts(arm)
         ]
     return answer
 
 
 def link_answer(link: np.ndarray) -> dict[str, Any]:
-    """Mass, centre and inertia about it of (10,) inertial parameters, in the frame of the joint that moves the link."""
+    """JSON of a link: mass, centre of mass and inertia about it, in the frame of the joint that moves the link.
+
+    Args:
+        link: inertial parameters (10,).
+    """
     mass, centre, inertia = inertia_about_centre(link)
     return {
         "mass": {"value": number(mass), "unit": "kg"},

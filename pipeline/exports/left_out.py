@@ -1,4 +1,4 @@
-"""Error of an exported arm: what it lacks of the repaired one, over the recordings of the repair."""
+"""Error of an exported arm that lacks some effects of the repaired model, in the recordings of the repair."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from math import hypot
 from armdyn.model_file import ModelFile
 
 MAX_LEFT_OUT_SHARE = 0.05
-"""Largest error that an export may have without being asked for, as a share of the error that the repair removed."""
+"""Largest error of an export that is written without a request, as a share of the error that the repair removed."""
 MIN_LISTED_SHARE = 0.01
-"""Least error of a joint that is listed, as a share of the largest joint's error."""
+"""Smallest error of a joint that is listed, as a share of the largest joint's error."""
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class ExportDeviation:
     """Error of an exported model.
 
     Attributes:
@@ -39,12 +39,12 @@ class LeftOut:
 
     @property
     def matters(self) -> bool:
-        """Whether nobody should use the file unknowingly."""
+        """Whether the error is so large that the file is only written on request."""
         return self.share > MAX_LEFT_OUT_SHARE
 
     @property
     def sentence(self) -> str:
-        """The error for a person, beginning with the joints that lose most."""
+        """Sentence on the error, with the joints of the largest errors first."""
         least = MIN_LISTED_SHARE * max(self.error.values())
         listed = sorted((e, c) for c, e in self.error.items() if e > least)[::-1]
         joints = ", ".join(f"{e:.3g} {'N' if c in self.sliding else 'N m'} on {c.partition('.')[2]}" for e, c in listed)
@@ -52,11 +52,17 @@ class LeftOut:
         return f"over the recordings it is wrong by {joints}: {share}"
 
 
-def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
-    """Error of a file that holds the effects `held`; None where it lacks none, or no repair of an arm is on record.
+def export_deviation(file: ModelFile, held: Collection[str]) -> ExportDeviation | None:
+    """Error of an exported arm that has only some of the model's effects.
 
-    Values of the background are small and not counted. The functions of a pendulum describe its motion, to which its
-    sensors do not belong; it has no such error.
+    The small values without a name (the background) are not counted.
+
+    Args:
+        file: model file with the history of its repairs.
+        held: names of the effects that the export has.
+
+    Returns:
+        The error; None if no effect is missing, if the file has no history of a repair, or for a pendulum.
     """
     model = file.model.as_arm()
     if model is None:
@@ -75,4 +81,4 @@ def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
     after = entries[-1].get("rmse", {})
     removed = sum(max(float(before[c]) ** 2 - float(after.get(c, 0.0)) ** 2, 0.0) for c in before)
     joints = zip(model.arm.joints, model.arm.slides, strict=True)
-    return LeftOut(error, removed**0.5, [f"tau.{joint}" for joint, slides in joints if slides])
+    return ExportDeviation(error, removed**0.5, [f"tau.{joint}" for joint, slides in joints if slides])

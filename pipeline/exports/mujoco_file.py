@@ -18,40 +18,46 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre, joint_axes
 from armdyn.arm.symbolic import drive_readings
 from armdyn.model_file import ModelFile
-from pipeline.exports.format import Exported, Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
+from pipeline.exports.format import Exported, Format, arm_of_model_file
+from pipeline.exports.parts import (
+    EXPRESSIBLE_EFFECTS,
+    JointParts,
+    inexpressible_effects,
+    joint_parts,
+    require_physical_inertia,
+)
 from urdf.validate import link_of
 from urdf.write import numbers_text
 
-DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
-"""The hardest dry friction that the solver takes at its usual step of 2 ms. With MuJoCo's default, a light link without
-armature slides at 2 rad/s, and the friction's sign changes with the acceleration at speeds of 0.03 rad/s."""
-LEVER = 0.1
-"""Distance from the joint's axis to either end of a spring [m]; its stiffness follows from it."""
+DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
+"""Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
+light link without armature slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
+SPRING_LEVER = 0.1
+"""Distance from the joint's axis to either end of an exported gravity spring [m]; its stiffness follows from it."""
 MIN_INERTIA = 1e-12
-"""Least mass [kg] and moment of inertia [kg m^2]: MuJoCo refuses less than 1e-15, and no torque shows this much."""
-USUAL_STEP = 2e-3
-"""MuJoCo's usual step [s]. No delay may be shorter than a step; a shorter delay makes the step shorter."""
-MIN_STEP = 1e-4
-"""Shortest step [s] at which an actuator with a delay acts at the right time."""
+"""Smallest exported mass [kg] and moment of inertia [kg m^2]; MuJoCo refuses less than 1e-15."""
+DEFAULT_TIME_STEP = 2e-3
+"""Default time step of an exported model [s]; a delay that is shorter makes the step as short as the delay."""
+MIN_TIME_STEP = 1e-4
+"""Shortest time step [s] at which MuJoCo applies an actuator's delay correctly."""
 MIN_DELAY = 2.5e-4
 """Shortest delay that is exported [s]."""
 CAPSULE_RADIUS = 0.02
-"""Radius of the capsules that show the links [m]."""
+"""Radius of the visible capsules that represent the links in MuJoCo [m]."""
 
 
 def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
-    """The model as text, and sentences on what it cannot hold."""
-    arm, parts, gravity = model.arm.model, parts_of(model), model.gravity()
+    """MuJoCo's XML of an arm with the values of its model, and sentences on effects that it cannot express."""
+    arm, parts, gravity = model.arm.model, joint_parts(model), model.gravity()
     notes = [
-        *left_over(model, HELD["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
+        *inexpressible_effects(model, EXPRESSIBLE_EFFECTS["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
         "shapes: capsules stand for the links, nothing collides",
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     option = ET.SubElement(root, "option", gravity=numbers_text(gravity), integrator="implicitfast")
-    step = min(_delay(model, joint.name) or USUAL_STEP for joint in parts)
-    if step < USUAL_STEP:
+    step = min(_delay(model, joint.name) or DEFAULT_TIME_STEP for joint in parts)
+    if step < DEFAULT_TIME_STEP:
         option.set("timestep", repr(step))
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
@@ -77,7 +83,7 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[JointParts]) 
             # A friction that differs by direction is exported as a symmetric one and an offset, also at rest.
             law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven)
             if late := _delay(model, joint.name):  # the buffer is long enough for steps of MIN_STEP
-                law |= {"delay": repr(late), "nsample": str(int(np.ceil(late / MIN_STEP)) + 2), "interp": "linear"}
+                law |= {"delay": repr(late), "nsample": str(int(np.ceil(late / MIN_TIME_STEP)) + 2), "interp": "linear"}
             ET.SubElement(actuators, "general", attributes | law)
             continue
         if gain != 1.0 or offset:
@@ -124,7 +130,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
         if joint.stiffness:
             dynamics |= {"stiffness": joint.stiffness, "springref": joint.rest}
         attributes |= {key: repr(value) for key, value in dynamics.items() if value}
-        attributes |= DRY if joint.friction else {}
+        attributes |= DRY_FRICTION_SOLVER if joint.friction else {}
         lower, upper = float(arm.lowerPositionLimit[i]), float(arm.upperPositionLimit[i])
         if np.isfinite(lower) and np.isfinite(upper):
             attributes["range"] = f"{lower!r} {upper!r}"
@@ -144,7 +150,7 @@ def _pose(placement: pin.SE3, position: np.ndarray) -> dict[str, str]:
 
 def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
     """The inertia (3, 3) [kg m^2] of a link, which may be a point, a rod or a plate, within MuJoCo's bounds."""
-    need_body(link, inertia)
+    require_physical_inertia(link, inertia)
     moments, axes = np.linalg.eigh(inertia)
     low, middle, high = np.maximum(moments, MIN_INERTIA)
     bounded = np.array([low, middle, min(high, low + middle)])
@@ -175,12 +181,12 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
         sine, cosine = joint.spring
         axis = np.asarray(axes[i][3:])
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        on_link = LEVER * across / np.linalg.norm(across)
+        on_link = SPRING_LEVER * across / np.linalg.norm(across)
         turned = pin.AngleAxis(float(np.arctan2(-cosine, sine)), axis).toRotationMatrix() @ on_link
         parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
         outer = bodies[parent] if parent >= 0 else root.find("worldbody")
         assert outer is not None
-        stiffness = repr(float(np.hypot(sine, cosine)) / LEVER**2)
+        stiffness = repr(float(np.hypot(sine, cosine)) / SPRING_LEVER**2)
         spring = ET.SubElement(tendons, "spatial", name=f"{joint.name}_spring", stiffness=stiffness, springlength="0")
         for body, end, place in ((bodies[i], "link", on_link), (outer, "frame", placement.act(turned))):
             name = f"{joint.name}_spring_{end}"
@@ -195,8 +201,8 @@ def _link_names(model: ArmModel) -> list[str]:
 
 
 def _export(file: ModelFile, output: Path, _about: str) -> Exported:
-    text, notes = mujoco_text(arm_of(file, output))
-    return Exported(text, notes, HELD["mujoco"], f"python -m mujoco.viewer --mjcf={quote(str(output))}")
+    text, notes = mujoco_text(arm_of_model_file(file, output))
+    return Exported(text, notes, EXPRESSIBLE_EFFECTS["mujoco"], f"python -m mujoco.viewer --mjcf={quote(str(output))}")
 
 
 FORMATS = (Format(".xml", "MuJoCo model", _export),)

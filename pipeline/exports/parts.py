@@ -10,18 +10,19 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from urdf.mend import no_body
 
-LINKS = frozenset({"link_inertia", "payload"})
-HELD = {
-    "urdf": LINKS | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
-    "mujoco": LINKS
+LINK_EFFECTS = frozenset({"link_inertia", "payload"})
+EXPRESSIBLE_EFFECTS = {
+    "urdf": LINK_EFFECTS
+    | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
+    "mujoco": LINK_EFFECTS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
         "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
         "command_delay",
     },
 }  # fmt: skip
-"""Effects that a format holds."""
-WHY = {
+"""Effects that a format can express, by format."""
+INEXPRESSIBLE_REASONS = {
     "torque_offset": "belongs to the drive's command, not to the arm",
     "torque_gain": "belongs to the drive's command, not to the arm",
     "command_delay": "shift the commands by it",
@@ -29,24 +30,24 @@ WHY = {
     "supply_voltage": "the gain is that of the usual voltage",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
-"""Reasons why no format has a place for an effect."""
+"""Reason why no simulator's format can express an effect, by effect."""
 
 
 @dataclass(frozen=True)
 class JointParts:
-    """One joint, its drive and its link.
+    """One joint of an arm with its drive and its link, in the parameters of simulators.
 
     Attributes:
         name: name of the joint.
-        link: (10,) inertial parameters of the moved link, in the joint's frame.
-        described: (10,) the same as described in the URDF.
-        damping: viscous friction and back EMF, N m s/rad.
-        friction: dry friction, N m; the mean of both directions.
-        uneven: forward minus backward dry friction, halved, N m.
-        armature: inertia of the rotor behind the gears, kg m^2.
-        spring: factors of sin q and cos q in the torque of the drive, N m.
-        stiffness: stiffness of a spring in the joint, N m/rad.
-        rest: position at which that spring is free of torque, rad.
+        link: inertial parameters of the moved link in the model, in the joint's frame (10,).
+        described: inertial parameters of this link in the URDF (10,).
+        damping: viscous friction and back EMF [N m s/rad].
+        friction: dry friction, mean of both directions [N m].
+        uneven: half the difference of forward and backward dry friction [N m].
+        armature: inertia of the rotor behind the gears [kg m^2].
+        spring: factors of sin q and cos q in the torque of a gravity spring [N m].
+        stiffness: stiffness of a spring in the joint [N m/rad].
+        rest: position at which the spring in the joint has no torque [rad].
     """
 
     name: str
@@ -61,8 +62,8 @@ class JointParts:
     rest: float
 
 
-def parts_of(model: ArmModel) -> tuple[JointParts, ...]:
-    """The joints of an arm, from base to tool, as simulators describe them."""
+def joint_parts(model: ArmModel) -> tuple[JointParts, ...]:
+    """The joints of an arm, from base to tool, in the parameters of simulators."""
     links = model.link_parameters()
     return tuple(_joint(model, name, links[name], model.arm.described[i]) for i, name in enumerate(model.arm.joints))
 
@@ -87,46 +88,56 @@ def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) 
     )
 
 
-def need_body(link: str, inertia: np.ndarray) -> None:
-    """Refuse to write an inertia about the centre, (3, 3) kg m^2, that no body has: other programs refuse to read it.
+def require_physical_inertia(link: str, inertia: np.ndarray) -> None:
+    """Refuse an inertia that no rigid body can have, because other programs cannot read it.
+
+    Args:
+        link: name of the link.
+        inertia: inertia about the centre of mass (3, 3) [kg m^2].
 
     Raises:
-        InputError: names the link and the condition.
+        InputError: the inertia is not physical; the message names the link and the violated condition.
     """
     wrong = no_body(inertia)
     if wrong:
         raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 
 
-def left_over(
+def inexpressible_effects(
     model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True, uneven_drives: Collection[str] = ()
 ) -> list[str]:
-    """A sentence for each effect that a format cannot hold, and one for all of the background.
+    """Sentences on the effects that a format cannot express: one for each effect, and one for the background.
 
     Args:
         model: the arm.
-        held: names of the effects that the format holds.
+        held: names of the effects that the format can express.
         whose: name of the format.
-        symmetric: whether its friction is the same in both directions.
-        uneven_drives: joints whose drives hold the difference of the directions.
+        symmetric: whether the format's friction is the same in both directions.
+        uneven_drives: joints for which the format can express different frictions in the two directions.
     """
     sentences = []
     named = model.named_only()
     for effect in named.effects:
         joints = [joint for joint in named.joints_with(effect.name) if joint]
-        why = WHY.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
+        why = INEXPRESSIBLE_REASONS.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
         if not why and symmetric and effect.name == "joint_asymmetric_friction":
-            uneven = {joint.name for joint in parts_of(model) if joint.uneven}
+            uneven = {joint.name for joint in joint_parts(model) if joint.uneven}
             joints = [joint for joint in joints if joint in uneven and joint not in uneven_drives]
             why = f"{whose} has one friction for both directions; their mean is used" if joints else ""
         if why:
             where = f" ({', '.join(joints)})" if joints else ""
             sentences.append(f"{effect.name}{where}: {why}")
-    return [*sentences, *background_left_over(model, held, whose)]
+    return [*sentences, *inexpressible_background(model, held, whose)]
 
 
-def background_left_over(model: Model, held: Collection[str], whose: str) -> list[str]:
-    """A sentence on the background's values that a format, called `whose`, cannot hold; empty where it holds all."""
+def inexpressible_background(model: Model, held: Collection[str], whose: str) -> list[str]:
+    """Sentence on the small values without a name (the background) that a format cannot express, or an empty list.
+
+    Args:
+        model: the model.
+        held: names of the effects that the format can express.
+        whose: name of the format.
+    """
     if model.background is None:
         return []
     lost = [p.effect for p in map(model.parameters.__getitem__, model.background.names) if p.effect not in held]

@@ -1,4 +1,4 @@
-"""The URDF of an arm with the inertias, the friction, the payload and the mounting of its model."""
+"""Export of an arm as URDF: the original file with inertias, friction, payload and tilted base of the model."""
 
 import os
 from pathlib import Path
@@ -12,26 +12,42 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre, is_physical, parameters_about_origin
 from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
-from pipeline.exports.format import Exported, Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
+from pipeline.exports.format import Exported, Format, arm_of_model_file
+from pipeline.exports.parts import (
+    EXPRESSIBLE_EFFECTS,
+    JointParts,
+    inexpressible_effects,
+    joint_parts,
+    require_physical_inertia,
+)
 from urdf.robot import IN_A_URDF
 from urdf.validate import link_of
 from urdf.write import MOMENTS, add_joint, inertial_element
 
-MOUNTING = "armdyn_world"
-PAYLOAD = "armdyn_payload"
+MOUNTING_LINK_NAME = "armdyn_world"
+"""Name of the root link to which a tilted base is fixed in an exported URDF."""
+PAYLOAD_LINK_NAME = "armdyn_payload"
+"""Name of the link that represents the payload in an exported URDF."""
 
 
 def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
-    """The URDF as text, for a file in `folder`, and sentences on what it cannot hold."""
+    """URDF of an arm with the values of its model.
+
+    Args:
+        model: the arm.
+        folder: folder of the file to write, to which the paths of meshes are relative.
+
+    Returns:
+        Text of the URDF, and sentences on effects that it cannot express.
+    """
     robot = model.arm.robot
     root = ET.fromstring(robot.urdf_xml)
-    notes = left_over(model, HELD["urdf"], "a URDF")
+    notes = inexpressible_effects(model, EXPRESSIBLE_EFFECTS["urdf"], "a URDF")
     gravity = robot.model.gravity.linear
     if not np.array_equal(gravity, IN_A_URDF.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
     bare = model.without_effect("payload") if model.joints_with("payload") else model
-    for joint in parts_of(bare):
+    for joint in joint_parts(bare):
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
@@ -39,7 +55,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
     for link in root.findall("link"):
         if link.get("name") in moved:
-            need_body(str(link.get("name")), inertia_about_centre(_inertial(link))[2])
+            require_physical_inertia(str(link.get("name")), inertia_about_centre(_inertial(link))[2])
     if bare is not model:
         _add_payload(root, model)
     if any(effect.reach == "base" for effect in model.effects):
@@ -127,9 +143,11 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     """Add the payload, a point mass, as a link that is fixed to the last joint's link."""
     (joint,) = model.joints_with("payload")
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
-    link = ET.SubElement(root, "link", name=PAYLOAD)
+    link = ET.SubElement(root, "link", name=PAYLOAD_LINK_NAME)
     _write_inertial(link, parameters_about_origin(mass, np.zeros(3), np.zeros((3, 3))))
-    add_joint(root, f"{PAYLOAD}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD, place)
+    add_joint(
+        root, f"{PAYLOAD_LINK_NAME}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD_LINK_NAME, place
+    )
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
@@ -137,8 +155,8 @@ def _mount(root: ET.Element, model: ArmModel) -> None:
     children = {link_of(joint, "child") for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
-    ET.SubElement(root, "link", name=MOUNTING)
-    add_joint(root, f"{MOUNTING}_joint", "fixed", MOUNTING, base, rpy=(roll, pitch, 0.0))
+    ET.SubElement(root, "link", name=MOUNTING_LINK_NAME)
+    add_joint(root, f"{MOUNTING_LINK_NAME}_joint", "fixed", MOUNTING_LINK_NAME, base, rpy=(roll, pitch, 0.0))
 
 
 def _give_shapes(root: ET.Element, original: ET.Element) -> None:
@@ -162,9 +180,9 @@ def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
 
 
 def _export(file: ModelFile, output: Path, _about: str) -> Exported:
-    text, notes = urdf_text(arm_of(file, output), output.resolve().parent)
+    text, notes = urdf_text(arm_of_model_file(file, output), output.resolve().parent)
     usage = f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator"
-    return Exported(text, notes, HELD["urdf"], usage)
+    return Exported(text, notes, EXPRESSIBLE_EFFECTS["urdf"], usage)
 
 
 FORMATS = (Format(".urdf", "URDF", _export),)

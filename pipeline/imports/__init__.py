@@ -1,4 +1,4 @@
-"""Recordings in other formats as runs. The readers are the `READERS` of every module here; nothing else lists them."""
+"""Import of recordings in other formats; the readers are found in the constants `READERS` of this package's modules."""
 
 from functools import cache
 from importlib import import_module
@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 from armdyn.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.imports.foreign import Foreign, Reader
+    from pipeline.imports.foreign import ForeignReader, ForeignRecording
 
 
 @cache
-def readers() -> "tuple[Reader, ...]":
+def readers() -> "tuple[ForeignReader, ...]":
     """The readers of all kinds of recordings."""
     modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return tuple(reader for module in modules for reader in getattr(module, "READERS", ()))
 
 
-def read_foreign(path: Path) -> "list[Foreign]":
+def read_foreign(path: Path) -> "list[ForeignRecording]":
     """The recordings in a file or directory; most contain one.
 
     Raises:

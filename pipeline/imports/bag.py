@@ -15,24 +15,24 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.quoting import listed
 from armdyn.recording.channels import MIN_SAMPLES
-from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
-from pipeline.imports.joints import AMPERE, IN_AMPERE
-from pipeline.imports.messages import Decoders
-from pipeline.imports.packets import packets
-from pipeline.imports.publishers import COMMAND_OF, FIELDS, JOINT_STATE, Publishers
-from pipeline.imports.words import COMMANDED, words_of
+from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
+from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS
+from pipeline.imports.messages import MessageDecoders
+from pipeline.imports.packets import bag_messages
+from pipeline.imports.publishers import COMMAND_QUANTITIES, JOINT_STATE, JOINT_STATE_QUANTITIES, Publishers
+from pipeline.imports.words import COMMAND_WORDS, name_words
 from urdf.bounds import MOST_COLUMNS
 
-DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
-TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-COMMAND_TOPIC = COMMANDED - {"as", "action", "plan", "planned", "nominal", "demand"}
+DYNAMIC_JOINT_STATE_TYPE = "control_msgs/msg/DynamicJointState"
+JOINT_TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
+CONTROLLER_STATE_TYPE = "control_msgs/msg/JointTrajectoryControllerState"
+COMMAND_TOPIC_WORDS = COMMAND_WORDS - {"as", "action", "plan", "planned", "nominal", "demand"}
 """Words in the name of a topic whose joint states are commands."""
 LONGEST_ARRAY = 64
 """Largest length of an array whose numbers become columns; longer ones are images and point clouds."""
 
 
-def read_bag(path: Path) -> Foreign:
+def read_bag(path: Path) -> ForeignRecording:
     """Every number of a bag.
 
     Args:
@@ -41,9 +41,9 @@ def read_bag(path: Path) -> Foreign:
     Raises:
         InputError: rosbags is not installed, or the bag cannot be read or contains no number.
     """
-    decoders, publishers, problems = Decoders(), Publishers(), list[str]()
+    decoders, publishers, problems = MessageDecoders(), Publishers(), list[str]()
     unread: dict[str, int] = {}
-    for connection, received, data in packets(path, problems):
+    for connection, received, data in bag_messages(path, problems):
         topic = connection.topic
         if (decode := decoders.of(connection)) is None:
             continue
@@ -70,7 +70,7 @@ def read_bag(path: Path) -> Foreign:
     columns, choices = _chosen(_measured(columns))
     if not columns:
         raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")
-    return Foreign(path.stem, columns, (*notes, *changes, *choices), accounts=accounts)
+    return ForeignRecording(path.stem, columns, (*notes, *changes, *choices), accounts=accounts)
 
 
 def _take(publishers: Publishers, topic: str, kind: str, publisher: str, received: float, content: Any) -> None:
@@ -80,7 +80,7 @@ def _take(publishers: Publishers, topic: str, kind: str, publisher: str, receive
     if (command := _command(kind, content)) is not None:
         publishers.take_joints(topic, publisher, *command, stamp, received, commanded=True, beside=list(numbers))
     elif (state := _joint_state(kind, content)) is not None:
-        commanded = not COMMAND_TOPIC.isdisjoint(words_of(topic))
+        commanded = not COMMAND_TOPIC_WORDS.isdisjoint(name_words(topic))
         publishers.take_joints(topic, publisher, *state, stamp, received, commanded=commanded)
     else:
         publishers.take(topic, publisher, stamp, received, list(numbers))
@@ -88,7 +88,7 @@ def _take(publishers: Publishers, topic: str, kind: str, publisher: str, receive
 
 def _joint_state(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
     """Names and fields of a message about the state of joints; None for any other message."""
-    if kind == DYNAMIC_JOINT_STATE:
+    if kind == DYNAMIC_JOINT_STATE_TYPE:
         found = {
             f"{joint}/{interface}": value
             for joint, own in zip(content.joint_names, content.interface_values, strict=True)
@@ -97,7 +97,7 @@ def _joint_state(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, A
         return list(found), {"position": list(found.values())}
     names = _field(content, "name")
     if kind == JOINT_STATE or (isinstance(content, dict) and isinstance(names, list) and "position" in content):
-        return names, {part: _field(content, part) for part, _ in FIELDS}
+        return names, {part: _field(content, part) for part, _ in JOINT_STATE_QUANTITIES}
     return None
 
 
@@ -108,9 +108,9 @@ def _command(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]]
     points is a plan, whose present point is in the controller's state.
     """
     point: Any = None
-    if kind == CONTROLLER_STATE:
+    if kind == CONTROLLER_STATE_TYPE:
         point = _field(content, "reference") or _field(content, "desired")
-    elif kind == TRAJECTORY:
+    elif kind == JOINT_TRAJECTORY_TYPE:
         points = _field(content, "points")
         point = points[0] if points is not None and len(points) == 1 else None
     if point is None:
@@ -123,7 +123,7 @@ def _measured(columns: Mapping[str, ForeignColumn]) -> Mapping[str, ForeignColum
     """The columns; where no position was measured, commands count as measurements."""
     if any(column.channel.startswith("q.") for column in columns.values()):
         return columns
-    back = {command: quantity for quantity, command in COMMAND_OF.items()}
+    back = {command: quantity for quantity, command in COMMAND_QUANTITIES.items()}
     found = {}
     for name, column in columns.items():
         quantity, _, joint = column.channel.partition(".")
@@ -175,8 +175,8 @@ def _chosen(columns: Mapping[str, ForeignColumn]) -> tuple[dict[str, ForeignColu
         if column.channel and best[column.channel] != name:
             kept[name] = replace(column, channel="")
             notes.append(f"{name}: {best[column.channel]} has more samples of {column.channel}, and is used")
-    if {f"tau.{joint}" for joint in AMPERE} <= {column.channel for column in kept.values()}:
-        notes.append(f"efforts were taken as N m: {IN_AMPERE}; then give --map with a torque_constant")
+    if {f"tau.{joint}" for joint in UR_JOINTS} <= {column.channel for column in kept.values()}:
+        notes.append(f"efforts were taken as N m: {UR_CURRENT_DOUBT}; then give --map with a torque_constant")
     if few := [name for name in columns if name not in kept]:
         notes.append(f"fewer than {MIN_SAMPLES} numbers: {listed(few)}: left out")
     return kept, notes
@@ -189,4 +189,6 @@ def _information(column: ForeignColumn) -> tuple[bool, int]:
 
 BAG_FILES = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
 """Names of the files in the directory of a ROS 2 bag, by the name of the directory."""
-READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILES),)
+READERS = (
+    ForeignReader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILES),
+)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from pipeline.imports.words import Label
+from pipeline.imports.words import HeaderParts
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Claim:
     column: str
     channel: str
     body: str
-    label: Label
+    label: HeaderParts
     doubts: tuple[str, ...] = ()
 
     @property

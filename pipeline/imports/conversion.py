@@ -1,4 +1,4 @@
-"""Make a run of a foreign recording by a mapping; every mistake in the mapping is reported at once.
+"""Convert a recording in another format to a run by a mapping of its columns; all mistakes are reported together.
 
 A column without numbers is left out and named; the other columns are imported all the same.
 """
@@ -26,23 +26,23 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
-from pipeline.imports.foreign import Account, Foreign, ForeignColumn
-from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
-from pipeline.imports.stamps import dated
-from pipeline.imports.words import fits
+from pipeline.imports.foreign import ForeignColumn, ForeignRecording, SampleAccount
+from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
+from pipeline.imports.stamps import dated_samples
+from pipeline.imports.words import is_unit_like
 from urdf.table_file import join_problems
 
-YEARS = 2000, 2100
-"""Years of stamps that are dates, in seconds since 1970; no recording lasts so long that its own time goes so far."""
-MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
+DATE_STAMP_YEARS = 2000, 2100
+"""First and last year of time stamps that count as dates, in seconds since 1970; no recording lasts that long."""
+GEAR_RATIO_POWERS = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
 """Power of the gear ratio that converts a motor's value to the joint's, by quantity."""
-NEVER_ZERO = ("v", "a", "tau")
-"""Quantities of a joint for which drivers send 0 where they do not measure them."""
-Rows = npt.NDArray[np.intp]
+UNMEASURED_ZERO_QUANTITIES = ("v", "a", "tau")
+"""Quantities of a joint for which drivers send 0 if they do not measure them."""
+RowIndices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportedRun:
     """A run that was made of a recording.
 
     Attributes:
@@ -51,7 +51,7 @@ class Imported:
     """
 
     run: Run
-    accounts: tuple[Account, ...]
+    accounts: tuple[SampleAccount, ...]
 
     @property
     def checks(self) -> list[Check]:
@@ -59,7 +59,7 @@ class Imported:
         return [check for account in self.accounts for check in account.checks(self.run.name)]
 
 
-def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Imported:
+def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> ImportedRun:
     """The run that a recording becomes.
 
     Args:
@@ -72,8 +72,8 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     """
     problems: list[str] = []
     notes = [*foreign.notes, *mapping.notes]
-    table: tuple[FloatArray, Rows] | None = None
-    accounts: list[Account] = []
+    table: tuple[FloatArray, RowIndices] | None = None
+    accounts: list[SampleAccount] = []
     empty: list[str] = []
     if foreign.is_table:
         with collect(problems):
@@ -113,25 +113,27 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
         recorded=mapping.sidecar.recorded or _date(first),
         asked={channel: doubt for channel, doubt in mapping.asked.items() if channel in {"time", *channels}},
     )
-    return Imported(run, (*accounts, *(foreign.accounts[source] for source in sources if source in foreign.accounts)))
+    return ImportedRun(
+        run, (*accounts, *(foreign.accounts[source] for source in sources if source in foreign.accounts))
+    )
 
 
-def _is_empty(column: ForeignColumn, entry: Entry) -> str:
+def _is_empty(column: ForeignColumn, entry: ColumnEntry) -> str:
     """Reason why a column becomes no channel; empty where it becomes one."""
     present = column.value[np.isfinite(column.value)]
     if len(present) < MIN_SAMPLES:
         return f"holds {len(present)} numbers where at least {MIN_SAMPLES} are needed"
-    return "holds nothing but zeros" if entry.quantity in NEVER_ZERO and not present.any() else ""
+    return "holds nothing but zeros" if entry.quantity in UNMEASURED_ZERO_QUANTITIES and not present.any() else ""
 
 
 def _date(stamp: float) -> datetime | None:
     """Date of a stamp in seconds since 1970; None where the stamp counts from another moment."""
-    first, last = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in YEARS)
+    first, last = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in DATE_STAMP_YEARS)
     return datetime.fromtimestamp(round(stamp), UTC).replace(tzinfo=None) if first <= stamp < last else None
 
 
 def _channel(
-    name: str, column: ForeignColumn, entry: Entry, table: tuple[FloatArray, Rows] | None, notes: list[str]
+    name: str, column: ForeignColumn, entry: ColumnEntry, table: tuple[FloatArray, RowIndices] | None, notes: list[str]
 ) -> Channel:
     """The channel that a column becomes; `table` contains the stamps [s] and indices of the rows of a table."""
     to_si = _conversion(entry, entry.unit or column.unit)
@@ -159,7 +161,7 @@ def _channel(
     return Channel(reading.true_times(time[present]), reading.values(value[present]), to_si.unit)
 
 
-def _conversion(entry: Entry, unit: str) -> Conversion:
+def _conversion(entry: ColumnEntry, unit: str) -> Conversion:
     """The conversion of values in `unit` to those of the entry's channel."""
     zero = 0.0
     if not unit:
@@ -173,30 +175,34 @@ def _conversion(entry: Entry, unit: str) -> Conversion:
         except InputError:
             constant, si = parse_quantity(entry.torque_constant, "N/A").value, "N"
         factor = si_factor(unit, "A") * constant
-    elif entry.quantity == "tau" and fits(unit, "A"):
+    elif entry.quantity == "tau" and is_unit_like(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
         si, factor, zero = unit_conversion(entry.channel, unit)
-    if entry.gear_ratio != 1.0 and entry.quantity not in MOTOR_SIDE:
+    if entry.gear_ratio != 1.0 and entry.quantity not in GEAR_RATIO_POWERS:
         raise InputError(f"{entry.channel} has no gear")
-    factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(entry.quantity, 0)
+    factor *= entry.sign * entry.scale * entry.gear_ratio ** GEAR_RATIO_POWERS.get(entry.quantity, 0)
     offset = parse_quantity(entry.offset, si).value if entry.offset else 0.0
     return Conversion(si, factor, zero + offset)
 
 
-def _table_time(foreign: Foreign, mapping: ColumnMap) -> tuple[FloatArray, Rows, Account]:
+def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArray, RowIndices, SampleAccount]:
     """Stamps [s] and indices of the rows of a table that are used, and their account."""
     count = len(next(iter(foreign.columns.values())).value)
     if mapping.rate:
-        return np.arange(count) / parse_quantity(mapping.rate, "Hz").value, np.arange(count), Account("", count, count)
+        return (
+            np.arange(count) / parse_quantity(mapping.rate, "Hz").value,
+            np.arange(count),
+            SampleAccount("", count, count),
+        )
     if not mapping.time:
-        raise InputError(f"no time: {TIME_LINE}")
+        raise InputError(f"no time: {TIME_HINT}")
     if mapping.time not in foreign.columns:
         raise UnknownNameError("column", mapping.time, foreign.columns)
     column = foreign.columns[mapping.time]
     with at(f"'{mapping.time}'"):
-        found = dated(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
-    account = Account("", count, len(found.rows), dict(found.left_out), found.steps)
+        found = dated_samples(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
+    account = SampleAccount("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_SAMPLES:
-        raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_LINE}")
+        raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
     return found.time, found.rows, account

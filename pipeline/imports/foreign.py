@@ -29,12 +29,12 @@ class ForeignColumn:
     source: str = ""
 
 
-SECOND = "of a second publisher"
+SECOND_PUBLISHER = "of a second publisher"
 """First words of the reason why the messages of a second publisher are left out."""
 
 
 @dataclass(frozen=True)
-class Account:
+class SampleAccount:
     """Number of the messages of a topic, or of the rows of a table, that are used or left out.
 
     Attributes:
@@ -72,7 +72,7 @@ class Account:
         """The finding on the run with this name; empty where every message is used as it was stamped."""
         kind: CheckKind = "samples_dropped"
         severity, remedy = Severity.SUSPECT, "look for what set the clock, or for a driver that does not stamp"
-        if any(why.startswith(SECOND) for why in self.left_out):
+        if any(why.startswith(SECOND_PUBLISHER) for why in self.left_out):
             kind = "second_publisher"
             remedy = "see that the right one was taken; if not, record it alone ('rosbag filter')"
         elif self.stamped and not self.steps:
@@ -83,7 +83,7 @@ class Account:
 
 
 @dataclass(frozen=True, eq=False)
-class Foreign:
+class ForeignRecording:
     """One recording.
 
     Attributes:
@@ -99,7 +99,7 @@ class Foreign:
     columns: Mapping[str, ForeignColumn]
     notes: tuple[str, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
-    accounts: Mapping[str, Account] = field(default_factory=dict)
+    accounts: Mapping[str, SampleAccount] = field(default_factory=dict)
     headed: bool = True
 
     @property
@@ -118,7 +118,7 @@ def split_label(label: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Reader:
+class ForeignReader:
     """Reader of one kind of recording.
 
     Attributes:
@@ -130,7 +130,7 @@ class Reader:
             recognised: a recorder that was killed has not written it.
     """
 
-    read: Callable[[Path], list[Foreign]]
+    read: Callable[[Path], list[ForeignRecording]]
     endings: tuple[str, ...] = ()
     folder: str = ""
     marker: str = ""

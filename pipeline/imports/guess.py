@@ -17,15 +17,15 @@ from armdyn.quoting import listed
 from armdyn.recording.channels import channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
-from pipeline.imports.foreign import Foreign, ForeignColumn
-from pipeline.imports.joints import Joints, contains, match_joints, skeleton
-from pipeline.imports.mapping import ColumnMap, Entry
-from pipeline.imports.pendulum import PARTS, pendulum_claims
-from pipeline.imports.units import in_one, judged_entries
-from pipeline.imports.words import IDLE, Label, fits, label_of, words_in, words_of
+from pipeline.imports.foreign import ForeignColumn, ForeignRecording
+from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, number_pattern
+from pipeline.imports.mapping import ColumnEntry, ColumnMap
+from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
+from pipeline.imports.units import joined_doubts, judged_entries
+from pipeline.imports.words import IRRELEVANT_WORDS, HeaderParts, header_parts, is_unit_like, name_words, word_set
 from urdf.infer import is_gripper
 
-TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
+TIME_WORDS = word_set("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
 LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
 """LeRobot's names of the measured positions, in degrees, radians or shares of a joint's range, and of the commands."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -34,10 +34,10 @@ SHORTEST_STEP, LONGEST_STEP = 5e-5, 0.5
 """Seconds between two samples that a robot's recording may have."""
 MIN_RISING_SHARE = 0.9
 """Least share of the rows in which a column that is named as a time must rise: single stamps may be wrong."""
-PENDULUM_WORDS = words_in("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
+PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 
 
-def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
+def known_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
     """The mapping that the recording's own names define: joint states, and channels of the contract.
 
     Args:
@@ -48,7 +48,7 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
     Raises:
         InputError: the names define no channel, or it is uncertain whether the joints are the robot's.
     """
-    entries = _declared(foreign.columns, joints or Joints())
+    entries = _declared(foreign.columns, joints or RobotJoints())
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
         raise InputError(
@@ -73,11 +73,11 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
     return ColumnMap(entries, "time" if foreign.is_table else "", notes=tuple(notes))
 
 
-def _declared(columns: Mapping[str, ForeignColumn], known: Joints) -> dict[str, Entry]:
+def _declared(columns: Mapping[str, ForeignColumn], known: RobotJoints) -> dict[str, ColumnEntry]:
     """Columns whose channel the file itself defines."""
     found = {}
     for name, column in columns.items():
-        entry = Entry(column.channel or name, column.unit)
+        entry = ColumnEntry(column.channel or name, column.unit)
         if is_channel_name(entry.channel) and not _is_repeated(name, columns):
             sliding = column.channel and entry.joint in known.sliding
             found[name] = replace(entry, unit=channel_kind(entry.channel).units[-1]) if sliding else entry
@@ -89,12 +89,12 @@ def _is_repeated(name: str, columns: Collection[str]) -> bool:
     return name.rpartition("#")[0] in columns
 
 
-def _missing(entries: Mapping[str, Entry], joints: Joints) -> tuple[str, ...]:
+def _missing(entries: Mapping[str, ColumnEntry], joints: RobotJoints) -> tuple[str, ...]:
     present = {entry.joint for entry in entries.values()}
     return tuple(joint for joint in joints.arm if joint not in present)
 
 
-def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate: str = "") -> ColumnMap:
+def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None = None, rate: str = "") -> ColumnMap:
     """The most likely meaning of the columns of recordings in one format.
 
     Args:
@@ -105,7 +105,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     Raises:
         InputError: no column looks like a channel.
     """
-    known, first = joints or Joints(), recordings[0]
+    known, first = joints or RobotJoints(), recordings[0]
     columns: dict[str, list[ForeignColumn]] = {}
     for foreign in recordings:
         for name, column in foreign.columns.items():
@@ -113,23 +113,23 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     timing = _time(first) if first.is_table and not rate else ColumnMap({}, rate=rate)
     declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
     complete = not _missing(declared, known)
-    entries: dict[str, Entry] = {}
-    labels: dict[str, Label] = {}
-    of_joints: dict[str, Label] = {}
+    entries: dict[str, ColumnEntry] = {}
+    labels: dict[str, HeaderParts] = {}
+    of_joints: dict[str, HeaderParts] = {}
     for name, found in columns.items():
         if name == timing.time or _is_repeated(name, columns):
             continue
         if (entry := declared.get(name)) is None:
-            labels[name] = label_of(name, found[0].unit)
+            labels[name] = header_parts(name, found[0].unit)
         elif complete or not entry.joint or entry.joint in known.beside:
             entries[name] = entry
         else:
-            of_joints[name] = replace(label_of(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt="")
+            of_joints[name] = replace(header_parts(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt="")
     of_joints = _of_joints(labels, known) | of_joints
     if known.arm or _is_arm(of_joints):
         claims = _joint_claims(of_joints, known, first.texts)
     else:
-        claims, known = pendulum_claims(labels), PARTS
+        claims, known = pendulum_claims(labels), PENDULUM_PARTS
     if not first.headed:
         claims = _claims_by_order(first, timing.time, known)
     taken = {entry.channel for entry in entries.values()}
@@ -150,8 +150,8 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
 
 
 def _commands(
-    labels: Mapping[str, Label], entries: Mapping[str, Entry], known: Joints, texts: Mapping[str, str]
-) -> dict[str, Entry]:
+    labels: Mapping[str, HeaderParts], entries: Mapping[str, ColumnEntry], known: RobotJoints, texts: Mapping[str, str]
+) -> dict[str, ColumnEntry]:
     """Commands of joints in a recording without torques: there the error of a drive replaces the torque."""
     by_channel = {entry.channel: entry for entry in entries.values()}
     if any(entry.quantity == "tau" for entry in entries.values()):
@@ -170,14 +170,14 @@ def _commands(
         if quantity not in ("q", "v") or position is None or channel in by_channel:
             continue
         unit = claim.label.unit or position.unit + ("/s" if quantity == "v" else "")
-        same = position if quantity == "q" else Entry("", sign=position.sign, gear_ratio=position.gear_ratio)
+        same = position if quantity == "q" else ColumnEntry("", sign=position.sign, gear_ratio=position.gear_ratio)
         why = "what the joint was told" + (", in its position's unit" if not claim.label.unit else "")
         doubts = [position.check if quantity == "q" and not claim.label.unit else "", *claim.doubts]
-        found[claim.column] = replace(same, channel=channel, unit=unit, check=in_one(doubts), why=why)
+        found[claim.column] = replace(same, channel=channel, unit=unit, check=joined_doubts(doubts), why=why)
     return found
 
 
-def _claims_by_order(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
+def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -> list[Claim]:
     """Claims of columns without a header: positions, speeds and torques of all joints, in this order."""
     names, arm = [name for name in foreign.columns if name != time], known.arm
     quantities = {1: ("q",), 2: ("q", "tau"), 3: ("q", "v", "tau")}.get(len(names) // len(arm) if arm else 0, ())
@@ -189,15 +189,15 @@ def _claims_by_order(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
     doubt = f"no header says so: taken in the order {', '.join(quantities)}"
     places = [(quantity, joint) for quantity in quantities for joint in arm]
     return [
-        Claim(name, f"{quantity}.{joint}", joint, Label((), quantity, "", True, ()), (doubt,))
+        Claim(name, f"{quantity}.{joint}", joint, HeaderParts((), quantity, "", True, ()), (doubt,))
         for name, (quantity, joint) in zip(names, places, strict=True)
     ]
 
 
-def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
+def _of_joints(labels: Mapping[str, HeaderParts], known: RobotJoints) -> dict[str, HeaderParts]:
     """Labels that may be a joint's, with the most likely quantity."""
-    found: dict[str, Label] = {}
-    kinds = Counter(skeleton(label.words) for label in labels.values())
+    found: dict[str, HeaderParts] = {}
+    kinds = Counter(number_pattern(label.words) for label in labels.values())
     for name, label in labels.items():
         if is_gripper(name) or not label.measured:
             continue
@@ -206,7 +206,7 @@ def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
             quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
         elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
             quantity = "a"  # Pinocchio's name of an acceleration, not an axis
-        elif not quantity and _names_a_joint(label, kinds[skeleton(label.words)], known):
+        elif not quantity and _names_a_joint(label, kinds[number_pattern(label.words)], known):
             quantity, doubt = "q", "taken as positions"
         elif quantity == "force":
             quantity = "tau" if known.arm else ""
@@ -224,17 +224,24 @@ def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
     return found
 
 
-def _names_a_joint(label: Label, alike: int, known: Joints) -> bool:
+def _names_a_joint(label: HeaderParts, alike: int, known: RobotJoints) -> bool:
     """Whether a label without a quantity is only the name or number of a joint, as `alike` labels are."""
     letters = {word for word in label.words if not word.isdigit()}
-    if any(contains(label.words, words) and letters <= {*words, *IDLE} for words in map(words_of, known.arm)):
+    if any(
+        contains_phrase(label.words, words) and letters <= {*words, *IRRELEVANT_WORDS}
+        for words in map(name_words, known.arm)
+    ):
         return True
-    if not ((label.words and label.words[-1].isdigit()) or letters & IDLE) or letters - {"j", "a", *IDLE}:
+    if not ((label.words and label.words[-1].isdigit()) or letters & IRRELEVANT_WORDS) or letters - {
+        "j",
+        "a",
+        *IRRELEVANT_WORDS,
+    }:
         return False
     return bool({"j", "joint", "a", "axis"} & letters) and (alike == len(known.arm) if known.arm else alike > 1)
 
 
-def _is_arm(labels: Mapping[str, Label]) -> bool:
+def _is_arm(labels: Mapping[str, HeaderParts]) -> bool:
     """Whether columns are those of an arm: of several joints, or with a joint's torque or current."""
     rests = {label.rest for label in labels.values()}
     numbers = {word for rest in rests for word in rest if word.isdigit()}
@@ -245,7 +252,7 @@ def _is_arm(labels: Mapping[str, Label]) -> bool:
     )
 
 
-def _joint_claims(labels: Mapping[str, Label], known: Joints, texts: Mapping[str, str]) -> list[Claim]:
+def _joint_claims(labels: Mapping[str, HeaderParts], known: RobotJoints, texts: Mapping[str, str]) -> list[Claim]:
     """Claims of the labels of joints, by column; `texts` are those of the recording's columns of text."""
     names = {}
     for column, label in labels.items():
@@ -263,9 +270,9 @@ def _joint_claims(labels: Mapping[str, Label], known: Joints, texts: Mapping[str
     return claims
 
 
-def _time(foreign: Foreign) -> ColumnMap:
+def _time(foreign: ForeignRecording) -> ColumnMap:
     """A mapping with the time of a table only."""
-    called = [n for n in foreign.columns if TIME_WORDS & set(words_of(n)) or label_of(n).unit in TIME_UNITS]
+    called = [n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or header_parts(n).unit in TIME_UNITS]
     named, rising = (
         {name: count for name in names if (count := _count_stamps(foreign.columns[name].value, share))}
         for names, share in ((called, MIN_RISING_SHARE), (foreign.columns, 1.0))
@@ -281,13 +288,13 @@ def _time(foreign: Foreign) -> ColumnMap:
         doubts.append("no header says that it is the time")
     elif counts[name] < len(column.value):
         doubts.append(f"{len(column.value) - counts[name]} stamps are those of the row before")
-    unit, why = column.unit or label_of(name).unit, "as written"
-    if not fits(unit, "s"):
+    unit, why = column.unit or header_parts(name).unit, "as written"
+    if not is_unit_like(unit, "s"):
         step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
         likely = [u for u, factor in TIME_UNITS.items() if SHORTEST_STEP <= step * factor <= LONGEST_STEP]
         unit, why = (likely or ["s"])[0], f"a sample every {step:.4g}" + (f" {likely[0]}" if likely else "")
         doubts += [] if likely else ["of no unit that a recording has"]
-    return ColumnMap({}, name, unit, why=why, check=in_one(doubts))
+    return ColumnMap({}, name, unit, why=why, check=joined_doubts(doubts))
 
 
 def _count_stamps(value: np.ndarray, share: float) -> int:

@@ -6,17 +6,17 @@ The first two successive lines that contain mostly numbers define the separator 
 from itertools import pairwise
 
 from armdyn.recording.delimited import MISSING_CELLS, separator_of
-from pipeline.imports.words import KINDS, fits
+from pipeline.imports.words import QUANTITY_UNITS, is_unit_like
 from urdf.bounds import number, shown
 
-COMMENTS = ("#", "%", "//")
+COMMENT_MARKS = ("#", "%", "//")
 """First characters of lines that are no rows."""
 MAX_HEAD_LINES = 200
 """Largest number of lines above the first row."""
 _BRACKETS = " ()[]-"
 
 
-def plain_table(text: str) -> tuple[str, bool, list[str]]:
+def single_header_table(text: str) -> tuple[str, bool, list[str]]:
     """The text of a table with exactly one header line above its rows.
 
     Args:
@@ -28,7 +28,7 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     """
     lines = text.split("\n")
     filled = [i for i, line in enumerate(lines) if line.strip()]
-    comments = {i for i in filled if lines[i].lstrip().startswith(COMMENTS)}
+    comments = {i for i in filled if lines[i].lstrip().startswith(COMMENT_MARKS)}
     rows = [i for i in filled if i not in comments]
     pairs = pairwise(rows[:MAX_HEAD_LINES])
     first = next((i for i, j in pairs if _is_row(lines[i]) and _is_row(lines[j])), None)
@@ -81,4 +81,4 @@ def _cells(line: str, separator: str, wanted: int = 0) -> list[str]:
 
 def _is_unit(cell: str) -> bool:
     text = cell.strip(_BRACKETS)
-    return not text or fits(text, *(unit for units in KINDS.values() for unit in units))
+    return not text or is_unit_like(text, *(unit for units in QUANTITY_UNITS.values() for unit in units))

@@ -15,20 +15,21 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from pipeline.imports.words import IDLE, Label, words_of
+from pipeline.imports.words import IRRELEVANT_WORDS, HeaderParts, name_words
 from urdf import Robot
 from urdf.gripper import gripper_joints
 from urdf.validate import MOVING_JOINT_TYPES
 
-MESSAGE = ("position", "velocity", "effort")
+JOINT_STATE_ARRAYS = ("position", "velocity", "effort")
 """Fields of a JointState. Their arrays are in the order of its names, which is often alphabetical."""
-AMPERE = frozenset(("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"))
-"""Joints of Universal Robots."""
-IN_AMPERE = "UR's drivers publish currents as efforts"
+UR_JOINTS = frozenset(("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"))
+"""Names of joints by which arms of Universal Robots are recognised."""
+UR_CURRENT_DOUBT = "UR's drivers publish currents as efforts"
+"""Doubt about efforts of Universal Robots, which may be currents."""
 
 
 @dataclass(frozen=True)
-class Range:
+class JointRange:
     """Range of a joint; infinite where it is unknown.
 
     Attributes:
@@ -43,7 +44,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Joints:
+class RobotJoints:
     """The joints of a robot.
 
     Attributes:
@@ -57,7 +58,7 @@ class Joints:
     arm: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     grippers: tuple[str, ...] = ()
-    ranges: Mapping[str, Range] = field(default_factory=dict)
+    ranges: Mapping[str, JointRange] = field(default_factory=dict)
     sliding: frozenset[str] = frozenset()
 
     @property
@@ -75,14 +76,16 @@ class Joints:
         return joint in self.ranges and self.ranges[joint].slides
 
     @classmethod
-    def of(cls, robot: Robot) -> "Joints":
+    def of(cls, robot: Robot) -> "RobotJoints":
         """The joints of a robot and of everything else in its description."""
         root, model = ET.fromstring(robot.urdf_xml), robot.model
         joints, arm = {str(j.get("name")): j for j in root.findall("joint")}, robot.joint_names
         grippers = {name for name in gripper_joints(root) if name not in arm}
         slides = [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
         reach = np.maximum(np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)).tolist()
-        ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, model.effortLimit.tolist(), strict=True)}
+        ranges = {
+            name: JointRange(*own) for name, *own in zip(arm, slides, reach, model.effortLimit.tolist(), strict=True)
+        }
         others = tuple(
             name
             for name, joint in joints.items()
@@ -92,14 +95,16 @@ class Joints:
         return cls(arm, others, tuple(grippers), ranges, sliding)
 
 
-class Match(NamedTuple):
+class JointMatch(NamedTuple):
     """The joint of a column, empty where the column is left out, and a doubt, empty where the joint is certain."""
 
     joint: str
     doubt: str = ""
 
 
-def match_joints(labels: Mapping[str, Label], joints: Joints, names: Mapping[str, str]) -> dict[str, Match]:
+def match_joints(
+    labels: Mapping[str, HeaderParts], joints: RobotJoints, names: Mapping[str, str]
+) -> dict[str, JointMatch]:
     """The joint of every column.
 
     Args:
@@ -109,7 +114,7 @@ def match_joints(labels: Mapping[str, Label], joints: Joints, names: Mapping[str
     """
     groups: dict[tuple[str, ...], list[str]] = {}
     for column in labels:
-        groups.setdefault(skeleton(labels[column].words), []).append(column)
+        groups.setdefault(number_pattern(labels[column].words), []).append(column)
     rests = _differing({column: label.rest for column, label in labels.items()})
     headers = _Headers(labels, rests, joints, tuple(groups.values()))
     return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
@@ -126,12 +131,12 @@ class _Headers:
         groups: columns that differ in numbers only.
     """
 
-    labels: Mapping[str, Label]
+    labels: Mapping[str, HeaderParts]
     rests: Mapping[str, tuple[str, ...]]
-    joints: Joints
+    joints: RobotJoints
     groups: tuple[Sequence[str], ...]
 
-    def named_by_themselves(self) -> dict[str, Match]:
+    def named_by_themselves(self) -> dict[str, JointMatch]:
         """Joints with the names in the headers, where no robot is known."""
         found = {}
         for columns in self.groups:
@@ -142,16 +147,19 @@ class _Headers:
                 joint = f"joint_{numbers[column]}" if numbered else "_".join(self.rests[column]) or "joint_1"
                 own = _OWN_NAME.fullmatch(column)
                 certain = numbered or self.rests[column]
-                found[column] = Match(own["name"] if own else joint, "" if certain else "no joint is named")
+                found[column] = JointMatch(own["name"] if own else joint, "" if certain else "no joint is named")
         return found
 
-    def named_by_robot(self, names: Mapping[str, str]) -> dict[str, Match]:
+    def named_by_robot(self, names: Mapping[str, str]) -> dict[str, JointMatch]:
         """Match by the names of the robot's joints, else by their numbers, else by their order."""
-        differing = _differing({joint: words_of(joint) for joint in self.joints.arm})
-        cores = {joint: tuple(word for word in core if word not in IDLE) or core for joint, core in differing.items()}
-        found: dict[str, Match] = {}
+        differing = _differing({joint: name_words(joint) for joint in self.joints.arm})
+        cores = {
+            joint: tuple(word for word in core if word not in IRRELEVANT_WORDS) or core
+            for joint, core in differing.items()
+        }
+        found: dict[str, JointMatch] = {}
         for column, label in self.labels.items():
-            words, rest = (words_of(names[column]), ()) if column in names else (label.words, self.rests[column])
+            words, rest = (name_words(names[column]), ()) if column in names else (label.words, self.rests[column])
             if match := _by_name(words, rest, cores, self.joints):
                 found[column] = match
         open_groups: list[tuple[list[str], str]] = []
@@ -189,14 +197,14 @@ class _Headers:
         complete = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
         return first if complete and first in (0, 1) else None
 
-    def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, Match]:
+    def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, JointMatch]:
         """Match the columns of one group by their numbers."""
         numbers, arm = self._numbers(columns), self.joints.arm
         if numbers is None:
             return {}
         named = self._names(columns[0])
-        if any(set(words_of(joint)) & set(named) for joint in arm):
-            return dict.fromkeys(columns, Match(""))  # several numbers of one joint, such as the place of an elbow
+        if any(set(name_words(joint)) & set(named) for joint in arm):
+            return dict.fromkeys(columns, JointMatch(""))  # several numbers of one joint, such as the place of an elbow
         first, certain = self._first(columns), True
         if first is None:
             first = next(iter(firsts)) if len(firsts) == 1 else 0 if 0 in numbers.values() else 1
@@ -210,50 +218,50 @@ class _Headers:
         }
         why = next(doubt for doubt, holds in doubts.items() if holds)
         return {
-            column: Match(arm[number - first] if 0 <= number - first < len(arm) else "", why)
+            column: JointMatch(arm[number - first] if 0 <= number - first < len(arm) else "", why)
             for column, number in numbers.items()
         }
 
     def _is_message(self, column: str) -> bool:
         words = self.labels[column].words
-        entry = any(word in MESSAGE and after.isdigit() for word, after in pairwise(words))
+        entry = any(word in JOINT_STATE_ARRAYS and after.isdigit() for word, after in pairwise(words))
         return entry and ("states" in words or any("effort" in label.words for label in self.labels.values()))
 
-    def _by_order(self, columns: Sequence[str], found: Mapping[str, Match]) -> dict[str, Match]:
+    def _by_order(self, columns: Sequence[str], found: Mapping[str, JointMatch]) -> dict[str, JointMatch]:
         """Match unknown names by the order of the columns where their number fits; else each is a joint of its own."""
         kinds = list(dict.fromkeys(self.rests[column] for column in columns if self.rests[column]))
         free = [joint for joint in self.joints.arm if joint not in {match.joint for match in found.values()}]
         matches = {}
         for column in columns:
             if not (rest := self.rests[column]):
-                matches[column] = Match(self.joints.arm[0] if len(self.joints.arm) == 1 else "")
+                matches[column] = JointMatch(self.joints.arm[0] if len(self.joints.arm) == 1 else "")
             elif len(kinds) == len(free):
-                matches[column] = Match(free[kinds.index(rest)], "taken in the order of the columns")
+                matches[column] = JointMatch(free[kinds.index(rest)], "taken in the order of the columns")
             else:
-                matches[column] = Match("_".join(rest), "no joint of the robot has this name")
+                matches[column] = JointMatch("_".join(rest), "no joint of the robot has this name")
         return matches
 
 
 def _by_name(
-    words: Sequence[str], rest: Sequence[str], cores: Mapping[str, tuple[str, ...]], joints: Joints
-) -> Match | None:
+    words: Sequence[str], rest: Sequence[str], cores: Mapping[str, tuple[str, ...]], joints: RobotJoints
+) -> JointMatch | None:
     """The joint whose whole name is in a header, else the one whose distinctive words are those of the header."""
-    inside = [j for j in joints.names if contains(words, words_of(j)) and any(map(str.isalpha, words_of(j)))]
-    inside = [j for j in inside if not any(contains(words_of(k), words_of(j)) for k in inside if k != j)]
+    inside = [j for j in joints.names if contains_phrase(words, name_words(j)) and any(map(str.isalpha, name_words(j)))]
+    inside = [j for j in inside if not any(contains_phrase(name_words(k), name_words(j)) for k in inside if k != j)]
     if len(inside) == 1:
-        extra = " ".join((Counter(rest) - Counter(words_of(inside[0]))).elements())
+        extra = " ".join((Counter(rest) - Counter(name_words(inside[0]))).elements())
         if inside[0] in joints.grippers:
-            return Match("")
-        return Match(inside[0], f"its header also says '{extra}'" if extra else "")
+            return JointMatch("")
+        return JointMatch(inside[0], f"its header also says '{extra}'" if extra else "")
     if not any(word.isalpha() for word in rest):
         return None
     same = [joint for joint, core in cores.items() if "".join(core) == "".join(rest)]
     if len(same) == 1:
-        return Match(same[0])
+        return JointMatch(same[0])
     letters = {word for word in rest if word.isalpha() and len(word) > 1}
     numbers = set(filter(str.isdigit, rest))
     near = [j for j, core in cores.items() if letters & set(core) and numbers == set(filter(str.isdigit, core))]
-    return Match(near[0], "a name like it") if len(near) == 1 else None
+    return JointMatch(near[0], "a name like it") if len(near) == 1 else None
 
 
 _OWN_NAME = re.compile(
@@ -271,12 +279,12 @@ def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...
     return {name: tuple(word for word in words if word not in common) for name, words in names.items()}
 
 
-def skeleton(words: Iterable[str]) -> tuple[str, ...]:
+def number_pattern(words: Iterable[str]) -> tuple[str, ...]:
     """The words with ``#`` in place of every number."""
     return tuple("#" if word.isdigit() else word for word in words)
 
 
-def contains(words: Sequence[str], part: Sequence[str]) -> bool:
+def contains_phrase(words: Sequence[str], part: Sequence[str]) -> bool:
     """Whether `words` contain the words of `part` in succession."""
     n = len(part)
     return any(tuple(words[i : i + n]) == tuple(part) for i in range(len(words) - n + 1))

@@ -33,18 +33,19 @@ from armdyn.run import Run
 from armdyn.toml_file import read_toml
 from urdf.table_file import Check, TableFileError, join_problems, read_as
 
-TIME_LINE = (
+TIME_HINT = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
     'or { period = "4 s" }'
 )
-MIN_RATE, MAX_RATE = 0.1, 1e5
+MIN_ROW_RATE, MAX_ROW_RATE = 0.1, 1e5
 """Possible rates of a recording's rows [Hz]."""
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
+"""Keys of a mapping that are copied to the TOML file beside the run (its sidecar)."""
 
 
 @dataclass(frozen=True)
-class Entry:
+class ColumnEntry:
     """The meaning of one column.
 
     Attributes:
@@ -90,7 +91,7 @@ class Entry:
         return self.channel.partition(".")[2]
 
 
-def reason(why: str, check: str) -> str:
+def reason_comment(why: str, check: str) -> str:
     """The reason for a guess, with its open question after the word CHECK."""
     return f"{why}; CHECK: {check}" if check else why
 
@@ -110,7 +111,7 @@ class ColumnMap:
         notes: sentences on meanings that were recognised without a person.
     """
 
-    entries: Mapping[str, Entry]
+    entries: Mapping[str, ColumnEntry]
     time: str = ""
     time_unit: str = ""
     sidecar: Sidecar = field(default_factory=Sidecar)
@@ -162,7 +163,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
     if not isinstance(time, dict) or not (
         set(time) <= {"column", "unit", "check"} or set(time) in ({"rate"}, {"period"})
     ):
-        problems.append(f"time: {TIME_LINE}")
+        problems.append(f"time: {TIME_HINT}")
         time = {}
     rate = str(time.get("rate", ""))
     with collect(problems, "time"):
@@ -182,7 +183,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             problems.append(f'\'{name}\': write it as {{ channel = "q.shoulder", unit = "deg" }}')
             continue
         try:
-            entries[name] = read_as(Entry, column)
+            entries[name] = read_as(ColumnEntry, column)
         except TableFileError as error:
             problems += [f"'{name}': {problem}" for problem in error.problems]
         with collect(problems, f"'{name}'"):
@@ -202,7 +203,7 @@ def check_rate(rate: str) -> None:
     Raises:
         InputError: it is no frequency, or is not possible.
     """
-    if rate and not MIN_RATE <= parse_quantity(rate, "Hz").value <= MAX_RATE:
+    if rate and not MIN_ROW_RATE <= parse_quantity(rate, "Hz").value <= MAX_ROW_RATE:
         raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
@@ -233,7 +234,7 @@ def correction_text(run: Run, correction: Correction) -> str:
     for channel, recorded in run.channels.items():
         reading = correction.reading(channel)
         if reading.source in run.channels:
-            entries[reading.source] = Entry(
+            entries[reading.source] = ColumnEntry(
                 channel,
                 recorded.unit,
                 sign=-1.0 if reading.factor < 0 else 1.0,

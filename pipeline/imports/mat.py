@@ -14,14 +14,14 @@ from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from ik.workers import Lost, in_processes
-from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
+from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
 from urdf.bounds import LARGEST_CONTENT, MIB, MOST_COLUMNS
 
-DEEPEST = 8
+MAX_NESTED_STRUCTURES = 8
 """Largest number of nested structures that are read."""
 
 
-def read_mat(path: Path) -> Foreign:
+def read_mat(path: Path) -> ForeignRecording:
     """Columns of a MATLAB file; arrays with another number of rows than most arrays have are left out.
 
     Raises:
@@ -50,7 +50,7 @@ def read_mat(path: Path) -> Foreign:
         if len(columns) > MOST_COLUMNS:
             raise InputError(f"{len(columns)} columns, where {MOST_COLUMNS} are the most: leave some out")
     other = [name for name, array in arrays.items() if rows not in array.shape]
-    return Foreign(path.stem, columns, (f"not of {rows} rows: {', '.join(other)}: left out",) if other else ())
+    return ForeignRecording(path.stem, columns, (f"not of {rows} rows: {', '.join(other)}: left out",) if other else ())
 
 
 def _content(data: bytes, name: str) -> dict[str, Any]:
@@ -78,9 +78,9 @@ def _arrays(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, FloatA
         parts = {f"{name}.{part}": inner for part, inner in value.items()}
     elif isinstance(value, list):
         parts = {f"{name}/{i}": inner for i, inner in enumerate(value)}
-    if depth < DEEPEST:
+    if depth < MAX_NESTED_STRUCTURES:
         for path, inner in parts.items():
             yield from _arrays(path, inner, depth + 1)
 
 
-READERS = (Reader(lambda path: [read_mat(path)], (".mat",)),)
+READERS = (ForeignReader(lambda path: [read_mat(path)], (".mat",)),)

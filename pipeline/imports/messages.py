@@ -5,16 +5,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import InputError
-from pipeline.imports.packets import Connection
+from pipeline.imports.packets import BagConnection
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-LANGUAGES = {"cdr": ("ros2msg", "ros2idl", ""), "ros1": ("ros1msg", "")}
+DEFINITION_LANGUAGES = {"cdr": ("ros2msg", "ros2idl", ""), "ros1": ("ros1msg", "")}
 """Languages of the definitions that are read, by encoding of the messages."""
 
 
-class Decoders:
+class MessageDecoders:
     """Decoders of messages; types without a definition in the file are taken from the common ones of ROS.
 
     Attributes:
@@ -32,10 +32,10 @@ class Decoders:
         common = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
         self._common = {encoding: get_typestore(store) for encoding, store in common.items()}
         self._own = {encoding: get_typestore(Stores.EMPTY) for encoding in common}
-        self._decoders: dict[Connection, Callable[[bytes], Any] | None] = {}
-        self.unreadable: dict[Connection, str] = {}
+        self._decoders: dict[BagConnection, Callable[[bytes], Any] | None] = {}
+        self.unreadable: dict[BagConnection, str] = {}
 
-    def of(self, connection: Connection) -> Callable[[bytes], Any] | None:
+    def of(self, connection: BagConnection) -> Callable[[bytes], Any] | None:
         """Function that decodes the bytes of a connection's messages; None where they cannot be read.
 
         It returns an object with the fields of the message as attributes, or for JSON a dictionary.
@@ -44,11 +44,11 @@ class Decoders:
             self._decoders[connection] = self._decoder(connection)
         return self._decoders[connection]
 
-    def _decoder(self, connection: Connection) -> Callable[[bytes], Any] | None:
+    def _decoder(self, connection: BagConnection) -> Callable[[bytes], Any] | None:
         encoding, kind = connection.encoding, connection.kind
         if encoding == "json":
             return _json
-        if connection.language not in LANGUAGES.get(encoding, ()):
+        if connection.language not in DEFINITION_LANGUAGES.get(encoding, ()):
             self.unreadable[connection] = f"messages of another encoding ({encoding or 'none'})"
             return None
         store = self._own[encoding]
@@ -71,7 +71,7 @@ class Decoders:
         return [f"{why}: {', '.join(of)} left out" for why, of in topics.items()]
 
 
-def _register(store: "Typestore", connection: Connection) -> None:
+def _register(store: "Typestore", connection: BagConnection) -> None:
     """Add the definitions of a connection to a store."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 

@@ -22,7 +22,7 @@ from armdyn.recording.mcap_run import SIDECAR_RECORD
 from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
 
 
-class Connection(NamedTuple):
+class BagConnection(NamedTuple):
     """The messages of one kind that one publisher sends on one topic.
 
     Attributes:
@@ -42,15 +42,15 @@ class Connection(NamedTuple):
     publisher: str = ""
 
 
-class Packet(NamedTuple):
+class BagMessage(NamedTuple):
     """One message: its connection, the time at which it was recorded [ns], and its bytes."""
 
-    connection: Connection
+    connection: BagConnection
     received: int
     data: bytes
 
 
-def packets(path: Path, problems: list[str]) -> Iterator[Packet]:
+def bag_messages(path: Path, problems: list[str]) -> Iterator[BagMessage]:
     """Every message of a bag that can be read.
 
     Args:
@@ -70,7 +70,7 @@ def packets(path: Path, problems: list[str]) -> Iterator[Packet]:
 
 
 def _kind(file: Path) -> str:
-    return Path(file.name.removesuffix(ZSTD)).suffix.lower()
+    return Path(file.name.removesuffix(ZSTD_ENDING)).suffix.lower()
 
 
 def _files(path: Path) -> list[Path]:
@@ -87,7 +87,7 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-ZSTD = ".zstd"
+ZSTD_ENDING = ".zstd"
 """Ending of the files of a ROS 2 bag that are compressed as a whole."""
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of compressed data. No message begins so: the first byte of CDR is 0."""
@@ -95,9 +95,9 @@ _MAGIC = re.compile(rb"#ROSBAG V2\.0\n")
 _CONNECTION, _MESSAGE, _CHUNK = b"\x07", b"\x02", b"\x05"
 
 
-def _ros1(file: Path) -> Iterator[Packet]:
+def _ros1(file: Path) -> Iterator[BagMessage]:
     """Messages of a ROS 1 bag: http://wiki.ros.org/Bags/Format/2.0."""
-    connections: dict[bytes, Connection] = {}
+    connections: dict[bytes, BagConnection] = {}
     with file.open("rb") as source:
         if not _MAGIC.fullmatch(source.readline(20)):
             raise ValueError("it does not begin as a ROS bag of version 2.0 does")
@@ -124,19 +124,21 @@ def _chunk(header: dict[str, bytes], data: bytes) -> bytes:
             return data
 
 
-def _ros1_packet(header: dict[str, bytes], data: bytes, connections: dict[bytes, Connection]) -> Iterator[Packet]:
+def _ros1_packet(
+    header: dict[str, bytes], data: bytes, connections: dict[bytes, BagConnection]
+) -> Iterator[BagMessage]:
     if header["op"] == _CONNECTION:
         about = _fields(data)
         package, _, kind = about["type"].decode().rpartition("/")
         definition = about["message_definition"].decode(errors="replace")
         publisher = about.get("callerid", b"").decode(errors="replace")
         topic = re.sub("/+", "/", header["topic"].decode())
-        connections[header["conn"]] = Connection(
+        connections[header["conn"]] = BagConnection(
             topic, f"{package}/msg/{kind}", "ros1", definition, "ros1msg", publisher
         )
     elif header["op"] == _MESSAGE:
         seconds, nanoseconds = struct.unpack("<II", header["time"])
-        yield Packet(connections[header["conn"]], seconds * 10**9 + nanoseconds, data)
+        yield BagMessage(connections[header["conn"]], seconds * 10**9 + nanoseconds, data)
 
 
 def _records(source: io.BufferedIOBase) -> Iterator[tuple[dict[str, bytes], bytes]]:
@@ -172,11 +174,11 @@ def _fields(data: bytes) -> dict[str, bytes]:
     return found
 
 
-def _sqlite(file: Path) -> Iterator[Packet]:
+def _sqlite(file: Path) -> Iterator[BagMessage]:
     with suppress(OSError):
         if file.stat().st_size == 0:
             raise ValueError("it is empty")
-    if file.name.endswith(ZSTD):
+    if file.name.endswith(ZSTD_ENDING):
         database = sqlite3.connect(":memory:")
         database.deserialize(decompressed(read_bytes(file, LARGEST_BAG)))
     else:
@@ -190,14 +192,14 @@ def _sqlite(file: Path) -> Iterator[Packet]:
             rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {kind: (str(definition), str(language)) for kind, language, definition in rows}
         connections = {
-            number: Connection(topic, kind, encoding, *definitions.get(kind, ("", "")))
+            number: BagConnection(topic, kind, encoding, *definitions.get(kind, ("", "")))
             for number, topic, kind, encoding in database.execute(
                 "SELECT id, name, type, serialization_format FROM topics"
             )
         }
         for number, received, data in database.execute("SELECT topic_id, timestamp, data FROM messages"):
             if number in connections:
-                yield Packet(connections[number], received, _message(data))
+                yield BagMessage(connections[number], received, _message(data))
     finally:
         database.close()
 
@@ -206,14 +208,14 @@ def _message(data: bytes) -> bytes:
     return decompressed(data) if data.startswith(_ZSTD_MAGIC) else data
 
 
-def _mcap(file: Path) -> Iterator[Packet]:
+def _mcap(file: Path) -> Iterator[BagMessage]:
     from mcap.records import Channel, Message, Metadata, Schema
 
     data = read_bytes(file, LARGEST_BAG)
-    if file.name.endswith(ZSTD):
+    if file.name.endswith(ZSTD_ENDING):
         data = decompressed(data)
     schemas: dict[int, Schema] = {}
-    connections: dict[int, Connection] = {}
+    connections: dict[int, BagConnection] = {}
     problems: list[str] = []
     for record in intact_records(data, problems):
         if isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
@@ -223,20 +225,20 @@ def _mcap(file: Path) -> Iterator[Packet]:
         elif isinstance(record, Channel):
             connections[record.id] = _mcap_connection(record, schemas.get(record.schema_id))
         elif isinstance(record, Message) and record.channel_id in connections:
-            yield Packet(connections[record.channel_id], record.log_time, _message(record.data))
+            yield BagMessage(connections[record.channel_id], record.log_time, _message(record.data))
     if problems:
         raise EOFError(f"it {', and '.join(dict.fromkeys(problems))}")
 
 
-def _mcap_connection(channel: Any, schema: Any) -> Connection:
+def _mcap_connection(channel: Any, schema: Any) -> BagConnection:
     publisher = channel.metadata.get("callerid", "")
     if schema is None:
-        return Connection(channel.topic, "", channel.message_encoding, publisher=publisher)
+        return BagConnection(channel.topic, "", channel.message_encoding, publisher=publisher)
     package, _, kind = schema.name.rpartition("/")
-    return Connection(
+    return BagConnection(
         channel.topic, f"{package.removesuffix('/msg')}/msg/{kind}", channel.message_encoding,
         schema.data.decode(errors="replace"), schema.encoding, publisher,
     )  # fmt: skip
 
 
-_READERS: dict[str, Callable[[Path], Iterator[Packet]]] = {".bag": _ros1, ".db3": _sqlite, ".mcap": _mcap}
+_READERS: dict[str, Callable[[Path], Iterator[BagMessage]]] = {".bag": _ros1, ".db3": _sqlite, ".mcap": _mcap}

@@ -16,22 +16,22 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import samples_of_second_series
-from pipeline.imports.foreign import SECOND, Account, ForeignColumn
-from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
+from pipeline.imports.foreign import SECOND_PUBLISHER, ForeignColumn, SampleAccount
+from pipeline.imports.stamps import MAX_MESSAGE_DELAY_SECONDS, dated_samples, on_arrival_clock
 from urdf.bounds import MOST_COLUMNS, MOST_ROWS, shown
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
-"""Fields of a JointState, and the quantity of each."""
-INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "tau", "torque": "tau"}
+JOINT_STATE_QUANTITIES = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
+"""Fields of the ROS message JointState, and the quantity of each."""
+ROS2_CONTROL_INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "tau", "torque": "tau"}
 """Interfaces of ros2_control, whose state names are ``joint/interface``, and the quantity of each."""
-COMMAND_OF = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
+COMMAND_QUANTITIES = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
 """Quantity of a command, by the measured quantity."""
-UNITS = {quantity: kind.units[0] for quantity, kind in JOINT_CHANNELS.items()}
+REVOLUTE_UNITS = {quantity: kind.units[0] for quantity, kind in JOINT_CHANNELS.items()}
 """Units of the values of a revolute joint, by quantity."""
-UNREADABLE = "of which nothing can be read"
+UNREADABLE_REASON = "of which nothing can be read"
 """Reason why messages are left out, for a sentence."""
-Entry: TypeAlias = tuple[str, float, str]
+MessageNumber: TypeAlias = tuple[str, float, str]
 """Column, value and channel of one number; the channel is empty where the message does not define it."""
 
 
@@ -124,7 +124,7 @@ class Publishers:
         received: float,
         *,
         commanded: bool = False,
-        beside: Sequence[Entry] = (),
+        beside: Sequence[MessageNumber] = (),
     ) -> None:
         """Add one message about joints; see `take`.
 
@@ -144,9 +144,9 @@ class Publishers:
             ValueError: the message contains no value of a joint.
         """
         interfaces = [name.rpartition("/")[2] for name in names if "/" in name]
-        of_control = any(interface in INTERFACES for interface in interfaces)
-        entries: list[Entry] = []
-        for part, quantity in FIELDS:
+        of_control = any(interface in ROS2_CONTROL_INTERFACES for interface in interfaces)
+        entries: list[MessageNumber] = []
+        for part, quantity in JOINT_STATE_QUANTITIES:
             found = values.get(part)
             if found is None or len(found) == 0:
                 continue
@@ -156,10 +156,12 @@ class Publishers:
             for name, value in zip(names, found, strict=True):
                 joint, _, interface = name.rpartition("/")
                 if not (of_control and joint):
-                    channel = f"{COMMAND_OF[quantity] if commanded else quantity}.{name}"
+                    channel = f"{COMMAND_QUANTITIES[quantity] if commanded else quantity}.{name}"
                     entries.append((f"{topic}/{part}/{name}", float(value), channel))
                 elif part == "position":
-                    channel = f"{INTERFACES[interface]}.{joint}" if interface in INTERFACES else ""
+                    channel = (
+                        f"{ROS2_CONTROL_INTERFACES[interface]}.{joint}" if interface in ROS2_CONTROL_INTERFACES else ""
+                    )
                     entries.append((f"{topic}/{name}", float(value), channel))
         if not entries:
             raise ValueError("it says nothing of its joints")
@@ -171,7 +173,7 @@ class Publishers:
         publisher: str,
         stamp: float,
         received: float,
-        entries: Sequence[Entry],
+        entries: Sequence[MessageNumber],
         joints: tuple[str, ...] = (),
     ) -> None:
         """Add one message with its numbers; of several numbers under one name, the first is used.
@@ -198,7 +200,7 @@ class Publishers:
 
     def columns(
         self, unread: Mapping[str, int], *, on_arrival: bool = False
-    ) -> tuple[dict[str, ForeignColumn], dict[str, Account], list[str]]:
+    ) -> tuple[dict[str, ForeignColumn], dict[str, SampleAccount], list[str]]:
         """Columns by name, an account by topic, and sentences on everything that was changed or left out.
 
         Args:
@@ -206,11 +208,11 @@ class Publishers:
             on_arrival: whether the times shall be those of the clock of the reception.
         """
         columns: dict[str, ForeignColumn] = {}
-        accounts: dict[str, Account] = {}
+        accounts: dict[str, SampleAccount] = {}
         clocks: dict[str, tuple[int, float]] = {}
         for topic, by_publisher in self._series.items():
             used, left_out = _used(by_publisher.values())
-            left_out[UNREADABLE] += unread.get(topic, 0)
+            left_out[UNREADABLE_REASON] += unread.get(topic, 0)
             kept, stamped = 0, True
             steps: tuple[float, ...] = ()
             for series in used:
@@ -219,7 +221,7 @@ class Publishers:
                     np.array(part) for part in zip(*((m.stamp, m.received) for m in messages), strict=True)
                 )
                 known = _are_receptions(received, stamps)
-                found = dated(stamps, received if known else None)
+                found = dated_samples(stamps, received if known else None)
                 kept, left_out, steps = kept + len(found.rows), left_out + found.left_out, steps + found.steps
                 stamped = stamped and (found.stamped or not np.isfinite(stamps).any())
                 if not len(found.rows):
@@ -230,10 +232,10 @@ class Publishers:
                 if known:
                     clocks[topic] = max(clocks.get(topic, (0, 0.0)), (len(time), float((came - time).min())))
                 for name, (channel, rows, value) in _Series([messages[row] for row in found.rows]).columns.items():
-                    unit = UNITS.get(channel.partition(".")[0], "")
+                    unit = REVOLUTE_UNITS.get(channel.partition(".")[0], "")
                     columns[name] = ForeignColumn(value, unit, time[rows], channel, topic)
             count = sum(len(series.messages) for series in by_publisher.values()) + unread.get(topic, 0)
-            accounts[topic] = Account(topic, count, kept, dict(+left_out), steps, stamped)
+            accounts[topic] = SampleAccount(topic, count, kept, dict(+left_out), steps, stamped)
         notes = [
             f"{topic}: {count} messages with {values} of {part} for {names} joints: these are left out"
             for (topic, part, values, names), count in self._incomplete.items()
@@ -260,7 +262,7 @@ def _used(publishers: Iterable[_Series]) -> tuple[list[_Series], Counter[str]]:
         if any(part.meets(series) for series in used):
             moves, efforts, count = part.rank
             why = "that does not move" if not moves else "without efforts" if not efforts else "that says less"
-            left_out[f"{SECOND} {why}"] += count
+            left_out[f"{SECOND_PUBLISHER} {why}"] += count
             continue
         same = next((i for i, series in enumerate(used) if series.shares_columns(part)), None)
         if same is None:
@@ -277,7 +279,7 @@ def _on_one_clock(
     if not clocks:
         return dict(columns)
     first, (_, delay) = max(clocks.items(), key=lambda item: item[1][0])
-    late = {topic: own - delay for topic, (_, own) in clocks.items() if abs(own - delay) > DELAY}
+    late = {topic: own - delay for topic, (_, own) in clocks.items() if abs(own - delay) > MAX_MESSAGE_DELAY_SECONDS}
     notes += [
         f"{topic}: its stamps are those of another clock, {abs(shift):.6g} s apart: brought to that of {first} by when "
         "messages came"

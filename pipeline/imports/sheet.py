@@ -9,15 +9,16 @@ from xml.etree import ElementTree as ET
 
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
-from pipeline.imports.foreign import Foreign, Reader
-from pipeline.imports.table import of_text
+from pipeline.imports.foreign import ForeignReader, ForeignRecording
+from pipeline.imports.table import columns_of_text
 from urdf.bounds import LARGEST_XML, MIB, MOST_COLUMNS, MOST_ROWS
 
 _SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
-SHEET, STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+SHEET_PATH, STRINGS_PATH = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+"""Paths of the first sheet and of the texts of all cells in an Excel workbook."""
 
 
-def read_sheet(path: Path) -> Foreign:
+def read_sheet(path: Path) -> ForeignRecording:
     """Columns of the first sheet, read as those of a CSV file.
 
     Raises:
@@ -27,11 +28,13 @@ def read_sheet(path: Path) -> Foreign:
     with at(path):
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                strings = [_text(item) for item in _root(archive, STRINGS)] if STRINGS in archive.namelist() else []
-                rows = list(_rows(_root(archive, SHEET), strings))
+                strings = (
+                    [_text(item) for item in _root(archive, STRINGS_PATH)] if STRINGS_PATH in archive.namelist() else []
+                )
+                rows = list(_rows(_root(archive, SHEET_PATH), strings))
         except (zipfile.BadZipFile, KeyError, ET.ParseError, ValueError, IndexError, OSError, RuntimeError) as error:
             raise InputError(f"is no Excel workbook that can be read ({error}): save it as CSV") from error
-        return of_text(path.stem, "".join("\t".join(row) + "\n" for row in rows))
+        return columns_of_text(path.stem, "".join("\t".join(row) + "\n" for row in rows))
 
 
 def _root(archive: zipfile.ZipFile, name: str) -> ET.Element:
@@ -67,4 +70,4 @@ def _column(reference: str, default: int) -> int:
     return column - 1 if column else default
 
 
-READERS = (Reader(lambda path: [read_sheet(path)], (".xlsx",)),)
+READERS = (ForeignReader(lambda path: [read_sheet(path)], (".xlsx",)),)

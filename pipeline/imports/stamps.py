@@ -1,9 +1,9 @@
 """Find the samples of a recording with usable stamps, and the times at which they were taken.
 
-A clock may be set while it runs, a stamp may be 0 or of another day, packets may come twice or overtake each other. The
-largest possible set of samples is kept whose stamps increase. Where the clock was set, a new piece begins, which costs
-as much as `PIECE` samples. So one bad stamp costs one sample, and a clock that was set costs only the samples that make
-room for a gap.
+A clock may be set while it runs, a stamp may be 0 or of another day, messages may arrive twice or in another order. The
+largest set of samples with increasing stamps is kept. Where the clock was set, a new piece begins, which counts like a
+loss of `MIN_PIECE_SAMPLES` samples. So a wrong stamp costs one sample, and a clock that was set costs only the samples
+that are removed for a visible gap.
 """
 
 from collections import Counter
@@ -16,25 +16,25 @@ import numpy.typing as npt
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.recording.gaps import shortest_gap
 
-PIECE = MIN_SAMPLES
-"""Least number of samples of a piece: fewer are of no use."""
-DELAY = 1.0
+MIN_PIECE_SAMPLES = MIN_SAMPLES
+"""Smallest number of samples of a piece; shorter pieces are useless."""
+MAX_MESSAGE_DELAY_SECONDS = 1.0
 """Largest delay of a message [s]: after a rosbridge has stalled for 1 s, it sends states that are up to 1 s old."""
-FARTHEST = 10.0
+MAX_PAUSE_RATIO = 10.0
 """A step forward longer than this many times the recording at its usual rate is a clock that was set, not a pause."""
-DRIFT = 1e-4
+MAX_CLOCK_DRIFT = 1e-4
 """Largest relative rate difference of two computers' clocks; crystals differ by less than half of it."""
-LEAST_STEP = 1e-6
-"""Least time between two samples after a change of the clock [s]."""
-REPEATED, BACK, AHEAD, FAR, NONE, BESIDE = (
+MIN_STEP_AFTER_RESET_SECONDS = 1e-6
+"""Shortest time between two samples after a clock was set [s]."""
+REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP, STAMP_BESIDE_RESET = (
     "whose stamp was there already", "whose stamp goes back", "whose stamp runs ahead",
     "whose stamp is far from all others", "without a stamp", "beside a step of the clock, so that the gap shows",
 )  # fmt: skip
-"""Reasons why samples are left out, for a sentence."""
+"""Reasons why samples are left out, each as the end of a sentence on these samples."""
 
 
 @dataclass(frozen=True, eq=False)
-class Dated:
+class DatedSamples:
     """The samples that are kept of n samples in their order of arrival.
 
     Attributes:
@@ -52,7 +52,7 @@ class Dated:
     stamped: bool = True
 
 
-def dated(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dated:
+def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> DatedSamples:
     """The usable samples, and their times on the clock of the stamps.
 
     Args:
@@ -68,30 +68,30 @@ def dated(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dated:
         pieces = _pieces(arrivals, None)
         if 2 * sum(map(len, pieces)) > kept:
             rows, time, left = _laid(pieces, arrivals, None)
-            return Dated(rows, time, _reasons(arrivals, rows) + left, stamped=False)
+            return DatedSamples(rows, time, _reasons(arrivals, rows) + left, stamped=False)
         pieces = _pieces(stamps[present], arrivals[present])
     pieces = [present[piece] for piece in pieces]
     steps = tuple(float(stamps[b[0]] - stamps[a[-1]]) for a, b in pairwise(pieces))
     rows, time, left = _laid(pieces, stamps, arrivals)
-    return Dated(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
+    return DatedSamples(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
 
 
 def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
     """Times of another clock (n,) [s], converted to the clock of the arrivals (n,) [s].
 
-    The offset of the clocks is the smallest difference seen around a sample, which grows by `DRIFT` with the distance
-    in time. The error is the shortest delay, 1 ms on a local network.
+    The offset of the clocks is the smallest difference seen around a sample, which grows by `MAX_CLOCK_DRIFT` with the
+    distance in time. The error is the shortest delay, 1 ms on a local network.
     """
     delay = arrivals - time
-    before = np.minimum.accumulate(delay - DRIFT * arrivals) + DRIFT * arrivals
-    after = np.minimum.accumulate((delay + DRIFT * arrivals)[::-1])[::-1] - DRIFT * arrivals
+    before = np.minimum.accumulate(delay - MAX_CLOCK_DRIFT * arrivals) + MAX_CLOCK_DRIFT * arrivals
+    after = np.minimum.accumulate((delay + MAX_CLOCK_DRIFT * arrivals)[::-1])[::-1] - MAX_CLOCK_DRIFT * arrivals
     found = time + np.minimum(before, after)
-    apart = LEAST_STEP * np.arange(len(found))
+    apart = MIN_STEP_AFTER_RESET_SECONDS * np.arange(len(found))
     return np.asarray(np.maximum.accumulate(found - apart) + apart)
 
 
 def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray[np.intp]]:
-    """Indices of the kept samples, by piece: the largest number of samples, less `PIECE` for each further piece.
+    """Indices of the kept samples, by piece: most samples, less `MIN_PIECE_SAMPLES` for each further piece.
 
     Found by dynamic programming over the predecessor of each kept sample. A jump over more than two pieces' samples
     begins a new piece, so that no more predecessors need to be tried.
@@ -102,9 +102,11 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     lead = None if arrivals is None else stamps - arrivals
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0.0])) if (step > 0.0).any() else 0.0
-    farthest = FARTHEST * n * usual
+    farthest = MAX_PAUSE_RATIO * n * usual
     quick = (step > 0.0).all() and (
-        (step <= farthest).all() if lead is None else (lead[1:] - np.maximum.accumulate(lead)[:-1] <= DELAY).all()
+        (step <= farthest).all()
+        if lead is None
+        else (lead[1:] - np.maximum.accumulate(lead)[:-1] <= MAX_MESSAGE_DELAY_SECONDS).all()
     )
     if quick:
         return [np.arange(n)]
@@ -114,14 +116,14 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     for i in range(1, n):
         if best[i - 1] > record:
             record, holder = best[i - 1], i - 1
-        first = max(i - 2 * PIECE - 1, 0)
+        first = max(i - 2 * MIN_PIECE_SAMPLES - 1, 0)
         usable = stamps[first:i] < stamps[i]
         if lead is None:
             usable &= stamps[i] - stamps[first:i] <= farthest
         else:
-            usable &= lead[i] - most[first:i] <= DELAY
-        if record > PIECE:
-            best[i], before[i] = 1.0 + record - PIECE, holder
+            usable &= lead[i] - most[first:i] <= MAX_MESSAGE_DELAY_SECONDS
+        if record > MIN_PIECE_SAMPLES:
+            best[i], before[i] = 1.0 + record - MIN_PIECE_SAMPLES, holder
         if usable.any():
             j = int(np.argmax(np.where(usable, best[first:i], -np.inf))) + first
             if 1.0 + best[j] >= best[i]:
@@ -158,7 +160,7 @@ def _laid(
         elif rows and piece is not pieces[0]:
             time = time + (end + gap - time[0])
         apart = time >= end + gap
-        left[BESIDE] += int(np.count_nonzero(~apart))
+        left[STAMP_BESIDE_RESET] += int(np.count_nonzero(~apart))
         rows.append(piece[apart])
         times.append(time[apart])
         end = max(end, float(time[-1]))
@@ -172,11 +174,11 @@ def _reasons(stamps: FloatArray, kept: npt.NDArray[np.intp]) -> Counter[str]:
     there = set(stamps[kept].tolist())
     for i, at in zip(out.tolist(), np.searchsorted(kept, out).tolist(), strict=True):
         if not np.isfinite(stamps[i]):
-            found[NONE] += 1
+            found[MISSING_STAMP] += 1
         elif stamps[i] in there:
-            found[REPEATED] += 1
+            found[REPEATED_STAMP] += 1
         elif at == 0:
-            found[FAR] += 1
+            found[STAMP_OF_ANOTHER_DAY] += 1
         else:
-            found[BACK if stamps[i] < stamps[kept[at - 1]] else AHEAD] += 1
+            found[BACKWARD_STAMP if stamps[i] < stamps[kept[at - 1]] else STAMP_AHEAD] += 1
     return found

@@ -19,8 +19,8 @@ from armdyn.arrays import seconds
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
-from pipeline.imports.foreign import Foreign, ForeignColumn, Reader, split_label
-from pipeline.imports.head import plain_table
+from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_label
+from pipeline.imports.head import single_header_table
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
+MISSING_VALUE_TEXTS = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
 _WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
 """Text that a device writes in place of a number, such as ``overflow`` or ``no signal``; the sample is missing."""
 
 
-def read_csv_of_any_dialect(path: Path) -> Foreign:
+def read_csv_of_any_dialect(path: Path) -> ForeignRecording:
     """Columns of a CSV with commas, semicolons, tabs or blanks, and decimal points or commas.
 
     Comments, lines above the header, columns of text and a last row that may be cut off are left out, with a note.
@@ -50,17 +50,17 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
         InputError: it is no text, or its rows have different numbers of cells.
     """
     with at(path):
-        return of_text(path.stem, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
+        return columns_of_text(path.stem, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
 
 
-def of_text(name: str, text: str) -> Foreign:
+def columns_of_text(name: str, text: str) -> ForeignRecording:
     """The columns of a table's text, as a recording of this name; see `read_csv_of_any_dialect`."""
-    text, headed, notes = plain_table(text)
+    text, headed, notes = single_header_table(text)
     separator = separator_of(header_of(text))
     try:
-        table = parse_delimited(text, separator, MISSING, decimal_comma=True)
+        table = parse_delimited(text, separator, MISSING_VALUE_TEXTS, decimal_comma=True)
     except CutOffError as error:
-        table = parse_delimited(text[: text.rfind("\n") + 1], separator, MISSING, decimal_comma=True)
+        table = parse_delimited(text[: text.rfind("\n") + 1], separator, MISSING_VALUE_TEXTS, decimal_comma=True)
         notes.append(
             f"{str(error).partition(':')[0]}: the file ends without a newline and may be cut off: row left out"
         )
@@ -97,10 +97,11 @@ def of_text(name: str, text: str) -> Foreign:
         columns[column] = ForeignColumn(value, unit)
     if not columns:
         raise InputError("no column holds numbers: give a recording")
-    return Foreign(name, columns, tuple(notes), texts, headed=headed)
+    return ForeignRecording(name, columns, tuple(notes), texts, headed=headed)
 
 
 MAX_SHOWN_CELLS = 3
+"""Largest number of columns of text that a note lists."""
 
 
 def _moments(cells: Sequence[str]) -> np.ndarray | None:
@@ -121,7 +122,7 @@ def _since_midnight(cell: str) -> float:
     return 3600.0 * when.hour + 60.0 * when.minute + when.second + 1e-6 * when.microsecond
 
 
-def read_parquet(path: Path) -> Foreign:
+def read_parquet(path: Path) -> ForeignRecording:
     """Columns of a Parquet file; a column of lists becomes a column per entry.
 
     Raises:
@@ -148,7 +149,7 @@ def read_parquet(path: Path) -> Foreign:
             notes.append(f"'{name}' holds no numbers: left out")
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
         columns |= {part: ForeignColumn(value, "s" if is_date else unit) for part, value in found.items()}
-    return Foreign(path.stem, columns, tuple(notes))
+    return ForeignRecording(path.stem, columns, tuple(notes))
 
 
 def _check_parquet(file: Any, size: int) -> None:
@@ -185,13 +186,13 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
     return {name: seconds(array, "s")} if array.dtype.kind in "mMbiuf" else {}
 
 
-INFO = Path("meta/info.json")
-LARGEST_RATE = 1e5
-"""Largest number of frames per second."""
+LEROBOT_INFO_FILE = Path("meta/info.json")
+MAX_FRAME_RATE = 1e5
+"""Largest number of frames per second of a LeRobot data set."""
 _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
 
-def read_lerobot(path: Path) -> list[Foreign]:
+def read_lerobot(path: Path) -> list[ForeignRecording]:
     """Every episode of a data set of version 2 (a file per episode) or 3 (many episodes in a file).
 
     The entries of a feature are named as in ``info.json``: ``observation.state/elbow_flex.pos``.
@@ -214,7 +215,7 @@ def read_lerobot(path: Path) -> list[Foreign]:
             named["timestamp"] = replace(named["timestamp"], unit="s")
         kept = {label: column for label, column in named.items() if label.rpartition("_")[2] != "index"}
         if "episode_index" not in named:
-            found.append(Foreign(file.stem, kept, table.notes))
+            found.append(ForeignRecording(file.stem, kept, table.notes))
             continue
         episodes = named["episode_index"].value
         if not np.isfinite(episodes).all():
@@ -222,20 +223,21 @@ def read_lerobot(path: Path) -> list[Foreign]:
         for episode in np.unique(episodes):
             rows = episodes == episode
             columns = {label: replace(column, value=column.value[rows]) for label, column in kept.items()}
-            found.append(Foreign(f"{path.name}_episode_{int(episode):06d}", columns, table.notes))
+            found.append(ForeignRecording(f"{path.name}_episode_{int(episode):06d}", columns, table.notes))
     return found
 
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        info = json.loads(read_bytes(path / INFO, LARGEST_TEXT))
+        info = json.loads(read_bytes(path / LEROBOT_INFO_FILE, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path / INFO}: cannot be read as JSON: {error}") from error
+        raise InputError(f"{path / LEROBOT_INFO_FILE}: cannot be read as JSON: {error}") from error
     if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
-        raise InputError(f"{path / INFO}: does not hold an object with features: give a LeRobot data set")
+        raise InputError(f"{path / LEROBOT_INFO_FILE}: does not hold an object with features: give a LeRobot data set")
     rate = info.get("fps")
-    if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= LARGEST_RATE):
-        raise InputError(f"{path / INFO}: fps is {shown(str(rate))}: write frames per second, at most {LARGEST_RATE:g}")
+    if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= MAX_FRAME_RATE):
+        text = f"fps is {shown(str(rate))}: write frames per second, at most {MAX_FRAME_RATE:g}"
+        raise InputError(f"{path / LEROBOT_INFO_FILE}: {text}")
     return info
 
 
@@ -255,7 +257,7 @@ def _named(label: str, names: dict[str, list[str]]) -> str:
 
 
 READERS = (
-    Reader(lambda path: [read_csv_of_any_dialect(path)], (".csv", ".tsv", ".txt", ".dat")),
-    Reader(lambda path: [read_parquet(path)], (".parquet", ".pq")),
-    Reader(read_lerobot, (), "LeRobot data set", "meta/info.json"),
+    ForeignReader(lambda path: [read_csv_of_any_dialect(path)], (".csv", ".tsv", ".txt", ".dat")),
+    ForeignReader(lambda path: [read_parquet(path)], (".parquet", ".pq")),
+    ForeignReader(read_lerobot, (), "LeRobot data set", "meta/info.json"),
 )

@@ -8,42 +8,44 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim
-from pipeline.imports.foreign import Foreign, ForeignColumn
-from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Range
-from pipeline.imports.mapping import Entry
-from pipeline.imports.words import fits
+from pipeline.imports.foreign import ForeignColumn, ForeignRecording
+from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS, JointRange, RobotJoints
+from pipeline.imports.mapping import ColumnEntry
+from pipeline.imports.words import is_unit_like
 
-MAX_TURN = 7.0
+MAX_JOINT_ANGLE = 7.0
 """Largest position of a joint that turns a little more than once [rad]; larger numbers are degrees."""
-SURELY_DEGREES = 40.0
-"""Numbers above are degrees: in radians the joint would have turned six times."""
-FEW = 3
-"""With fewer joints than these, all degrees may be as small as radians."""
-MAX_RATE = 10.0 * MAX_TURN
+MIN_CERTAIN_DEGREES = 40.0
+"""Position above which numbers are certainly degrees; in radians the joint would have turned six times."""
+MIN_JOINTS_FOR_DEGREES = 3
+"""Smallest number of joints whose small positions show radians; a few joints may be small in degrees, too."""
+MAX_JOINT_RATE = 10.0 * MAX_JOINT_ANGLE
 """Largest rate [rad/s]; where no position was recorded, a larger one is in degrees per second."""
-MAX_DISTANCE = 10.0
+MAX_PRISMATIC_POSITION = 10.0
 """Largest position of a prismatic joint without limits [m]; a larger one is in millimetres."""
-MAX_EXCESS = 0.1
+MAX_RANGE_EXCESS = 0.1
 """Share of its range by which a joint's position may be outside of the range."""
-SAME_SLOPE = 0.15
+MAX_SLOPE_DIFFERENCE = 0.15
 """Largest relative difference of a speed from the slope of its position in the same unit."""
 MIN_CORRELATION = 0.7
 """Least correlation of a speed with the slope of its position; below it may be another joint's, or no speed."""
 MIN_EFFORT_SHARE, MAX_EFFORT_SHARE = 0.01, 1.5
 """The largest torque of an arm's joints as a share of its motor's limit; outside, the unit may be another one."""
-UPSIDE_DOWN = 0.5
+UPRIGHT_TOLERANCE = 0.5
 """A mean swing angle within this distance of half a turn [rad] shows that it does not count from hanging."""
-ASSUMED = "unit assumed"
-COUNTS = "whole numbers: counts of an encoder, which need a scale?"
+ASSUMED_UNIT_DOUBT = "unit assumed"
+"""Doubt about a unit that neither the header nor the numbers determine."""
+ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale?"
+"""Doubt about positions that are large whole numbers."""
 
 
 def judged_entries(
     claims: Sequence[Claim],
     columns: Mapping[str, Sequence[ForeignColumn]],
-    known: Joints,
-    first: Foreign,
+    known: RobotJoints,
+    first: ForeignRecording,
     time: FloatArray | None,
-) -> dict[str, Entry]:
+) -> dict[str, ColumnEntry]:
     """The entry of every claimed column, with its unit as written or as its numbers suggest, and all doubts.
 
     Args:
@@ -57,7 +59,7 @@ def judged_entries(
     sizes = {c.column: _largest(columns[c.column]) for c in claims}
     angle = _angle_unit([sizes[c.column] for b, c in positions.items() if not (known.slides(b) or c.label.unit)])
     strange = _torque_doubt(claims, sizes, known)
-    entries: dict[str, Entry] = {}
+    entries: dict[str, ColumnEntry] = {}
     for c in sorted(claims, key=lambda claim: claim.label.quantity != "q"):
         written, size, limits = c.label.unit, sizes[c.column], known.ranges.get(c.body)
         at = positions.get(c.body)
@@ -66,11 +68,14 @@ def judged_entries(
         if c.label.quantity == "q":
             if not unit:
                 unit, why, doubt = _length_unit(size, limits) if limits is not None and limits.slides else angle
-                doubts += [doubt, COUNTS if _is_whole(columns[c.column]) and size > MAX_TURN else ""]
+                doubts += [
+                    doubt,
+                    ENCODER_COUNTS_DOUBT if _is_whole(columns[c.column]) and size > MAX_JOINT_ANGLE else "",
+                ]
             doubts.append(_position_doubt(size, unit, limits))
             if c.body == "swing":
                 mean = float(np.nanmean(np.concatenate([column.value for column in columns[c.column]])))
-                upside_down = abs(abs(mean * si_factor(unit, "rad")) - np.pi) < UPSIDE_DOWN
+                upside_down = abs(abs(mean * si_factor(unit, "rad")) - np.pi) < UPRIGHT_TOLERANCE
                 doubts.append("it hangs at half a turn; 0 is hanging, give an offset" if upside_down else "")
         elif c.label.quantity == "v":
             unit, why, doubt = _rate_unit(written, of, size, _slope(first, c, at, time), bool(positions))
@@ -78,21 +83,21 @@ def judged_entries(
         elif c.label.quantity == "a":
             if not unit:
                 unit, why = f"{of}/s^2", "as the position"
-                doubts.append("" if positions else ASSUMED)
+                doubts.append("" if positions else ASSUMED_UNIT_DOUBT)
         elif c.label.quantity == "current":
             unit, constant, why = unit or "A", "1 N m/A", "a current"
             doubts.append("the torque constant and the gear")
         else:
             doubts.append(strange)
             if not unit:
-                unit, why = _force_unit(c, known), ASSUMED
+                unit, why = _force_unit(c, known), ASSUMED_UNIT_DOUBT
                 doubts.append("" if c.label.quantity == "tau" else f"up to {size:.4g}: in N?")
-                doubts.append(IN_AMPERE if "effort" in c.label.words and AMPERE & set(known.arm) else "")
-        entries[c.column] = Entry(c.channel, unit, torque_constant=constant, check=in_one(doubts), why=why)
+                doubts.append(UR_CURRENT_DOUBT if "effort" in c.label.words and UR_JOINTS & set(known.arm) else "")
+        entries[c.column] = ColumnEntry(c.channel, unit, torque_constant=constant, check=joined_doubts(doubts), why=why)
     return entries
 
 
-def in_one(doubts: Sequence[str]) -> str:
+def joined_doubts(doubts: Sequence[str]) -> str:
     """Doubts in one text, without empty and repeated ones."""
     return "; ".join(dict.fromkeys(filter(None, doubts)))
 
@@ -109,26 +114,26 @@ def _largest(columns: Sequence[ForeignColumn]) -> float:
 def _angle_unit(sizes: Sequence[float]) -> tuple[str, str, str]:
     """Unit, reason and doubt of all angles without a unit, from the largest magnitude of each."""
     most = max(sizes, default=0.0)
-    if most > MAX_TURN:
-        return "deg", f"up to {most:.4g}", "" if most > SURELY_DEGREES else "or rad, of a joint that turns on?"
-    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < FEW else ""
+    if most > MAX_JOINT_ANGLE:
+        return "deg", f"up to {most:.4g}", "" if most > MIN_CERTAIN_DEGREES else "or rad, of a joint that turns on?"
+    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < MIN_JOINTS_FOR_DEGREES else ""
 
 
-def _length_unit(size: float, limits: Range) -> tuple[str, str, str]:
+def _length_unit(size: float, limits: JointRange) -> tuple[str, str, str]:
     """Unit, reason and doubt of the position of a prismatic joint."""
-    unit = "m" if size <= (1 + MAX_EXCESS) * min(limits.reach, MAX_DISTANCE) else "mm"
-    return unit, f"up to {size:.4g}", "" if np.isfinite(limits.reach) else ASSUMED
+    unit = "m" if size <= (1 + MAX_RANGE_EXCESS) * min(limits.reach, MAX_PRISMATIC_POSITION) else "mm"
+    return unit, f"up to {size:.4g}", "" if np.isfinite(limits.reach) else ASSUMED_UNIT_DOUBT
 
 
-def _position_doubt(size: float, unit: str, limits: Range | None) -> str:
+def _position_doubt(size: float, unit: str, limits: JointRange | None) -> str:
     """Doubt on the largest magnitude of a position; empty for none."""
     try:
         size *= si_factor(unit, "m" if limits is not None and limits.slides else "rad")
     except InputError:
         return "does the joint turn, or slide?" if limits is not None else ""
     if limits is None:
-        return "so many turns?" if size > SURELY_DEGREES else ""
-    return f"beyond the joint's limit of {limits.reach:.3g}" if size > (1 + MAX_EXCESS) * limits.reach else ""
+        return "so many turns?" if size > MIN_CERTAIN_DEGREES else ""
+    return f"beyond the joint's limit of {limits.reach:.3g}" if size > (1 + MAX_RANGE_EXCESS) * limits.reach else ""
 
 
 def _rate_unit(
@@ -139,20 +144,25 @@ def _rate_unit(
     if slope is None:
         if written or positions:
             return assumed, "unit as written" if written else "as the position", ""
-        degrees = of == "rad" and size > MAX_RATE
-        return "deg/s" if degrees else assumed, f"up to {size:.4g}", "" if degrees else ASSUMED
+        degrees = of == "rad" and size > MAX_JOINT_RATE
+        return "deg/s" if degrees else assumed, f"up to {size:.4g}", "" if degrees else ASSUMED_UNIT_DOUBT
     ratio, correlation = slope
     why = f"{ratio:.3g} times the position's slope"
     if correlation < MIN_CORRELATION:
         return assumed, why, "it does not follow the position's slope"
-    si, *others = ("rad/s", "deg/s") if fits(of, "rad") else ("m/s", "mm/s")
+    si, *others = ("rad/s", "deg/s") if is_unit_like(of, "rad") else ("m/s", "mm/s")
     for unit in (assumed, si, *others):
-        if fits(unit, si) and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < SAME_SLOPE:
+        if (
+            is_unit_like(unit, si)
+            and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < MAX_SLOPE_DIFFERENCE
+        ):
             return unit, why, f"it is written {written}" if written and unit != written else ""
     return assumed, why, "the slope is not of that size"
 
 
-def _slope(first: Foreign, speed: Claim, position: Claim | None, time: FloatArray | None) -> tuple[float, float] | None:
+def _slope(
+    first: ForeignRecording, speed: Claim, position: Claim | None, time: FloatArray | None
+) -> tuple[float, float] | None:
     """Ratio of a speed to the slope of its position, and their correlation; None where it moves not or is unknown."""
     if position is None or not {speed.column, position.column} <= first.columns.keys():
         return None
@@ -162,25 +172,25 @@ def _slope(first: Foreign, speed: Claim, position: Claim | None, time: FloatArra
         return None
     kept = np.isfinite(stamps) & np.isfinite(x.value) & np.isfinite(v)
     kept &= np.diff(stamps, prepend=-np.inf) > 0.0
-    if kept.sum() < FEW:
+    if kept.sum() < MIN_JOINTS_FOR_DEGREES:
         return None
     change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
     size, power, common = float(change @ change), float(v @ v), float(change @ v)
     return (common / size, common / np.sqrt(size * power)) if size and power else None
 
 
-def _force_unit(claim: Claim, known: Joints) -> str:
+def _force_unit(claim: Claim, known: RobotJoints) -> str:
     return "N" if claim.label.quantity == "force" or known.slides(claim.body) else "N m"
 
 
-def _torque_doubt(claims: Sequence[Claim], sizes: Mapping[str, float], known: Joints) -> str:
+def _torque_doubt(claims: Sequence[Claim], sizes: Mapping[str, float], known: RobotJoints) -> str:
     """Doubt on the largest torques of all joints, compared with the motors' limits; empty for none."""
     shares = [
         sizes[c.column]
         * (si_factor(c.label.unit, _force_unit(c, known)) if c.label.unit else 1.0)
         / known.ranges[c.body].effort
         for c in claims
-        if c.label.quantity == "tau" and c.body in known.ranges and fits(c.label.unit or "N m", "N m", "N")
+        if c.label.quantity == "tau" and c.body in known.ranges and is_unit_like(c.label.unit or "N m", "N m", "N")
     ]
     most = max(shares, default=1.0)
     if MIN_EFFORT_SHARE <= most <= MAX_EFFORT_SHARE:

@@ -9,12 +9,12 @@ from armdyn.recording.channels import JOINT_CHANNELS
 from armdyn.recording.units import si_factor
 
 
-def words_in(text: str) -> frozenset[str]:
+def word_set(text: str) -> frozenset[str]:
     """The words of a text that are separated by blanks."""
     return frozenset(text.split())
 
 
-QUANTITIES = {
+QUANTITY_WORDS = {
     "a": "acceleration accelerations accel acc jacc qdd ddq qddot ddtheta",
     "v": "velocity velocities vel vels jvel speed speeds qd dq qdot dtheta thetadot omega rate v",
     "tau": "torque torques tau taus effort efforts trq tor moment moments jtau jtor jtorque mt drehmoment",
@@ -23,13 +23,13 @@ QUANTITIES = {
     "q": "position positions pos q qm qpos jpos mp angle angles ang theta th encoder enc winkel rad deg",
 }
 """Words that name a quantity of a joint. Where a header contains several, the first row of this table counts."""
-_QUANTITY_OF = {word: kind for kind, words in QUANTITIES.items() for word in words.split()}
-DERIVED = {("q", "dot"): "v", ("v", "dot"): "a", ("q", "ddot"): "a", ("q", "dd"): "a"}
-COMMANDED = words_in(
+_QUANTITY_OF = {word: kind for kind, words in QUANTITY_WORDS.items() for word in words.split()}
+DERIVATIVE_QUANTITIES = {("q", "dot"): "v", ("v", "dot"): "a", ("q", "ddot"): "a", ("q", "dd"): "a"}
+COMMAND_WORDS = word_set(
     "target cmd command commanded desired des ref reference setpoint sp action goal soll sollwert plan planned "
     "nominal demand ipo leader master as"
 )
-OTHER = words_in(
+OTHER_QUANTITY_WORDS = word_set(
     "temperature temperatures temp temps temperatur voltage voltages volt volts power pwm error errors err mode "
     "flag flags bits bit window min max limit limits stiffness damping kp kd ki gain gains covariance cov ext "
     "external contact wrench ft momentum tcp ee eef flange cartesian pose orientation quaternion quat euler rpy "
@@ -39,9 +39,9 @@ OTHER = words_in(
     "energy energies kinetic potential kin pot"
 )
 """Words of quantities other than a joint's motion and torque, or of quantities that are computed from a model."""
-CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")
+CARTESIAN_WORDS = word_set("x y z rx ry rz qx qy qz qw roll pitch yaw")
 """Names of coordinates; a header with nothing else besides a quantity is not a joint's."""
-IDLE = words_in(
+IRRELEVANT_WORDS = word_set(
     "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
     "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "
     "m est estimate estimated angular arm"
@@ -70,18 +70,18 @@ _SUFFIX = re.compile(
 _GERMAN = re.compile(r"(ist|soll)(?=position|winkel|moment|strom|drehmoment)", re.IGNORECASE)
 _GREEK = str.maketrans({"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "τ": "tau"})
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-KINDS = {quantity: JOINT_CHANNELS[quantity].units for quantity in ("q", "v", "a", "tau", "current")}
-KINDS |= {"force": ("N",), "time": ("s",)}
+QUANTITY_UNITS = {quantity: JOINT_CHANNELS[quantity].units for quantity in ("q", "v", "a", "tau", "current")}
+QUANTITY_UNITS |= {"force": ("N",), "time": ("s",)}
 """SI units of each quantity."""
 
 
 @dataclass(frozen=True)
-class Label:
+class HeaderParts:
     """The parts of a header.
 
     Attributes:
         words: all words without the unit, in small letters, numbers apart.
-        quantity: a key of `QUANTITIES`; empty where no word names one.
+        quantity: a key of `QUANTITY_WORDS`; empty where no word names one.
         unit: unit in the header, in pint's notation; empty where there is none.
         measured: False for commands, for values computed from a model, and for other things than joints.
         rest: words and numbers that may name the joint.
@@ -98,13 +98,13 @@ class Label:
     commanded: bool = False
 
 
-def words_of(text: str) -> tuple[str, ...]:
+def name_words(text: str) -> tuple[str, ...]:
     """Words and numbers of a name in small letters: actual, qd and 3 of ``actualQd_3``."""
     text = _GERMAN.sub(r"\1 ", text.translate(_GREEK))
     return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
 
 
-def label_of(name: str, unit: str = "") -> Label:
+def header_parts(name: str, unit: str = "") -> HeaderParts:
     """The parts of a header.
 
     Args:
@@ -112,23 +112,27 @@ def label_of(name: str, unit: str = "") -> Label:
         unit: text in the brackets; empty for none.
     """
     # No robot is measured in megametres: [MM] is mm, however pint reads it.
-    written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if fits(unit, *chain(*KINDS.values())) else "")
+    written = (
+        _UNIT_OF.get(unit)
+        or _UNIT_OF.get(unit.lower())
+        or (unit if is_unit_like(unit, *chain(*QUANTITY_UNITS.values())) else "")
+    )
     text = name.strip()
-    if unit and not written and fits(unit, "J"):
-        return Label(words_of(text), "", unit, False, ())
+    if unit and not written and is_unit_like(unit, "J"):
+        return HeaderParts(name_words(text), "", unit, False, ())
     if unit and not written:  # the brackets contain something else, such as the axis
         text = f"{text} {unit}"
     found = None if written else _SUFFIX.search(text)
     if found is not None:
         label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
         # A single letter is a unit only of the right quantity: the A of joint_A is no unit.
-        suits = label.quantity and fits(label.unit, *KINDS[label.quantity])
+        suits = label.quantity and is_unit_like(label.unit, *QUANTITY_UNITS[label.quantity])
         if suits or len(found["unit"]) > 1:
             return _completed(label)
     return _completed(_without_unit(text, written))
 
 
-def fits(unit: str, *choices: str) -> bool:
+def is_unit_like(unit: str, *choices: str) -> bool:
     """Whether a text is a unit of the same kind as one of these SI units."""
     for si in choices:
         try:
@@ -139,44 +143,53 @@ def fits(unit: str, *choices: str) -> bool:
     return False
 
 
-def _without_unit(text: str, unit: str) -> Label:
-    words = words_of(text)
+def _without_unit(text: str, unit: str) -> HeaderParts:
+    words = name_words(text)
     kinds = [_QUANTITY_OF[word] for word in words if word in _QUANTITY_OF]
-    quantity = next((kind for kind in QUANTITIES if kind in kinds), "")
-    quantity = next((made for (of, mark), made in DERIVED.items() if of == quantity and mark in words), quantity)
-    doubt, command_words = "", COMMANDED & set(words)
+    quantity = next((kind for kind in QUANTITY_WORDS if kind in kinds), "")
+    quantity = next(
+        (made for (of, mark), made in DERIVATIVE_QUANTITIES.items() if of == quantity and mark in words), quantity
+    )
+    doubt, command_words = "", COMMAND_WORDS & set(words)
     if {"tau", "current"} <= set(kinds):
         command_words -= {"as"}
-        quantity, doubt = ("current" if unit and fits(unit, "A") else "tau"), "a torque made of a current?"
+        quantity, doubt = ("current" if unit and is_unit_like(unit, "A") else "tau"), "a torque made of a current?"
     elif "motor" in words and "joint" not in words and quantity in ("q", "v", "tau"):
         doubt = "the motor's or the joint's? gear_ratio"
     elif quantity == "tau" and {"est", "estimate", "estimated"} & set(words):
         doubt = "an estimate"
     elif {"mp", "mt", "qm"} & set(words):
         doubt = "an abbreviation"
-    noise = {*_QUANTITY_OF, *IDLE, *COMMANDED, "dot", "ddot", "dd"}
+    noise = {*_QUANTITY_OF, *IRRELEVANT_WORDS, *COMMAND_WORDS, "dot", "ddot", "dd"}
     rest = tuple(word for word in words if word not in noise)
     letters = [word for word in rest if not word.isdigit()]
-    coordinates = bool(letters) and set(letters) <= CARTESIAN and len(letters) == len(rest)
+    coordinates = bool(letters) and set(letters) <= CARTESIAN_WORDS and len(letters) == len(rest)
     coordinates |= quantity in ("force", "tau") and bool({"x", "y", "z"} & set(letters))
-    of_joint = not (OTHER & set(words) or coordinates)
+    of_joint = not (OTHER_QUANTITY_WORDS & set(words) or coordinates)
     commanded = bool(command_words)
-    return Label(words, quantity, unit, of_joint and not commanded, rest, doubt, of_joint and commanded)
+    return HeaderParts(words, quantity, unit, of_joint and not commanded, rest, doubt, of_joint and commanded)
 
 
-def _completed(label: Label) -> Label:
+def _completed(label: HeaderParts) -> HeaderParts:
     """The label with the quantity that its unit implies; a speed in the unit of an angle gets that unit per second."""
     quantity, unit = label.quantity, label.unit
     if not unit:
         return label
-    if not quantity or (quantity == "q" and not fits(unit, *KINDS["q"])):
-        implied = next((kind for kind in ("q", "v", "a", "force", "tau", "current") if fits(unit, *KINDS[kind])), "")
+    if not quantity or (quantity == "q" and not is_unit_like(unit, *QUANTITY_UNITS["q"])):
+        implied = next(
+            (kind for kind in ("q", "v", "a", "force", "tau", "current") if is_unit_like(unit, *QUANTITY_UNITS[kind])),
+            "",
+        )
         if quantity and not implied:
             return replace(label, measured=False)
         return replace(label, quantity=implied)
     for per, kind in (("/s", "v"), ("/s^2", "a")):
-        if quantity == kind and not fits(unit, *KINDS[kind]) and fits(unit, *KINDS["q"]):
+        if (
+            quantity == kind
+            and not is_unit_like(unit, *QUANTITY_UNITS[kind])
+            and is_unit_like(unit, *QUANTITY_UNITS["q"])
+        ):
             return replace(label, unit=f"{unit}{per}")
-    if quantity == "tau" and fits(unit, "A"):
+    if quantity == "tau" and is_unit_like(unit, "A"):
         return replace(label, quantity="current")
-    return label if fits(unit, *KINDS[quantity]) else replace(label, measured=False)
+    return label if is_unit_like(unit, *QUANTITY_UNITS[quantity]) else replace(label, measured=False)

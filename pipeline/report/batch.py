@@ -1,4 +1,4 @@
-"""The report of a batch: changes by day, parameters and errors over time, and the recordings that were not usable."""
+"""Report of a batch (one task for many recordings): changes by day, parameters and errors over time, unusable files."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,21 +11,32 @@ from pipeline.batch.history import ParameterHistory
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
-from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
+from pipeline.report.changes import (
+    MAX_TABLE_ROWS,
+    error_history_chart,
+    parameter_change_section,
+    parameter_history_section,
+)
 
 
 def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
-    """The report of a batch as a document with figures and tables."""
+    """Report of a batch: which parameters changed and when, errors over time, a table of robots, unusable recordings.
+
+    Args:
+        spec: task and recordings of the batch.
+        done: results, one row for each recording.
+        found: parameters over time, with their changes and drifts.
+    """
     bad = [row for row in done.rows if row.outcome.problem]
-    explained = verdicts(done.rows).get("explained", 0)
+    explained = verdict_counts(done.rows).get("explained", 0)
     chance = f"{100 * found.found.false_alarms:.2g} % chance of a false one"
     return Document(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
         verdict=_summary(done, found),
         sections=[
-            change_section(found),
-            *([time_section(found)] if found.series else []),
+            parameter_change_section(found),
+            *([parameter_history_section(found)] if found.series else []),
             _error_section(done.rows),
             _robot_section(done.rows),
             *([_bad_section(spec, bad)] if bad else []),
@@ -42,13 +53,13 @@ def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
     )
 
 
-def verdicts(rows: Sequence[Row]) -> dict[str, int]:
+def verdict_counts(rows: Sequence[Row]) -> dict[str, int]:
     """Number of recordings with each verdict; recordings that could not be used have no verdict."""
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
 def _summary(done: Done, found: ParameterHistory) -> str:
-    counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
+    counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdict_counts(done.rows).items()]
     if bad := sum(bool(row.outcome.problem) for row in done.rows):
         counts.append(f"{bad} could not be used")
     text = f"{len(done.rows)} recordings of {len({row.item.robot for row in done.rows})} robots"
@@ -102,13 +113,13 @@ def _error_section(rows: Sequence[Row]) -> Section:
         "Errors over time",
         "Root mean square error of every recording's own fit; of several channels the root of their summed "
         "squares. A jump that no parameter shows is something that the model lacks.",
-        [error_chart(unit, points) for unit, points in errors.items()],
+        [error_history_chart(unit, points) for unit, points in errors.items()],
     )
 
 
 def _robot_section(rows: Sequence[Row]) -> Section:
     table = []
-    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_CHANGE_ROWS]:
+    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_TABLE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
         good = [row for row in mine if row.outcome.verdict]
         times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
@@ -124,7 +135,7 @@ def _robot_section(rows: Sequence[Row]) -> Section:
 
 
 def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
-    listed = bad[:MAX_CHANGE_ROWS]
+    listed = bad[:MAX_TABLE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),
         Column("recording", [spec.name(row.item.run) for row in listed]),

@@ -10,19 +10,18 @@ import plotly.graph_objects as go
 from armdyn.document import Chart, Column, Section, Table, columns_of
 from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, between
 from pipeline.batch.run import Row
-from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
+from pipeline.report.theme import BLUE, BLUE_BAND_FILL, CURVE_COLOURS, GREY, PALE_BLUE_GREY, TEXT_COLOUR, VERMILLION
 
-COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 MAX_EVENT_CHARTS = 12
-"""Largest number of events with a figure of their own; all events are in the table."""
+"""Largest number of changes that have a figure; the table lists all changes."""
 MAX_PARAMETER_CHARTS = 60
-"""Largest number of parameters with a figure over time."""
-MAX_CHANGE_ROWS = 200
-"""Largest number of rows of a table; all rows are in the Parquet file."""
+"""Largest number of parameters that have a figure over time."""
+MAX_TABLE_ROWS = 200
+"""Largest number of rows of a table in the report of a batch; the Parquet file has all rows."""
 
 
-def change_section(history: ParameterHistory) -> Section:
-    """Sections on sudden changes, each with a figure of its clearest parameter, and on drifts."""
+def parameter_change_section(history: ParameterHistory) -> Section:
+    """Section on sudden changes and slow drifts of parameters: two tables, and a figure for each sudden change."""
     test = history.found
     text = (
         f"{test.tested} series of a parameter over time were tested. In a batch where nothing changes, a change is "
@@ -30,8 +29,8 @@ def change_section(history: ParameterHistory) -> Section:
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
     charts = [_event_chart(event, history) for event in history.events[:MAX_EVENT_CHARTS]]
-    steps = [(event, step) for event in history.events for step in event][:MAX_CHANGE_ROWS]
-    drifts = test.drifts[:MAX_CHANGE_ROWS]
+    steps = [(event, step) for event in history.events for step in event][:MAX_TABLE_ROWS]
+    drifts = test.drifts[:MAX_TABLE_ROWS]
     tables = [
         Table(
             [
@@ -69,18 +68,20 @@ def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
     own = sorted(mine, key=lambda s: s.index)
     edges = pairwise([0, *(s.index for s in own), len(series.time)])
     for (begin, end), level in zip(edges, [own[0].before, *(s.after for s in own)], strict=True):
-        dotted = {"color": INK, "width": 1.5, "dash": "dot"}
+        dotted = {"color": TEXT_COLOUR, "width": 1.5, "dash": "dot"}
         figure.add_scatter(x=1e3 * series.time[[begin, end - 1]], y=[level] * 2, mode="lines", line=dotted)
     for s in own:
-        figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
+        figure.add_vrect(
+            x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=BLUE_BAND_FILL, line_width=1, line_color=BLUE
+        )
     steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event[:3]]
     more = f" and {len(event) - 3} more" if len(event) > 3 else ""
     what = f"{first.robot}, {between(first)}: {', '.join(steps)}{more}"
     return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
-def time_section(history: ParameterHistory) -> Section:
-    """A tab per parameter with a figure of all robots; parameters that changed come first."""
+def parameter_history_section(history: ParameterHistory) -> Section:
+    """Section with a figure of each parameter over time for all robots; parameters that changed come first."""
     changed = [s.parameter for s in history.found.steps]
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
     shown = names[:MAX_PARAMETER_CHARTS]
@@ -92,7 +93,7 @@ def time_section(history: ParameterHistory) -> Section:
 
 def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
     figure = _over_time(_quantity(name, history), 380)
-    changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(COLOURS)]
+    changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(CURVE_COLOURS)]
     quiet = [robot for robot, parameter in history.series if parameter == name and robot not in changed]
     if quiet:  # one curve for all segments, with gaps
         series = [history.series[robot, name] for robot in quiet]
@@ -102,19 +103,24 @@ def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
             y=np.concatenate([part for s in series for part in (s.value, gap)]),
             text=[text for robot in quiet for text in (*map(_hover, history.rows[robot, name]), "")],
             name="no change" if changed else "all robots", mode="lines+markers",
-            line={"color": RAW, "width": 1}, marker={"color": RAW, "size": 4},
+            line={"color": PALE_BLUE_GREY, "width": 1}, marker={"color": PALE_BLUE_GREY, "size": 4},
         )  # fmt: skip
-    for robot, colour in zip(changed, COLOURS, strict=False):
+    for robot, colour in zip(changed, CURVE_COLOURS, strict=False):
         of, line = history.series[robot, name], {"color": colour, "width": 1.5}
         rows = history.rows[robot, name]
         _add_points(figure, robot, rows, 1e3 * of.time, of.value, colour, mode="lines+markers", line=line)
     return figure
 
 
-def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
-    """Figure of the recordings' errors over time; explained and unexplained recordings have different colours."""
+def error_history_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
+    """Figure of the errors of recordings over time; recordings that the model explains have another colour.
+
+    Args:
+        unit: unit of the errors.
+        points: error and result of each recording.
+    """
     figure = _over_time(f"error [{unit}]", 320)
-    for name, colour, wanted in (("explained", RAW, True), ("not explained", VERMILLION, False)):
+    for name, colour, wanted in (("explained", PALE_BLUE_GREY, True), ("not explained", VERMILLION, False)):
         mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
         if mine:
             errors, rows = zip(*mine, strict=True)

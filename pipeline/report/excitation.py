@@ -1,4 +1,4 @@
-"""The report of a motion designed for an arm: the expected standard deviations, and how the motion moves the arm."""
+"""Report of a motion that was designed to identify an arm: expected standard deviations, and the joints' motion."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -9,31 +9,31 @@ import plotly.graph_objects as go
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
 from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, separations
 from pipeline.motion.excitation import Excitation
-from pipeline.report.feasibility import joint_sections, margin_section, used_section
-from pipeline.report.theme import BLUE, GREY, ORANGE, number
+from pipeline.report.feasibility import joint_motion_sections, limit_margin_section, limit_use_section
+from pipeline.report.theme import BLUE, GREY, ORANGE, number_text
 
 MAX_UNKNOWN_ROWS = 400
-"""Largest number of rows of the table; the JSON has all unknowns."""
-MAX_MOTION_SAMPLES = 2000
-"""Largest number of samples of a curve."""
-OTHER_MOTIONS = ("best random", "least condition number")
-"""Motions that a designed one is compared with."""
+"""Largest number of rows of the table of unknowns; the JSON lists all unknowns."""
+MAX_CURVE_SAMPLES = 2000
+"""Largest number of drawn samples of a joint's curve."""
+BASELINE_MOTIONS = ("best random", "least condition number")
+"""Names of the motions with which a designed motion is compared."""
 
 
 def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ()) -> Document:
-    """Document of a designed motion: the expected standard deviations, and how it moves the arm.
+    """Document of a designed motion: expected standard deviations of the unknowns, and peaks of the joints' motion.
 
     Args:
-        found: the motion.
+        found: the designed motion.
         most: largest number of unknowns that are listed one by one; where there are more, effects are listed instead.
-        notes: further facts that a reader must know.
+        notes: further sentences for the reader.
     """
     goal, series = found.goal, found.series
     noise = goal.columns.noise
     told = (
         f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
-        f"{number(float(noise.min()))} to {number(float(noise.max()))} N m, 0.2 % of each joint's limit; less noise "
-        "makes all figures better alike."
+        f"{number_text(float(noise.min()))} to {number_text(float(noise.max()))} N m, 0.2 % of each joint's limit; "
+        "less noise makes all figures better alike."
     )
     again = f", run through {series.repeats} times" if series.repeats > 1 else ""
     moves = (
@@ -54,18 +54,18 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
     )
 
 
-def excitation_page(found: Excitation) -> Document:
-    """Report of a designed motion with figures, and with the shares of all limits that the motion uses."""
-    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MAX_MOTION_SAMPLES))
+def excitation_report(found: Excitation) -> Document:
+    """Report of a designed motion: its document with figures, and with the used share of every limit of the arm."""
+    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MAX_CURVE_SAMPLES))
     limits = found.goal.columns.arm.robot.limits
-    figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
+    figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number_text(found.energy, "J"))]
     if found.goal.rivals:
         smallest = separations(found)[:, 0].min()
         figures.insert(0, KeyFigure("separation", f"{smallest:.3g}", "standard deviations"))
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
+            for name, other, gain in zip(BASELINE_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
             if other is not None
         ]
         figures = [*better, *figures]
@@ -76,20 +76,20 @@ def excitation_page(found: Excitation) -> Document:
         sections=[
             replace(tells, charts=[_expectation_chart(found)]),
             moves,
-            *joint_sections(motion.joint_names, motion.time[thin], motion.q[thin], motion.v[thin], limits),
-            used_section(found.check),
-            margin_section(found.check.margins),
+            *joint_motion_sections(motion.joint_names, motion.time[thin], motion.q[thin], motion.v[thin], limits),
+            limit_use_section(found.check),
+            limit_margin_section(found.check.margins),
         ],
         key_figures=figures,
     )
 
 
 def _expectation_table(found: Excitation, most: int) -> Table:
-    """Table of expected results of this motion and others, by unknown, or by effect for more than `most` unknowns."""
+    """Expected results of the designed and the other motions, by unknown; by effect for more than `most` unknowns."""
     goal = found.goal
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.separations]
-        names = ("standard deviations from the rival", *OTHER_MOTIONS)
+        names = ("standard deviations from the rival", *BASELINE_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
     rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
@@ -107,7 +107,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     return Table([
         Column("unknown", [p.name for p in unknowns]),
         Column("standard deviation", told),
-        *_columns(OTHER_MOTIONS, blank),
+        *_columns(BASELINE_MOTIONS, blank),
     ])  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def _expectation_chart(found: Excitation) -> Chart:
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
         values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
-    for name, colour, bars in zip(("this motion", *OTHER_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
+    for name, colour, bars in zip(("this motion", *BASELINE_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})
     title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"

@@ -1,4 +1,4 @@
-"""The report of a motion's feasibility: limits, violations, and the joints over time within their limits."""
+"""Report of the check of a motion: violated limits, margins, and the joints over time within their limits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,39 +11,39 @@ from plotly.subplots import make_subplots
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, columns_of
 from armdyn.recording.channels import FloatArray
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
-from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
+from pipeline.report.theme import ACTUAL_STYLE, LIMIT_STYLE, LINKED_TIME_AXES, TIME_AXIS, number_text, percent_text
 from urdf.robot import Limits
 
 MAX_VIOLATION_ROWS = 50
-"""Violations that a table lists; the file given with --json has them all."""
+"""Largest number of violations that a table lists; the JSON lists all."""
 MAX_LIMIT_CURVE_POINTS = 1500
-"""Largest number of samples of a curve."""
+"""Largest number of drawn samples of a curve of a limit's used share."""
 
 
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:
-    """Document of one feasibility check, without figures."""
+    """Document of the feasibility check of a motion: violations and margins as tables, without figures."""
     margins = [margin for margin in report.margins if margin.limit != "line" or margin.used > 1.0]
     level = Level.GOOD if report.feasible else Level.BAD
-    return Document(title, report.sentence, [_violation_section(report), margin_section(margins)], level)
+    return Document(title, report.sentence, [_violation_section(report), limit_margin_section(margins)], level)
 
 
-def feasibility_page(report: FeasibilityReport, title: str) -> Document:
-    """Report of one feasibility check with key figures and with the used share of each limit over time."""
+def feasibility_report(report: FeasibilityReport, title: str) -> Document:
+    """Report of the feasibility check of a motion: its document, key figures, used share of each limit over time."""
     tightest = report.tightest
     at = f"{tightest.joint}, {tightest.time:.2f} s"
     figures = [
         KeyFigure("limits looked at", str(len(report.margins))),
-        KeyFigure(f"tightest: {_words(tightest.limit)}", percent(tightest.used), at),
+        KeyFigure(f"tightest: {_words(tightest.limit)}", percent_text(tightest.used), at),
     ]
     for limit, name in (("torque", "largest share of a torque"), ("self_collision", "closest to itself")):
         chosen = [margin for margin in report.margins if margin.limit == limit]
         if chosen:
             worst = max(chosen, key=lambda margin: margin.used)
-            value = number(worst.value, worst.unit) if limit == "self_collision" else percent(worst.used)
+            value = number_text(worst.value, worst.unit) if limit == "self_collision" else percent_text(worst.used)
             figures.append(KeyFigure(name, value, worst.joint))
     document = feasibility_document(report, title)
     violations, *others = document.sections
-    return replace(document, sections=[violations, used_section(report), *others], key_figures=figures)
+    return replace(document, sections=[violations, limit_use_section(report), *others], key_figures=figures)
 
 
 def _violation_section(report: FeasibilityReport) -> Section:
@@ -61,19 +61,20 @@ def _violation_section(report: FeasibilityReport) -> Section:
     return Section("Violations", sentence, tables=[Table(columns)])
 
 
-def margin_section(margins: Sequence[Margin]) -> Section:
-    """Section on the margins to all limits: the smallest margin of each kind first."""
+def limit_margin_section(margins: Sequence[Margin]) -> Section:
+    """Section with a table of the margins to all limits; the smallest margin of each kind of limit comes first."""
     by_use = sorted(margins, key=lambda margin: -margin.used)
     tightest, broken = by_use[0], sum(margin.used > 1.0 for margin in margins)
     first = {margin.limit: margin for margin in reversed(by_use)}
     ordered = sorted(by_use, key=lambda margin: first[margin.limit] is not margin)
     whose = f"{_words(tightest.limit)} of {tightest.joint}"
     sentence = f"All {len(margins)} limits were kept; the tightest is the {whose}, "
-    sentence += f"of which {percent(tightest.used)} was used."
+    sentence += f"of which {percent_text(tightest.used)} was used."
     if broken:
         sentence = (
-            f"Limits broken: {broken} of {len(margins)}; worst the {whose}, {number(tightest.value, tightest.unit)} "
-            f"against {number(tightest.bound, tightest.unit)} at {tightest.time:.2f} s."
+            f"Limits broken: {broken} of {len(margins)}; worst the {whose}, "
+            f"{number_text(tightest.value, tightest.unit)} against {number_text(tightest.bound, tightest.unit)} "
+            f"at {tightest.time:.2f} s."
         )
     used = [margin.used for margin in ordered]
     columns = [
@@ -82,14 +83,14 @@ def margin_section(margins: Sequence[Margin]) -> Section:
         Column("closest", [margin.value for margin in ordered], ".3g"),
         *columns_of(ordered, bound=".3g", unit=""),
         Column("at [s]", [margin.time for margin in ordered], ".2f"),
-        Column("used", list(map(percent, used)), shares=used, judged=True),
+        Column("used", list(map(percent_text, used)), shares=used, judged=True),
     ]
     return Section("Limits", sentence, tables=[Table(columns)])
 
 
-def used_section(report: FeasibilityReport) -> Section:
-    """Section on the used share of each limit over time: one curve per limit that has two sides and varies."""
-    figure = go.Figure(layout={"height": 380, "meta": LINKED_TIME})
+def limit_use_section(report: FeasibilityReport) -> Section:
+    """Section with a figure of used shares over time: a curve for each kind of limit with an upper and lower bound."""
+    figure = go.Figure(layout={"height": 380, "meta": LINKED_TIME_AXES})
     shown = [b for b in report.series if b.limit != "line" and b.time.size > 1]
     for bounded in shown:
         if not bounded.is_two_sided:
@@ -103,7 +104,7 @@ def used_section(report: FeasibilityReport) -> Section:
         )  # fmt: skip
     if shown:
         ends = [min(b.time[0] for b in shown), max(b.time[-1] for b in shown)]
-        figure.add_scatter(x=ends, y=[100, 100], name="limit", hoverinfo="skip", **LIMIT)
+        figure.add_scatter(x=ends, y=[100, 100], name="limit", hoverinfo="skip", **LIMIT_STYLE)
     figure.update_xaxes(title_text=TIME_AXIS)
     figure.update_yaxes(title_text="used [%]")
     return Section(
@@ -117,17 +118,17 @@ def _words(limit: str) -> str:
     return limit.replace("_", " ")
 
 
-def joint_sections(
+def joint_motion_sections(
     names: Sequence[str], time: FloatArray, q: FloatArray, v: FloatArray, limits: Limits
 ) -> list[Section]:
-    """Position and velocity of every joint within its limits, and the joint that came closest to them.
+    """Two sections, on positions and on velocities: a figure of every joint within its limits, and the closest joint.
 
     Args:
-        names: (j,).
-        time: (n,) [s].
-        q: (n, j) [rad or m].
-        v: (n, j) [rad/s or m/s].
-        limits: of the joints.
+        names: names of the joints (j,).
+        time: times of the samples (n,) [s].
+        q: positions (n, j) [rad or m].
+        v: velocities (n, j) [rad/s or m/s].
+        limits: limits of the joints.
     """
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
     kinds = (
@@ -139,9 +140,11 @@ def joint_sections(
     sections = []
     for kind, value, lower, upper, unit, used, what in kinds:
         worst = int(np.argmax(used))
-        sentence = f"Every joint stays within its limits; {names[worst]} comes closest, {percent(used[worst])} {what}."
+        sentence = (
+            f"Every joint stays within its limits; {names[worst]} comes closest, {percent_text(used[worst])} {what}."
+        )
         if used[worst] > 1.0:
-            sentence = f"{names[worst]} goes beyond its limit: {percent(used[worst])} {what}."
+            sentence = f"{names[worst]} goes beyond its limit: {percent_text(used[worst])} {what}."
         chart = Chart(_small_multiples(names, time, value, lower, upper, unit), "Dashed: limits.")
         sections.append(Section(f"Joint {kind}", sentence, [chart]))
     return sections
@@ -159,13 +162,15 @@ def _small_multiples(
     )  # fmt: skip
     for i, name in enumerate(names):
         at = {"row": i // 2 + 1, "col": i % 2 + 1}
-        figure.add_scatter(x=time, y=value[:, i], name=escape(name), **ACTUAL, **at)
+        figure.add_scatter(x=time, y=value[:, i], name=escape(name), **ACTUAL_STYLE, **at)
         for bound in (lower[i], upper[i]):
-            figure.add_scatter(x=time[[0, -1]], y=[bound] * 2, name="limit", hoverinfo="skip", **LIMIT, **at)
+            figure.add_scatter(x=time[[0, -1]], y=[bound] * 2, name="limit", hoverinfo="skip", **LIMIT_STYLE, **at)
         pad = 0.12 * (upper[i] - lower[i])
         figure.update_yaxes(title_text=f"[{unit}]", range=[lower[i] - pad, upper[i] + pad], nticks=5, **at)
         if i + 2 >= count:
             figure.update_xaxes(title_text=TIME_AXIS, showticklabels=True, **at)
     figure.for_each_annotation(lambda title: title.update(x=title.x - 0.225, xanchor="left", font_size=12))
-    figure.update_layout(height=92 + 118 * rows, meta=LINKED_TIME, showlegend=False, hovermode="x", margin={"t": 34})
+    figure.update_layout(
+        height=92 + 118 * rows, meta=LINKED_TIME_AXES, showlegend=False, hovermode="x", margin={"t": 34}
+    )
     return figure

@@ -1,4 +1,4 @@
-"""Parts of every report about a fit: errors, dependence of the residual on covariates, key figures."""
+"""Parts of every report on a fit: errors by channel, dependence of the residual on covariates, key figures."""
 
 from heapq import nlargest
 
@@ -9,23 +9,31 @@ from armdyn.document import Chart, Column, KeyFigure, Section, Table
 from armdyn.identify.explained import in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
-from pipeline.report.overlay import Overlays, Quality, quality
-from pipeline.report.theme import LIMIT, MEASURED, MODEL, full_name, number, quantity_of, short_name
+from pipeline.report.overlay import Overlays, PredictionQuality, prediction_quality
+from pipeline.report.theme import (
+    LIMIT_STYLE,
+    MEASURED_STYLE,
+    MODEL_STYLE,
+    channel_full_name,
+    channel_quantity,
+    channel_short_name,
+    number_text,
+)
 
 
-def error_section(shown: Overlays) -> Section:
-    """Table by channel: the error of the given and the fitted model on each kind of run, and the explained share."""
+def channel_error_section(shown: Overlays) -> Section:
+    """Section with a table by channel: errors of given and fitted model on each kind of run, and explained shares."""
     steps = {"as given": 0, "now": -1} if len(shown.steps) > 1 else {"now": -1}
     kinds = list(dict.fromkeys(curve.kind for curve in shown.curves))
     channels = [[c for c in shown.curves if c.channel == channel] for channel in shown.tabs]
 
-    def of(kind: str, step: int) -> list[Quality | None]:
+    def of(kind: str, step: int) -> list[PredictionQuality | None]:
         """One cell per channel; None where no run of this kind has the channel."""
         each = [[c for c in mine if c.kind == kind] for mine in channels]
-        return [quality(mine, step) if mine else None for mine in each]
+        return [prediction_quality(mine, step) if mine else None for mine in each]
 
     columns = [
-        Column("", [full_name(mine[0].channel, mine[0].unit) for mine in channels]),
+        Column("", [channel_full_name(mine[0].channel, mine[0].unit) for mine in channels]),
         Column("noise", [float(np.sqrt(np.mean([c.noise**2 for c in mine]))) for mine in channels], ".3g"),
     ]
     for kind in kinds:
@@ -44,17 +52,19 @@ def error_section(shown: Overlays) -> Section:
 
 
 RESIDUAL_BINS = 24
-MAX_DOTS = 800
+"""Number of intervals of a covariate in which the residual is averaged."""
+MAX_SCATTER_POINTS = 800
+"""Largest number of drawn samples of a residual against a covariate."""
 MAX_CHARTS_PER_TAB = 4
-"""Under each tab: what matters most."""
+"""Number of figures under each channel's tab: its residual's strongest dependences."""
 
 
-def dependence_section(fit: Fit, whose: str) -> Section:
-    """Section on the residual against each covariate, all runs together; the strongest dependence comes first.
+def residual_dependence_section(fit: Fit, whose: str) -> Section:
+    """Section with figures of the residual against covariates such as speed; the strongest dependence comes first.
 
     Args:
-        fit: whose residuals are shown.
-        whose: model that is, for a reader.
+        fit: fit whose residuals of all runs are shown.
+        whose: name of the fitted model for a reader, such as "the last step".
     """
     of_run, by_tab = fit.covariates(), dict[str, list[tuple[float, Chart]]]()
     names = {name: channel.unit for found in of_run.values() for name, channel in found.items()}
@@ -72,7 +82,7 @@ def dependence_section(fit: Fit, whose: str) -> Section:
         f"Residual of {whose}. A line that leaves the band has a cause: a step at zero speed is dry friction, a slope "
         "is viscous.",
         [chart for found in by_tab.values() for _, chart in nlargest(MAX_CHARTS_PER_TAB, found, key=lambda f: f[0])],
-        tabs={tab: short_name(tab) for tab in by_tab},
+        tabs={tab: channel_short_name(tab) for tab in by_tab},
     )
 
 
@@ -82,40 +92,42 @@ def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.
     place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, RESIDUAL_BINS - 1)
     count = np.maximum(np.bincount(place, minlength=RESIDUAL_BINS), 1)
     mean, middle = (np.bincount(place, values, minlength=RESIDUAL_BINS) / count for values in (residual, at))
-    every = slice(None, None, max(1, len(at) // MAX_DOTS))
+    every = slice(None, None, max(1, len(at) // MAX_SCATTER_POINTS))
     figure = go.Figure(layout={"height": 280})
-    figure.update_xaxes(title_text=f"{full_name(against, unit)} [{unit}]")
+    figure.update_xaxes(title_text=f"{channel_full_name(against, unit)} [{unit}]")
     figure.update_yaxes(title_text="residual [std of noise]")
-    figure.add_scatter(x=at[every], y=residual[every], name="samples", opacity=0.4, **MEASURED)
-    figure.add_scatter(x=middle, y=mean, name="mean", **MODEL)
+    figure.add_scatter(x=at[every], y=residual[every], name="samples", opacity=0.4, **MEASURED_STYLE)
+    figure.add_scatter(x=middle, y=mean, name="mean", **MODEL_STYLE)
     bound = 3 / np.sqrt(count)
     for sign in (-1, 1):
-        figure.add_scatter(x=middle, y=sign * bound, name="3 std of the mean", showlegend=sign > 0, **LIMIT)
-    caption = f"Residual of the {full_name(tab)} against {full_name(against)}."
+        figure.add_scatter(x=middle, y=sign * bound, name="3 std of the mean", showlegend=sign > 0, **LIMIT_STYLE)
+    caption = f"Residual of the {channel_full_name(tab)} against {channel_full_name(against)}."
     return float(np.sum((mean / bound) ** 2)), Chart(figure, caption, tab)
 
 
-def key_figures(shown: Overlays) -> list[KeyFigure]:
-    """Error and explained share of each quantity on the most independent runs, for the given model and every step."""
+def fit_key_figures(shown: Overlays) -> list[KeyFigure]:
+    """Error and explained share of each measured quantity, on the runs that were most independent of the fit."""
     kind, figures = shown.curves[-1].kind, []
     independent = [curve for curve in shown.curves if curve.kind == kind]
     for unit in dict.fromkeys(curve.unit for curve in independent):
         mine = [curve for curve in independent if curve.unit == unit]
-        before, after = quality(mine, 0), quality(mine, -1)
+        before, after = prediction_quality(mine, 0), prediction_quality(mine, -1)
         noises = [[c.noise**2 for c in mine if c.channel == channel] for channel in {c.channel for c in mine}]
         noise = float(np.sqrt(sum(map(np.mean, noises))))
-        quantity = quantity_of(mine[0].channel, unit)
+        quantity = channel_quantity(mine[0].channel, unit)
         title, whose = quantity[:1].upper() + quantity[1:], f"{kind}{', all joints' if len(noises) > 1 else ''}"
-        given = [f"as given {in_percent(before.explained)}; ", f"as given {number(before.rmse, unit)}; "]
+        given = [f"as given {in_percent(before.explained)}; ", f"as given {number_text(before.rmse, unit)}; "]
         share, error = given if len(shown.steps) > 1 else ("", "")
         figures += [
             KeyFigure(f"{title} explained", in_percent(after.explained), f"{share}of its variation, {whose}"),
-            KeyFigure(f"{title} error", number(after.rmse, unit), f"{error}{whose}; noise {number(noise, unit, 2)}"),
+            KeyFigure(
+                f"{title} error", number_text(after.rmse, unit), f"{error}{whose}; noise {number_text(noise, unit, 2)}"
+            ),
         ]
     return figures
 
 
-def runs_of(study: Study) -> str:
-    """Names of a study's recordings by their role, in one line."""
+def run_names_by_role(study: Study) -> str:
+    """Names of a study's recordings in one line, by their role: fitted, held out, exam."""
     kinds = {"": study.runs, "; held out: ": study.held_out, "; exam: ": study.exam}
     return "".join(kind + ", ".join(run.name for run in runs) for kind, runs in kinds.items() if runs)

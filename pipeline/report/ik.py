@@ -1,4 +1,4 @@
-"""Document of an IK table: is the path usable, how fast, and what limits it."""
+"""Report of an IK table (joint positions along a tool path): whether and how fast the path can be followed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,15 +8,15 @@ import plotly.graph_objects as go
 
 from armdyn.document import MAX_CARD_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
 from ik import PathTable
-from pipeline.report.theme import LIMIT, MODEL, REFERENCE
+from pipeline.report.theme import LIMIT_STYLE, MODEL_STYLE, REFERENCE_STYLE
 from urdf import Line, Robot
 
 TIGHT_JOINT_MARGIN = 0.1
-"""rad to a joint limit below which a table is called tight."""
+"""Distance to a joint limit below which the report of an IK table warns [rad]."""
 
 
 def ik_document(table: PathTable) -> Document:
-    """Whether the path is usable, how fast, and what limits it, at a few of its nodes."""
+    """Document of an IK table: whether and how fast the path can be followed, and what limits it at a few nodes."""
     low, high = table.path.core
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
@@ -45,16 +45,16 @@ def ik_document(table: PathTable) -> Document:
 
 
 def ik_report(table: PathTable, robot: Robot | None) -> Document:
-    """Report of an IK table with figures: whether the path is usable, how fast, and what limits it.
+    """Report of an IK table: its document, with figures of speed, acceleration, joints and manipulability.
 
     Args:
         table: the IK table.
-        robot: whose table it is, for the defects of its description; None leaves them out.
+        robot: robot of the table, whose description's defects become notes; None for no such notes.
     """
     document = ik_document(table)
     figure = _along_path(table, "sqrt det(J Jᵀ)")
     for values, name, style in zip(
-        table.manipulability.T, ("linear [m³/rad³]", "angular [1]"), (MODEL, REFERENCE), strict=True
+        table.manipulability.T, ("linear [m³/rad³]", "angular [1]"), (MODEL_STYLE, REFERENCE_STYLE), strict=True
     ):
         figure.add_scatter(x=table.s, y=values, name=name, **style)
     dexterity = Section("Manipulability", charts=[Chart(figure, "Yoshikawa 1985; zero at a singularity.")])
@@ -91,7 +91,7 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
 def _speed_section(table: PathTable) -> Section:
     slowest = np.abs(table.dq_ds / table.limits.velocity).argmax(axis=1)
     speed = _along_path(table, "speed limit [m/s]")
-    speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
+    speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL_STYLE)
     by_joints = [table.acceleration_limit_at(table.s, 0.0 * table.s), table.acceleration_limit]
     acceleration = _along_path(
         table, "acceleration [m/s²]", ("joints, at rest", "joints, at full speed"), np.transpose(by_joints)
@@ -99,7 +99,9 @@ def _speed_section(table: PathTable) -> Section:
     for springs in (False, True) if table.torque.springs.any() else (False,):
         name = "torque, at rest, with springs" if springs else "torque, at rest"
         low, high = table.torque_acceleration_range(table.s, 0.0, springs)
-        acceleration.add_scatter(x=table.s, y=np.minimum(-low, high), name=name, **(REFERENCE if springs else LIMIT))
+        acceleration.add_scatter(
+            x=table.s, y=np.minimum(-low, high), name=name, **(REFERENCE_STYLE if springs else LIMIT_STYLE)
+        )
     caption = (
         "What the joints' acceleration limits allow, and what their torques allow in the weaker direction; "
         "negative where the torque does not even hold the arm."
@@ -128,7 +130,9 @@ def _joint_sections(table: PathTable) -> list[Section]:
     helped = np.flatnonzero(table.torque.springs.any(axis=0))
     with_springs = (table.torque.gravity + table.torque.springs) / table.limits.effort
     for joint in helped:
-        torque.add_scatter(x=table.s, y=with_springs[:, joint], name=f"{names[joint]} with its springs", **REFERENCE)
+        torque.add_scatter(
+            x=table.s, y=with_springs[:, joint], name=f"{names[joint]} with its springs", **REFERENCE_STYLE
+        )
     _add_bounds(torque, table, (-1.0, 1.0))
     held = "Gravity alone, as a share of each joint's limit."
     if len(helped):
@@ -167,4 +171,4 @@ def _along_path(
 
 def _add_bounds(figure: go.Figure, table: PathTable, bounds: Sequence[float]) -> None:
     for bound in bounds:
-        figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT)
+        figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT_STYLE)

@@ -1,4 +1,4 @@
-"""The first figure of every report about a fit: the force that the model lacks, against possible covariates."""
+"""Figure of the missing force (the force or torque that the model does not explain) against possible covariates."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -9,37 +9,53 @@ from armdyn.document import Chart, Section
 from armdyn.identify.residual.force_law import QUANTITY_BY_UNIT, RATE_QUANTITY, law
 from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.recording.channels import FloatArray
-from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
+from pipeline.report.theme import (
+    BAND_STYLE,
+    BLUE,
+    BLUE_BAND_FILL,
+    GREY,
+    ORANGE,
+    ORANGE_BAND_FILL,
+    TEXT_COLOUR,
+    WIDE_FIGURE,
+    channel_short_name,
+)
 
 MISSING_FORCE_TITLE = "The missing force"
-HINT = (
+MISSING_FORCE_HINT = (
     "What the model cannot explain, averaged. Over the speed, a step at zero is dry friction, a straight line viscous "
     "friction; a flat line at zero means that nothing is missing there."
 )
 BAND_STANDARD_ERRORS = 2.0
-"""Standard errors on either side that a band shows."""
-PANEL_GAP = 0.025
-"""Between two panels, as a share of the figure's width."""
-PANEL_HEIGHT = 330
-EXPLAINED, LAW = "what that explains", {"color": INK, "width": 2, "dash": "dash"}
+"""Half width of a drawn uncertainty band [standard errors]."""
+PANEL_GAP_SHARE = 0.025
+"""Gap between two panels of the figure, as a share of the figure's width."""
+PANEL_HEIGHT_PIXELS = 330
+"""Height of the figure of the missing force [px]."""
+LAW_CURVE_LABEL, LAW_CURVE_STYLE = "what that explains", {"color": TEXT_COLOUR, "width": 2, "dash": "dash"}
 BACKGROUND_LABEL = "with the background"
-SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
+COVARIATE_WORDS = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
 def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> list[Section]:
-    """Sections on the missing force: one with a figure for each joint; none where the force is not known.
+    """One section with a figure of each joint's missing force; an empty list where there are no curves.
 
     Args:
-        curves: missing force of each joint, the largest first.
+        curves: missing force of each joint against each covariate; the largest force comes first.
         added: names of the effects that the repair added, for the legend.
     """
     charts = missing_force_charts(curves, added)
-    tabs = {chart.tab: short_name(chart.tab) for chart in charts if chart.tab}
-    return [Section(MISSING_FORCE_TITLE, HINT, charts, tabs=tabs)] if charts else []
+    tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts if chart.tab}
+    return [Section(MISSING_FORCE_TITLE, MISSING_FORCE_HINT, charts, tabs=tabs)] if charts else []
 
 
 def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:
-    """Figures of the missing force, one for each joint over all runs; the joint with the largest force comes first."""
+    """Figures of the missing force, one for each joint, pooled over all runs; the largest force comes first.
+
+    Args:
+        curves: missing force of each joint, run and covariate.
+        added: names of the effects that the repair added, for the legend; empty for "repaired".
+    """
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
@@ -56,20 +72,25 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
 def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     """Panels side by side on one vertical axis; `go.Figure` is avoided because its checks are too slow for a click."""
     unit, count = curves[0].unit, len(curves)
-    width = (1.0 - PANEL_GAP * (count - 1)) / count
-    layout: dict[str, Any] = {"height": PANEL_HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
+    width = (1.0 - PANEL_GAP_SHARE * (count - 1)) / count
+    layout: dict[str, Any] = {
+        "height": PANEL_HEIGHT_PIXELS,
+        "margin": {"t": 40},
+        "hovermode": "closest",
+        "meta": WIDE_FIGURE,
+    }
     layout["yaxis"] = {"title": {"text": f"missing {QUANTITY_BY_UNIT.get(unit, RATE_QUANTITY)} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
-        number, start = str(i + 1) if i else "", i * (width + PANEL_GAP)
-        title = f"{SPOKEN.get(curve.against, curve.against)} [{curve.x_unit}]"
+        number, start = str(i + 1) if i else "", i * (width + PANEL_GAP_SHARE)
+        title = f"{COVARIATE_WORDS.get(curve.against, curve.against)} [{curve.x_unit}]"
         domain = [start, min(start + width, 1.0)]
         layout[f"xaxis{number}"] = {"title": {"text": title}, "domain": domain, "anchor": "y", "nticks": 5}
         zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
         panel = [{"x": _short(curve.x[[0, -1]]), "y": [0.0, 0.0], **zero}]
-        panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, SHADE_GIVEN)
+        panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, ORANGE_BAND_FILL)
         if curve.repaired is not None and curve.repaired_std is not None:
-            panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, SHADE)
+            panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, BLUE_BAND_FILL)
         if curve.with_background is not None:
             drawn = {
                 "x": _short(curve.x),
@@ -77,10 +98,15 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
                 "name": BACKGROUND_LABEL,
                 "legendgroup": BACKGROUND_LABEL,
             }
-            panel.append({**drawn, "mode": "lines", "line": {"color": INK, "width": 2, "dash": "dot"}})
+            panel.append({**drawn, "mode": "lines", "line": {"color": TEXT_COLOUR, "width": 2, "dash": "dot"}})
         if curve.law is not None:
-            drawn = {"x": _short(curve.x), "y": _short(curve.law), "name": EXPLAINED, "legendgroup": EXPLAINED}
-            panel.append({**drawn, "mode": "lines", "line": LAW})
+            drawn = {
+                "x": _short(curve.x),
+                "y": _short(curve.law),
+                "name": LAW_CURVE_LABEL,
+                "legendgroup": LAW_CURVE_LABEL,
+            }
+            panel.append({**drawn, "mode": "lines", "line": LAW_CURVE_STYLE})
         traces += [{"showlegend": i == 0, "type": "scatter", **trace, "xaxis": f"x{number}"} for trace in panel]
     return {"data": traces, "layout": layout}
 
@@ -88,7 +114,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
 def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: str, shade: str) -> list[dict[str, Any]]:
     low, high = mean - BAND_STANDARD_ERRORS * std, mean + BAND_STANDARD_ERRORS * std
     outline = {"x": _short(np.concatenate([x, x[::-1]])), "y": _short(np.concatenate([high, low[::-1]]))}
-    band = {**BAND, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}
+    band = {**BAND_STYLE, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}
     look = {"mode": "lines+markers", "line": {"color": colour, "width": 2}, "marker": {"color": colour, "size": 5}}
     return [band, {"x": _short(x), "y": _short(mean), "name": name, "legendgroup": name, **look}]
 

@@ -1,4 +1,4 @@
-"""Figures of an arm's motion: measured, predicted and commanded positions of its joints."""
+"""Figures of an arm's motion: measured, simulated and commanded positions of its joints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,25 +11,26 @@ from armdyn.document import Chart, Section
 from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
 from pipeline.report.theme import (
-    ACTUAL,
+    ACTUAL_STYLE,
     GREY,
     MAX_PLOTTED_POINTS,
-    MEASURED,
+    MEASURED_STYLE,
     ORANGE,
     TIME_AXIS,
-    WIDE,
-    short_name,
-    thinned,
+    WIDE_FIGURE,
+    channel_short_name,
+    thinned_signal,
 )
 
 MOTION_TITLE = "Motion"
-MOTION_HEIGHT = 380
+MOTION_CHART_HEIGHT_PIXELS = 380
+"""Height of the figure of a joint's motion [px]."""
 ERROR_PANEL_SHARE, MOTION_GAP = 0.42, 0.06
-"""Shares of a picture's height: of the error below, and between it and the positions."""
+"""Shares of a figure's height: of the lower panel with the error, and of the gap below the panel with positions."""
 
 
 def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
-    """A figure for each joint, from the last run of the kind that is most independent of the fit."""
+    """A figure of each joint's simulated motion, in the last of the runs that are most independent of the fit."""
     if not found:
         return []
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
@@ -42,16 +43,21 @@ def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
     return [Chart(_picture(r), captions[joint], f"tau.{joint}") for joint, r in by_joint.items()]
 
 
-def illustrated(sections: Sequence[Section], found: Sequence[RollOut]) -> list[Section]:
+def with_motion_charts(sections: Sequence[Section], found: Sequence[RollOut]) -> list[Section]:
     """Sections of a document, with figures added to the section on the motion."""
     charts = motion_charts(found)
-    tabs = {chart.tab: short_name(chart.tab) for chart in charts}
+    tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts}
     return [replace(s, charts=charts, tabs=tabs) if s.title == MOTION_TITLE and charts else s for s in sections]
 
 
 def _picture(of: RollOut) -> dict[str, Any]:
     """Figure of positions above and their errors below over time; `go.Figure`, whose checks are slow, is avoided."""
-    layout: dict[str, Any] = {"height": MOTION_HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
+    layout: dict[str, Any] = {
+        "height": MOTION_CHART_HEIGHT_PIXELS,
+        "margin": {"t": 30},
+        "hovermode": "closest",
+        "meta": WIDE_FIGURE,
+    }
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
     top, bottom = ERROR_PANEL_SHARE + MOTION_GAP, ERROR_PANEL_SHARE - MOTION_GAP
     layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [top, 1.0]}
@@ -59,19 +65,21 @@ def _picture(of: RollOut) -> dict[str, Any]:
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
         *([_line(of, of.told, "commanded", told)] if of.told is not None else []),
-        _line(of, of.measured, "measured", MEASURED),
-        _line(of, of.simulated, "the model", ACTUAL),
+        _line(of, of.measured, "measured", MEASURED_STYLE),
+        _line(of, of.simulated, "the model", ACTUAL_STYLE),
     ]
     if of.told is not None:
         traces.append(_line(of, 1e3 * (of.told - of.measured), "commanded", {**told, "showlegend": False}, "y2"))
     zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
     traces.append(_line(of, np.zeros(len(of.time)), "measured", zero, "y2"))
-    traces.append(_line(of, 1e3 * (of.simulated - of.measured), "the model", {**ACTUAL, "showlegend": False}, "y2"))
+    traces.append(
+        _line(of, 1e3 * (of.simulated - of.measured), "the model", {**ACTUAL_STYLE, "showlegend": False}, "y2")
+    )
     return {"data": traces, "layout": layout}
 
 
 def _line(of: RollOut, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y") -> dict[str, Any]:
     there = np.isfinite(value)
-    time, shown = thinned(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MAX_PLOTTED_POINTS)
+    time, shown = thinned_signal(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MAX_PLOTTED_POINTS)
     drawn = {"x": time.round(4).tolist(), "y": [float(f"{v:.5g}") for v in shown.tolist()]}
     return {"type": "scatter", "name": name, "legendgroup": name, "yaxis": axis, **drawn, **look}

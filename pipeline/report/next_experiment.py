@@ -12,14 +12,20 @@ from armdyn.experiments.hypothesis import PredictedExperiment
 from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, ProposedExperiment
 from armdyn.experiments.separation import RefittedRival
 from armdyn.pendulum.path import GripperPath
-from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
+from pipeline.report.theme import ACTUAL_STYLE, GREY, ORANGE, TIME_AXIS, stacked_figure
 
 if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, InvestigationStage
 
 
 def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, motion: GripperPath) -> Section:
-    """Section on a designed motion: gripper, angle, and the differences that remain after the rivals are refitted."""
+    """Section on a motion designed to distinguish rival models: gripper, swing angle, and remaining differences.
+
+    Args:
+        plan: planned experiments and rival models.
+        proposal: experiment with the designed motion, and its expected result.
+        motion: the designed motion of the gripper.
+    """
     sentence = ""
     if proposal.random_motion_rise is not None:
         rise, random = proposal.expected.separation**2, proposal.random_motion_rise
@@ -28,8 +34,8 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
     first, *others = [PredictedExperiment(h, proposal.experiment) for h in plan.rivals.hypotheses]
-    figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "remaining after a refit [σ]": 0.4}, 560)
-    figure.add_scatter(x=motion.time, y=motion.x, name="gripper", **ACTUAL)
+    figure = stacked_figure({"gripper [m]": 0.3, "swing [rad]": 0.3, "remaining after a refit [σ]": 0.4}, 560)
+    figure.add_scatter(x=motion.time, y=motion.x, name="gripper", **ACTUAL_STYLE)
     grey = {"mode": "lines", "line": {"color": GREY}}
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]
@@ -46,13 +52,13 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
     return Section("The designed motion", sentence, [Chart(figure, caption)])
 
 
-def next_document(plan: ExperimentPlan | None, sentence: str, output: Path | None) -> Document:
+def next_experiment_document(plan: ExperimentPlan | None, sentence: str, output: Path | None) -> Document:
     """Document of `armdyn next`: the planned experiments and what each is expected to distinguish.
 
     Args:
         plan: None where no effects remain to be distinguished.
         sentence: summary for a person.
-        output: the file with a motion that Baxter can make; None where there is none.
+        output: file with the designed motion, for a next step; None where no motion was written.
     """
     hopeful = plan is None or any(p.expected.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
     steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
@@ -65,8 +71,8 @@ def next_document(plan: ExperimentPlan | None, sentence: str, output: Path | Non
     )
 
 
-def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
-    """Report of `armdyn next`: the planned experiments, with figures of the designed motion."""
+def next_experiment_report(document: Document, plan: ExperimentPlan | None) -> Document:
+    """Report of `armdyn next`: its document, with key figures and a section on the designed motion, if any."""
     figures: list[KeyFigure] = []
     sections = [*document.sections]
     if plan is not None:
@@ -85,7 +91,7 @@ def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
 
 
 def investigation_section(found: "Investigation") -> Section:
-    """Section on the experiments before the swing: probabilities of effects, gripper, expected and actual results."""
+    """Section on the experiments of an investigation: belief in effects, motions, expected and actual results."""
     stages, charts = found.stages, []
     names = list(dict.fromkeys(name for stage in stages for name in stage.belief))
     if names:

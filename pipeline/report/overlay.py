@@ -1,4 +1,4 @@
-"""Figures that overlay measured and predicted signals, for every run, channel and step of a repair."""
+"""Curves of measured over predicted signals, for every run, channel and step of a repair, and their data for a page."""
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,33 +17,34 @@ from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.run import Run
-from pipeline.report.page import pills
-from pipeline.report.theme import MAX_PLOTTED_POINTS, quantity_of, short_name, thinned
+from pipeline.report.page import radio_buttons_html
+from pipeline.report.theme import MAX_PLOTTED_POINTS, channel_quantity, channel_short_name, thinned_signal
 
 MAX_PAGE_VALUES = 200_000
 """Largest number of values of all curves together: about half a megabyte in the page."""
 MIN_CURVE_POINTS = 300
+"""Smallest number of points of each curve, however many curves there are."""
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
-RUN_KINDS = {
+RUN_ROLE_WORDS = {
     HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
 }  # fmt: skip
-"""What a run was to the model whose prediction is shown."""
+"""Role of a run, in words: whether the model was fitted to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """One channel of one run, with the residual of the model of every step.
+    """Measured signal of one channel of one run, with the residual of the model after every step of a repair.
 
     Attributes:
         run: name of the run.
-        kind: role of the run, one of `RUN_KINDS`.
+        kind: role of the run, one of `RUN_ROLE_WORDS`.
         channel: name of the channel.
-        unit: SI.
-        time: (n,) s.
-        measured: (n,) in `unit`.
-        residuals: (s, n) measured minus predicted at every step, in `unit`.
-        noise: standard deviation, in `unit`.
+        unit: SI unit of the channel.
+        time: times of the samples (n,) [s].
+        measured: measured values (n,), in `unit`.
+        residuals: measured minus predicted values after every step (s, n), in `unit`.
+        noise: standard deviation of the measurement noise, in `unit`.
         recorded: the signal at its own rate where a filtered one is compared, else None.
         note: how the signal was processed; empty where it was not.
         failing: stretches of time where the last model's residual is far above the noise, (start, end) in s.
@@ -64,13 +65,13 @@ class Overlay:
     half_width: FloatArray | None = None
 
 
-class Quality(NamedTuple):
-    """How well a model predicts: error, and explained share of the signal.
+class PredictionQuality(NamedTuple):
+    """Quality of a model's prediction: error, and explained share of the measured signal.
 
     Attributes:
-        rmse: root mean square error; for several channels, the root of their summed squares.
-        explained: share of the measured signal's variation about its mean in each run, 1 = all; negative where the
-            mean alone would do better.
+        rmse: root mean square error; for several channels, the root of the sum of their mean squares.
+        explained: explained share of the measured signal's variation about its mean in each run; 1 is all of it, and a
+            negative value is worse than a prediction of the mean.
     """
 
     rmse: float
@@ -82,8 +83,13 @@ class Quality(NamedTuple):
         return [round(value, 12) if np.isfinite(value) else None for value in self]
 
 
-def quality(curves: Iterable[Overlay], step: int) -> Quality:
-    """Error and explained share of one step's model on some curves, which have the same unit."""
+def prediction_quality(curves: Iterable[Overlay], step: int) -> PredictionQuality:
+    """Error and explained share of a model on curves of one unit.
+
+    Args:
+        curves: curves to compare, of any runs and channels.
+        step: index of the step of a repair whose model is judged.
+    """
     left: dict[str, float] = {}
     samples: dict[str, int] = {}
     varied = 0.0
@@ -92,22 +98,24 @@ def quality(curves: Iterable[Overlay], step: int) -> Quality:
         samples[c.channel] = samples.get(c.channel, 0) + len(c.time)
         varied += float(np.sum((c.measured - c.measured.mean()) ** 2))
     squares = sum(left[channel] / samples[channel] for channel in left)
-    return Quality(float(np.sqrt(squares)), 1.0 - sum(left.values()) / varied if varied > 0.0 else float("nan"))
+    return PredictionQuality(
+        float(np.sqrt(squares)), 1.0 - sum(left.values()) / varied if varied > 0.0 else float("nan")
+    )
 
 
-def overlays(
+def study_overlays(
     study: Study, fits: Sequence[Fit], places: Sequence[Place] = (), bands: Bands | None = None
 ) -> list[Overlay]:
-    """Overlays of every run of a study with the residuals of fits: training runs, then held-out runs, then exam runs.
+    """Overlays of all runs of a study: training runs, then held-out runs, then exam runs.
 
     Args:
         study: runs and model.
-        fits: fit of the given model, then of the model of every step.
-        places: stretches of time where the last model fails.
-        bands: bands around the last model's predictions.
+        fits: fit of the given model, then of the model after every step.
+        places: intervals (of time, or of a covariate) in which the last model fails.
+        bands: uncertainty bands around the last model's predictions.
     """
-    others = RUN_KINDS[study.holdout_kinds[-1]]
-    found = of_fits(fits, places)
+    others = RUN_ROLE_WORDS[study.holdout_kinds[-1]]
+    found = training_overlays(fits, places)
     if others != FITTED:
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
     if study.exam:
@@ -117,8 +125,8 @@ def overlays(
     return [replace(curve, half_width=bands.half_width.get((curve.run, curve.channel))) for curve in found]
 
 
-def of_fits(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
-    """Overlays of the training runs alone."""
+def training_overlays(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
+    """Overlays of the training runs of fits; see `study_overlays` for the arguments."""
     return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
 
 
@@ -154,12 +162,12 @@ def _overlays(
 
 @dataclass(frozen=True)
 class Overlays:
-    """All curves of a page: tabs for the channels, a switch for the steps, a choice of runs, and their curves.
+    """Interactive figure of measured and predicted signals; the reader chooses channel, run and step of a repair.
 
     Attributes:
-        curves: every run and channel.
+        curves: curves of every run and channel.
         steps: name of every step, the model as given first.
-        preparation: how the signals were processed, for a person.
+        preparation: sentence on how the signals were processed.
     """
 
     curves: Sequence[Overlay]
@@ -175,9 +183,9 @@ class Overlays:
         places: Sequence[Place],
         bands: Bands | None = None,
     ) -> "Overlays":
-        """All runs of a study, with bands around the last step's predictions."""
+        """Figure of all runs of a study; see `study_overlays` for the arguments."""
         done = preparation_sentence(combined_preparations(run.preparations for run in fits[-1].problem.runs))
-        return cls(overlays(study, fits, places, bands), steps, done)
+        return cls(study_overlays(study, fits, places, bands), steps, done)
 
     def section(self) -> Section:
         """Section with the figure, its controls, and a note on how the signals were processed."""
@@ -189,17 +197,17 @@ class Overlays:
 
     @property
     def tabs(self) -> Mapping[str, str]:
-        """Channels in the order of the recordings, each with its title for a reader."""
-        return {curve.channel: short_name(curve.channel) for curve in self.curves}
+        """Title of each channel's tab, by channel, in the order of the recordings."""
+        return {curve.channel: channel_short_name(curve.channel) for curve in self.curves}
 
     @property
     def points(self) -> int:
-        """Largest number of points of each curve, so that all curves together fit on a page."""
+        """Number of points to which each curve is thinned, so that the page stays small."""
         rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in self.curves)
         return int(np.clip(MAX_PAGE_VALUES // max(rows, 1), MIN_CURVE_POINTS, MAX_PLOTTED_POINTS))
 
     def widget(self) -> Widget:
-        """The controls, and the data that the page's script draws."""
+        """HTML of the controls, and the curves as data for the page's script."""
         first, points = self._shown_first(), self.points
         runs = list(dict.fromkeys((curve.run, curve.kind) for curve in self.curves))
         labels = [name if kind == FITTED else f"{name} · {kind}" for name, kind in runs]
@@ -210,7 +218,10 @@ class Overlays:
             "start": {"run": first.run, "kind": first.kind, "channel": first.channel},
             "curves": [_packed(curve, points) for curve in self.curves],
             "channels": {
-                curve.channel: {"quantity": quantity_of(curve.channel, curve.unit), "name": short_name(curve.channel)}
+                curve.channel: {
+                    "quantity": channel_quantity(curve.channel, curve.unit),
+                    "name": channel_short_name(curve.channel),
+                }
                 for curve in self.curves
             },
             "totals": self.totals(),
@@ -219,11 +230,13 @@ class Overlays:
         return Widget(html, data, height=460)
 
     def totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
-        """Error and explained share at every step, by kind of run and channel."""
+        """Error and explained share after every step, by role of the runs and by channel."""
         found: dict[str, dict[str, list[list[float | None]]]] = {}
         for kind, channel in dict.fromkeys((curve.kind, curve.channel) for curve in self.curves):
             mine = [c for c in self.curves if (c.kind, c.channel) == (kind, channel)]
-            found.setdefault(kind, {})[channel] = [quality(mine, step).plain for step in range(len(self.steps))]
+            found.setdefault(kind, {})[channel] = [
+                prediction_quality(mine, step).plain for step in range(len(self.steps))
+            ]
         return found
 
     def _shown_first(self) -> Overlay:
@@ -241,12 +254,17 @@ def _pills(kind: str, legend: str, labels: Sequence[str], chosen: int) -> str:
     options = {
         f"data-control='{kind}' value='{i}'{' checked' if i == chosen else ''}": label for i, label in enumerate(labels)
     }
-    return pills(kind, legend, kind, options)
+    return radio_buttons_html(kind, legend, kind, options)
 
 
-def changed(curve: Overlay, most: int) -> dict[str, Any]:
-    """Data for the page's script about a curve whose last step was computed again."""
-    rmse, explained = quality([curve], -1).plain
+def updated_curve(curve: Overlay, most: int) -> dict[str, Any]:
+    """Residual, error and explained share of a curve's last step, as data for the page's script.
+
+    Args:
+        curve: curve whose last step was computed again.
+        most: largest number of points of the curve.
+    """
+    rmse, explained = prediction_quality([curve], -1).plain
     return {"residual": quantised(curve.residuals[-1][_every(curve, most)]), "rmse": rmse, "explained": explained}
 
 
@@ -256,7 +274,9 @@ def _every(curve: Overlay, most: int) -> slice:
 
 def _packed(curve: Overlay, most: int) -> dict[str, Any]:
     every = _every(curve, most)
-    rmse, explained = zip(*(quality([curve], step).plain for step in range(len(curve.residuals))), strict=True)
+    rmse, explained = zip(
+        *(prediction_quality([curve], step).plain for step in range(len(curve.residuals))), strict=True
+    )
     return {
         **{name: getattr(curve, name) for name in ("run", "kind", "channel", "unit", "noise", "note", "failing")},
         "time": quantised(curve.time[every]),
@@ -265,12 +285,14 @@ def _packed(curve: Overlay, most: int) -> dict[str, Any]:
         "rmse": rmse,
         "explained": explained,
         "band": None if curve.half_width is None else quantised(curve.half_width[every]),
-        "recorded": None if curve.recorded is None else [quantised(row) for row in thinned(curve.recorded, most)],
+        "recorded": None
+        if curve.recorded is None
+        else [quantised(row) for row in thinned_signal(curve.recorded, most)],
     }
 
 
 def quantised(values: FloatArray) -> list[Any]:
-    """(n,) values as 16-bit steps between the smallest and the largest: finer than a screen, a quarter of the size.
+    """Values (n,) rounded to 65,536 equal steps from the smallest to the largest, for a small page.
 
     Returns:
         Smallest value, size of a step, and the steps in base64 of unsigned little-endian 16-bit integers.

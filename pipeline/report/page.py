@@ -15,7 +15,7 @@ import numpy as np
 from armdyn import __version__, atomic
 from armdyn.document import Chart, Document, Level, Section, Table, Widget
 from armdyn.quoting import script_json
-from pipeline.report.theme import DARK, TEMPLATE
+from pipeline.report.theme import DARK_COLOURS, PLOTLY_TEMPLATE
 
 
 def table_html(table: Table) -> str:
@@ -26,7 +26,7 @@ def table_html(table: Table) -> str:
         cells = [_cell("td", text, right) for text in texts]
         if column.shares:
             pairs = zip(texts, column.shares, strict=True)
-            cells = [bar(text, share, judged=column.judged) for text, share in pairs]
+            cells = [bar_cell_html(text, share, judged=column.judged) for text, share in pairs]
         columns.append([_cell("th", column.heading, right), *cells])
     head, *body = [""] if not columns else ["".join(cells) for cells in zip(*columns, strict=True)]
     rows = "".join(f"<tr>{row}</tr>" for row in body)
@@ -41,7 +41,7 @@ def _is_number(text: str) -> bool:
 
 
 MIN_WORDS_LENGTH = 40
-"""Characters of a cell that needs room, so that it does not become a tower of single words on a narrow screen."""
+"""Number of characters from which a cell of a table gets a minimum width, for narrow screens."""
 
 
 def _cell(tag: str, text: str, number: bool) -> str:
@@ -49,28 +49,34 @@ def _cell(tag: str, text: str, number: bool) -> str:
     return f"<{tag}{kind}>{escape(text)}</{tag}>"
 
 
-def bar(text: str, share: float, *, judged: bool = True) -> str:
-    """A cell with a bar behind its text; where `judged`, the bar's colour depends on its length."""
+def bar_cell_html(text: str, share: float, *, judged: bool = True) -> str:
+    """HTML of a table's cell with a bar behind its text.
+
+    Args:
+        text: text of the cell.
+        share: length of the bar, as a share of the cell's width.
+        judged: whether the bar's colour warns of a share near or above 1.
+    """
     kind = "fine" if not judged else "over" if share > 1.0 else "close" if share > 0.9 else "fine"
     width = 100 * min(max(share, 0.0), 1.0)
     return f"<td class='share {kind}'><span style='width: {width:.1f}%'></span><b>{escape(text)}</b></td>"
 
 
 def page_html(document: Document) -> str:
-    """A document as one HTML file that works offline, without other files."""
+    """HTML page of a document; the page needs no other file and no network."""
     figures: list[dict[str, Any]] = []
     widgets: list[Mapping[str, Any]] = []
     sections = "".join(_section(section, figures, widgets) for section in document.sections)
     level = document.level or Level.CAUTION
-    return Template(template("report", "page.html")).substitute(
-        head=page_head(document.title),
+    return Template(template_text("report", "page.html")).substitute(
+        head=page_head_html(document.title),
         title=escape(document.title),
         subtitle=escape(document.subtitle),
         level=level.name.lower(),
         word=escape(level.value),
         verdict=escape(document.verdict),
         navigation="".join(f"<a href='#{s.anchor}'>{escape(s.title)}</a>" for s in document.sections),
-        key_figures="".join(key_html(figure.name, figure.value, figure.note) for figure in document.key_figures),
+        key_figures="".join(key_figure_html(figure.name, figure.value, figure.note) for figure in document.key_figures),
         notes="".join(f"<p class='note'>{escape(note)}</p>" for note in document.notes),
         next_steps="".join(
             f"<p class='next'>{escape(step.what)}:<code>{escape(step.command)}</code></p>"
@@ -78,17 +84,17 @@ def page_html(document: Document) -> str:
         ),
         sections=sections,
         footer=escape(f"armdyn {__version__}" + (f" · {document.command}" if document.command else "")),
-        script=template("report", "page.js"),
-        draw=template("report", "draw.js"),
-        overlay=template("report", "overlay.js"),
-        look=script_json(FIGURE_LOOK),
-        data=packed(script_json({"figures": figures, "widgets": widgets})),
+        script=template_text("report", "page.js"),
+        draw=template_text("report", "draw.js"),
+        overlay=template_text("report", "overlay.js"),
+        look=script_json(PLOTLY_LOOK),
+        data=gzip_base64(script_json({"figures": figures, "widgets": widgets})),
         plotly=_library(),
     )
 
 
 def write_page(document: Document, path: Path | str) -> None:
-    """Write the page in one step.
+    """Write the HTML page of a document to a file, which is never half written.
 
     Raises:
         InputError: the file cannot be written.
@@ -112,23 +118,37 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 
-def key_html(name: str, value: str, note: str, attributes: str = "") -> str:
-    """HTML of a number in large type."""
+def key_figure_html(name: str, value: str, note: str, attributes: str = "") -> str:
+    """HTML of a key figure: a value in large type, with its name above and a note below.
+
+    Args:
+        name: name of the quantity.
+        value: text of the value.
+        note: text below the value; empty for none.
+        attributes: further HTML attributes, with a space before them.
+    """
     below = f"<small>{escape(note)}</small>" if note else ""
     return f"<div class='key'{attributes}><span>{escape(name)}</span><strong>{escape(value)}</strong>{below}</div>"
 
 
 def widget_html(widget: Widget) -> str:
-    """HTML of a widget: its controls, and the place for the figure that the page's script draws."""
+    """HTML of an interactive figure: its controls, and an empty element in which the page's script draws."""
     return f"{widget.html}<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
 
 
 def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
-    """HTML of radio buttons that choose what all sections show; empty where there is nothing to choose."""
-    return pills("tabs", "Show", f"tab-{anchor}", {f"data-tab='{escape(name)}'": text for name, text in tabs.items()})
+    """HTML of radio buttons that choose the channel that all sections show; empty for fewer than two channels.
+
+    Args:
+        tabs: text of each button, by channel.
+        anchor: HTML id of the section.
+    """
+    return radio_buttons_html(
+        "tabs", "Show", f"tab-{anchor}", {f"data-tab='{escape(name)}'": text for name, text in tabs.items()}
+    )
 
 
-def pills(kind: str, legend: str, name: str, options: Mapping[str, str]) -> str:
+def radio_buttons_html(kind: str, legend: str, name: str, options: Mapping[str, str]) -> str:
     """HTML of radio buttons in a row; empty where there is nothing to choose.
 
     Args:
@@ -160,7 +180,7 @@ def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
 
 
 PICTURE_PRECISION = 1e-5
-"""Of an array's span: finer than a screen shows."""
+"""Largest rounding error of a drawn value, as a share of its array's range; a screen shows less."""
 
 
 def _light(value: Any) -> Any:
@@ -178,27 +198,38 @@ def _light(value: Any) -> Any:
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
 
 
-def template(package: str, name: str) -> str:
-    """Text of a file of HTML, CSS or JavaScript of a package of `pipeline`, such as ``"report"``."""
+def template_text(package: str, name: str) -> str:
+    """Text of an HTML, CSS or JavaScript file in the folder ``templates`` of a package of `pipeline`.
+
+    Args:
+        package: name of the package, such as ``"report"``.
+        name: name of the file, such as ``"page.js"``.
+    """
     return (Path(__file__).parents[1] / package / "templates" / name).read_text(encoding="utf-8")
 
 
-FIGURE_LOOK = {"template": TEMPLATE, "dark": DARK}
+PLOTLY_LOOK = {"template": PLOTLY_TEMPLATE, "dark": DARK_COLOURS}
+"""Style of all figures of a page, as data for its script."""
 
 
-def page_head(title: str, style: str = "") -> str:
-    """HTML before the body of an offline page; it forbids loading anything from elsewhere."""
-    style = template("report", "style.css") + style
-    return Template(template("report", "head.html")).substitute(title=escape(title), style=style)
+def page_head_html(title: str, style: str = "") -> str:
+    """HTML head of a page, whose content security policy forbids to load anything from the network.
+
+    Args:
+        title: title of the page.
+        style: CSS after the common style sheet.
+    """
+    style = template_text("report", "style.css") + style
+    return Template(template_text("report", "head.html")).substitute(title=escape(title), style=style)
 
 
 @cache
 def _library() -> str:
     from plotly.offline import get_plotlyjs
 
-    return packed(get_plotlyjs())
+    return gzip_base64(get_plotlyjs())
 
 
-def packed(text: str) -> str:
-    """Text compressed with gzip for a page, in base64: a quarter of the size, readable by browsers since 2023."""
+def gzip_base64(text: str) -> str:
+    """Text compressed with gzip, in base64; browsers since 2023 can decompress it."""
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()

@@ -13,23 +13,33 @@ from armdyn.identify.selection.search import repair_step
 from armdyn.identify.sentence import KIND_TEXT, MAX_NAMED_EFFECTS, added_effects
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
-from pipeline.report.fit import dependence_section, error_section, key_figures, runs_of
+from pipeline.report.fit import channel_error_section, fit_key_figures, residual_dependence_section, run_names_by_role
 from pipeline.report.missing_force import missing_force_sections
-from pipeline.report.motion import illustrated
+from pipeline.report.motion import with_motion_charts
 from pipeline.report.overlay import Overlays
 
 
 def comparison_report(study: Study, found: Comparison) -> Document:
-    """Report of a comparison: measured against predicted, where the model fails, residual's dependences, parameters."""
+    """Report of the comparison of a model with recordings: figures of signals and residuals, errors, parameters.
+
+    Args:
+        study: runs and model.
+        found: result of the comparison.
+    """
     missing = missing_force_sections(found.missing_force)
     shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
-    return replace(made, title=title, sections=illustrated(made.sections, found.rollout))
+    return replace(made, title=title, sections=with_motion_charts(made.sections, found.rollout))
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
-    """Report of a diagnosis: the change that each effect would make, and curves of the model with the best effects."""
+    """Report of a diagnosis: how much each candidate effect would reduce the error, and curves with the best effects.
+
+    Args:
+        study: runs, model and candidate effects.
+        found: result of the diagnosis.
+    """
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
@@ -40,7 +50,13 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
 
 
 def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = ()) -> Document:
-    """Report of a repair: errors before, after and at each step, an arm's link parameters, and the repaired fit."""
+    """Report of a repair: errors before and after each added effect, parameters, and figures of the repaired model.
+
+    Args:
+        study: runs, model and candidate effects.
+        found: result of the repair.
+        next_steps: commands that the reader may run next.
+    """
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
     shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
@@ -52,7 +68,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
         figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",
-        illustrated(made.sections, found.after.rollout),
+        with_motion_charts(made.sections, found.after.rollout),
     )
     return replace(made, title=title, sections=sections, key_figures=figures, next_steps=next_steps)
 
@@ -77,12 +93,12 @@ def _illustrated(
             *missing,
             shown.section(),
             *document.sections[:place],
-            error_section(shown),
-            dependence_section(fit, whose),
+            channel_error_section(shown),
+            residual_dependence_section(fit, whose),
             *document.sections[place:],
         ],
-        subtitle=runs_of(study),
-        key_figures=key_figures(shown),
+        subtitle=run_names_by_role(study),
+        key_figures=fit_key_figures(shown),
     )
 
 

@@ -1,4 +1,4 @@
-"""The report of the paper's Table I: which first guesses of the length succeed, with and without estimation."""
+"""Report of Table I of the paper: which first guesses of the string's length succeed, with and without estimation."""
 
 import math
 
@@ -6,26 +6,26 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
-from pipeline.trial.table import GUESSES, TableOne
+from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH_STYLE, number_text, percent_text
+from pipeline.trial.table import LENGTH_GUESSES, TableOne
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
     "estimation show that such a box exists and are no prediction. The height of its rim is the sensitive number."
 )
-PAPER_STD = 0.0042
-"""Standard deviation [m] of the paper's length estimates."""
-SUCCESS_SHARE = 0.5
-"""Share of seeds beyond which a guess succeeds."""
+PAPER_LENGTH_STD = 0.0042
+"""Standard deviation of the string lengths that the paper estimated [m]."""
+MIN_SUCCESS_SHARE = 0.5
+"""Share of random seeds above which a first guess of the length counts as successful."""
 
 
-def table_report(table: TableOne) -> Document:
-    """The report of Table I: success and learnt lengths by first guess."""
-    estimates, total = table.estimates, len(GUESSES)
-    without, with_estimation = (percent(float(shares.mean())) for shares in table.shares)
-    as_paper = np.count_nonzero((table.shares[0] > SUCCESS_SHARE) == table.in_paper)
-    learnt = np.count_nonzero(table.shares[1] > SUCCESS_SHARE)
-    spread = f"std; {number(PAPER_STD, 'm', 2)} in the paper"
+def table_one_report(table: TableOne) -> Document:
+    """Report of Table I of the paper: share of successful trials and estimated lengths, by first guess of length."""
+    estimates, total = table.estimates, len(LENGTH_GUESSES)
+    without, with_estimation = (percent_text(float(shares.mean())) for shares in table.shares)
+    as_paper = np.count_nonzero((table.shares[0] > MIN_SUCCESS_SHARE) == table.in_paper)
+    learnt = np.count_nonzero(table.shares[1] > MIN_SUCCESS_SHARE)
+    spread = f"std; {number_text(PAPER_LENGTH_STD, 'm', 2)} in the paper"
     return Document(
         title="Table I: does learning the length help?",
         level=Level.BAD if learnt < total else Level.GOOD if as_paper == total else Level.CAUTION,
@@ -37,9 +37,9 @@ def table_report(table: TableOne) -> Document:
             KeyFigure("With estimation", with_estimation, "of trials succeed"),
             KeyFigure("Without", without, "of trials succeed"),
             KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.true_length:.4f} m"),
-            KeyFigure("Spread", number(float(estimates.std()), "m", 2), spread),
+            KeyFigure("Spread", number_text(float(estimates.std()), "m", 2), spread),
             KeyFigure("Seeds", str(table.seeds), "per guess"),
-            KeyFigure("Truth", percent(table.covered), "of estimates within 3 of their standard deviations"),
+            KeyFigure("Truth", percent_text(table.covered), "of estimates within 3 of their standard deviations"),
         ),
         notes=[BOX_NOTE],
     )
@@ -47,7 +47,7 @@ def table_report(table: TableOne) -> Document:
 
 def _success_section(table: TableOne) -> Section:
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
-    guesses = [f"{guess:.3f}" for guess in GUESSES]
+    guesses = [f"{guess:.3f}" for guess in LENGTH_GUESSES]
     without, learnt = table.shares.tolist()
     for name, colour, shares in (("without estimation", ORANGE, without), ("with estimation", BLUE, learnt)):
         low, high = 100 * np.transpose([success_interval(share, table.seeds) for share in shares])
@@ -61,10 +61,10 @@ def _success_section(table: TableOne) -> Section:
     figure.update_yaxes(title_text="success [%]", range=[0, 104])
     rows = Table([
         Column("guess [m]", guesses),
-        Column("without", list(map(percent, without))),
-        Column("with", list(map(percent, learnt))),
+        Column("without", list(map(percent_text, without))),
+        Column("with", list(map(percent_text, learnt))),
         Column("paper, without", ["succeeds" if succeeds else "fails" for succeeds in table.in_paper]),
-        Column("paper, with", ["succeeds"] * len(GUESSES)),
+        Column("paper, with", ["succeeds"] * len(LENGTH_GUESSES)),
         Column("mean estimate [m]", table.estimates.mean(axis=1).tolist(), ".4f"),
         Column("std [mm]", (1e3 * table.estimates.std(axis=1)).tolist(), ".2f"),
     ])  # fmt: skip
@@ -80,20 +80,20 @@ def _estimates_section(table: TableOne) -> Section:
     estimates = table.estimates
     error = float(estimates.mean() - table.true_length)
     sentence = (
-        f"Over {estimates.size} trials from all guesses the mean error of the length is {number(error, 'm', 2)}, "
-        f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
+        f"Over {estimates.size} trials from all guesses the mean error of the length is {number_text(error, 'm', 2)}, "
+        f"with a standard deviation of {number_text(float(estimates.std()), 'm', 2)}."
     )
     figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
     rng = np.random.default_rng(0)  # spread points that would cover each other
-    for i, (guess, errors) in enumerate(zip(GUESSES, 1e3 * table.errors, strict=True)):
+    for i, (guess, errors) in enumerate(zip(LENGTH_GUESSES, 1e3 * table.errors, strict=True)):
         figure.add_scatter(
             x=i + rng.uniform(-0.18, 0.18, errors.size), y=errors, name=f"guess {guess:.3f} m",
             mode="markers", marker={"color": BLUE, "size": 6, "opacity": 0.65},
         )  # fmt: skip
-    figure.add_scatter(x=[-0.5, len(GUESSES) - 0.5], y=[0, 0], name="truth", **TRUTH)
+    figure.add_scatter(x=[-0.5, len(LENGTH_GUESSES) - 0.5], y=[0, 0], name="truth", **TRUTH_STYLE)
     figure.update_xaxes(
-        title_text="first guess of the length [m]", tickvals=list(range(len(GUESSES))),
-        ticktext=[f"{guess:.3f}" for guess in GUESSES], showgrid=False, zeroline=False,
+        title_text="first guess of the length [m]", tickvals=list(range(len(LENGTH_GUESSES))),
+        ticktext=[f"{guess:.3f}" for guess in LENGTH_GUESSES], showgrid=False, zeroline=False,
     )  # fmt: skip
     figure.update_yaxes(title_text="estimate − truth [mm]")
     return Section("Estimates", sentence, [Chart(figure, "A point per trial; dotted: the truth.")])

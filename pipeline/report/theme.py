@@ -1,4 +1,4 @@
-"""Look of figures and numbers: a palette, a role per colour, a template, stacked rows over time, channels' names."""
+"""Style of figures and numbers: colours, line styles, a template for plotly, stacked panels, names of channels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,25 +11,29 @@ from armdyn.recording.channels import Channel, FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-INK, GREY, PALE, GRID, RAW = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB", "#CBD2D9"
-SHADE_GIVEN = "rgba(230, 159, 0, 0.25)"
-FAINT, HOVER, SHADE = "rgba(31, 41, 51, 0.05)", "rgba(255, 255, 255, 0.95)", "rgba(0, 114, 178, 0.18)"
+CURVE_COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
+TEXT_COLOUR, GREY, PALE_GREY, GRID_COLOUR, PALE_BLUE_GREY = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB", "#CBD2D9"
+ORANGE_BAND_FILL = "rgba(230, 159, 0, 0.25)"
+FAINT_FILL, HOVER_BACKGROUND, BLUE_BAND_FILL = (
+    "rgba(31, 41, 51, 0.05)",
+    "rgba(255, 255, 255, 0.95)",
+    "rgba(0, 114, 178, 0.18)",
+)
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 # A line style has the same meaning in every figure of every report.
-MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
-MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
-ACTUAL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
-REFERENCE = {"mode": "lines", "line": {"color": ORANGE, "width": 2, "dash": "dash"}}
-TRUTH = {"mode": "lines", "line": {"color": INK, "width": 1.5, "dash": "dot"}}
-LIMIT = {"mode": "lines", "line": {"color": VERMILLION, "width": 1.2, "dash": "dash"}}
-BAND = {"mode": "lines", "line": {"width": 0}, "fillcolor": SHADE, "hoverinfo": "skip"}
+MEASURED_STYLE = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
+MODEL_STYLE = ACTUAL_STYLE = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
+REFERENCE_STYLE = {"mode": "lines", "line": {"color": ORANGE, "width": 2, "dash": "dash"}}
+TRUTH_STYLE = {"mode": "lines", "line": {"color": TEXT_COLOUR, "width": 1.5, "dash": "dot"}}
+LIMIT_STYLE = {"mode": "lines", "line": {"color": VERMILLION, "width": 1.2, "dash": "dash"}}
+BAND_STYLE = {"mode": "lines", "line": {"width": 0}, "fillcolor": BLUE_BAND_FILL, "hoverinfo": "skip"}
 
 _AXIS = {
-    "gridcolor": GRID,
+    "gridcolor": GRID_COLOUR,
     "linecolor": GREY,
-    "zerolinecolor": GRID,
+    "zerolinecolor": GRID_COLOUR,
     "zerolinewidth": 1,
     "ticks": "outside",
     "tickcolor": GREY,
@@ -38,16 +42,16 @@ _AXIS = {
     "automargin": True,
 }
 
-TEMPLATE: Mapping[str, Any] = {
+PLOTLY_TEMPLATE: Mapping[str, Any] = {
     "layout": {
-        "font": {"family": FONT, "size": 13, "color": INK},
-        "colorway": [BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY],
+        "font": {"family": FONT, "size": 13, "color": TEXT_COLOUR},
+        "colorway": list(CURVE_COLOURS),
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "margin": {"l": 72, "r": 16, "t": 58, "b": 48},
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "top", "yref": "container"},
         "hovermode": "x unified",
-        "hoverlabel": {"font": {"family": FONT, "size": 12}, "bgcolor": HOVER},
+        "hoverlabel": {"font": {"family": FONT, "size": 12}, "bgcolor": HOVER_BACKGROUND},
         "xaxis": _AXIS,
         "yaxis": _AXIS,
         "annotationdefaults": {"font": {"size": 12}, "showarrow": False},
@@ -55,42 +59,38 @@ TEMPLATE: Mapping[str, Any] = {
         "bargroupgap": 0.06,
     }
 }
-"""Plotly template, put into the page once and used by every figure."""
+"""Template of plotly that every figure of a page uses."""
 
-DARK = {
-    INK: "#E4E9EF",
+DARK_COLOURS = {
+    TEXT_COLOUR: "#E4E9EF",
     GREY: "#93A1B0",
-    PALE: "#1A212A",
-    GRID: "#2B3540",
-    RAW: "#4A5766",
+    PALE_GREY: "#1A212A",
+    GRID_COLOUR: "#2B3540",
+    PALE_BLUE_GREY: "#4A5766",
     "white": "#12171D",
     BLUE: "#56A9E8",
     GREEN: "#2DB98F",
     VERMILLION: "#F08A4B",
-    SHADE: "rgba(86, 169, 232, 0.22)",
-    FAINT: "rgba(228, 233, 239, 0.06)",
-    HOVER: "rgba(26, 33, 42, 0.95)",
+    BLUE_BAND_FILL: "rgba(86, 169, 232, 0.22)",
+    FAINT_FILL: "rgba(228, 233, 239, 0.06)",
+    HOVER_BACKGROUND: "rgba(26, 33, 42, 0.95)",
 }
-"""What stands for each colour on a dark screen; those that are not named stay as they are."""
+"""Replacement of each colour on a dark screen; other colours stay the same."""
 
 TIME_AXIS = "time [s]"
-LINKED_TIME = {"time_axis": True}
-"""Layout meta of a figure whose horizontal axes are time: zooming one zooms all in the page."""
-
-
-WIDE = {"wide": True}
-"""Layout meta of a figure of many panels, which is scrolled rather than squeezed on a narrow screen."""
-
-
-Phases = Sequence[tuple[str, float, float]]
-"""Named stretches of time, each with start and end [s], shaded in every figure over time."""
+LINKED_TIME_AXES = {"time_axis": True}
+"""Layout metadata of a figure over time: the time axes of all such figures of a page zoom together."""
+WIDE_FIGURE = {"wide": True}
+"""Layout metadata of a figure with many panels, which a narrow screen scrolls instead of shrinking it."""
+NamedIntervals = Sequence[tuple[str, float, float]]
+"""Names of intervals of time, such as phases of a trial, each with its start and end [s]."""
 
 
 _SMALL = {"m": "mm", "m/s": "mm/s", "N": "mN", "s": "ms", "rad": "mrad", "N m": "mN m"}
 
 
-def number(value: float, unit: str = "", digits: int = 3) -> str:
-    """A number with its unit in `digits` significant digits, such as ``0.312 mm`` for 0.000312 m."""
+def number_text(value: float, unit: str = "", digits: int = 3) -> str:
+    """A number with its unit as text, in `digits` significant digits, such as ``0.312 mm`` for 0.000312 m."""
     if not math.isfinite(value):
         return "–"
     if unit in _SMALL and 0.0 < abs(value) < 0.0995:
@@ -98,8 +98,8 @@ def number(value: float, unit: str = "", digits: int = 3) -> str:
     return f"{_significant(value, digits)} {unit}".rstrip().replace("-", "−")
 
 
-def percent(share: float) -> str:
-    """A share in percent, such as ``95 %`` for 0.953."""
+def percent_text(share: float) -> str:
+    """A share as text in percent, such as ``95 %`` for 0.953."""
     return f"{100 * share:.0f} %" if math.isfinite(share) else "–"
 
 
@@ -110,16 +110,16 @@ def _significant(value: float, digits: int) -> str:
     return f"{value:.{min(decimals, 12)}f}"
 
 
-def stacked(rows: Mapping[str, float], height: int, phases: Phases = ()) -> go.Figure:
-    """An empty figure over time with panels below each other.
+def stacked_figure(rows: Mapping[str, float], height: int, phases: NamedIntervals = ()) -> go.Figure:
+    """An empty figure over time with several panels, one below the other.
 
     Args:
         rows: title of each vertical axis with its unit, and its share of the height, from the top; the shares sum to 1.
         height: height of the figure [px].
-        phases: stretches of time that are shaded and named behind all panels.
+        phases: intervals of time that are named above the panels; every second one is shaded.
     """
     gap, top = 0.06, 1.0
-    layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME}
+    layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME_AXES}
     for i, (title, share) in enumerate(rows.items()):
         bottom = max(0.0, top - share * (1.0 - gap * (len(rows) - 1)))
         layout[f"yaxis{i + 1 if i else ''}"] = {"title": {"text": title}, "domain": [bottom, top], "anchor": "x"}
@@ -133,7 +133,7 @@ def stacked(rows: Mapping[str, float], height: int, phases: Phases = ()) -> go.F
         figure.add_annotation(label, xref="x", yref="paper", yanchor="bottom")
         if i % 2 == 0:
             figure.add_shape(
-                type="rect", xref="x", yref="paper", x0=start, x1=end, y0=0, y1=1, fillcolor=PALE, line_width=0,
+                type="rect", xref="x", yref="paper", x0=start, x1=end, y0=0, y1=1, fillcolor=PALE_GREY, line_width=0,
                 layer="below",
             )  # fmt: skip
     return figure
@@ -142,10 +142,19 @@ def stacked(rows: Mapping[str, float], height: int, phases: Phases = ()) -> go.F
 def add_band(
     figure: go.Figure, time: FloatArray, middle: FloatArray, half: FloatArray, name: str, axis: str = "y"
 ) -> None:
-    """A shaded band of `half` above and below `middle`, (n,) each."""
+    """Add a shaded band to a figure.
+
+    Args:
+        figure: figure over time.
+        time: times (n,) [s].
+        middle: middle of the band (n,).
+        half: half width of the band (n,).
+        name: name in the legend.
+        axis: vertical axis of the panel, "y" for the first.
+    """
     both = np.concatenate([time, time[::-1]])
     edge = np.concatenate([middle + half, (middle - half)[::-1]])
-    figure.add_scatter(x=both, y=edge, fill="toself", name=name, yaxis=axis, **BAND)
+    figure.add_scatter(x=both, y=edge, fill="toself", name=name, yaxis=axis, **BAND_STYLE)
 
 
 _OF_A_JOINT = {
@@ -164,33 +173,33 @@ _PENDULUM = {
 }
 
 
-def quantity_of(channel: str, unit: str = "N m") -> str:
-    """Physical quantity of a channel, such as ``"torque"``; a prismatic joint has a force."""
+def channel_quantity(channel: str, unit: str = "N m") -> str:
+    """Physical quantity of a channel, such as ``"torque"`` for ``tau.elbow``; with the unit N it is a force."""
     kind, dot, _ = channel.partition(".")
     if dot and kind in _OF_A_JOINT:
         return "force" if kind == "tau" and unit == "N" else _OF_A_JOINT[kind]
     return _PENDULUM.get(channel, channel.replace("_", " "))
 
 
-def short_name(channel: str) -> str:
-    """A channel's short name, which distinguishes it from other measured channels: its joint, or its quantity."""
+def channel_short_name(channel: str) -> str:
+    """Short name of a channel: its joint, such as ``"elbow"`` for ``tau.elbow``, or else its quantity."""
     kind, _, joint = channel.partition(".")
-    return joint if joint and kind in _OF_A_JOINT else quantity_of(channel)
+    return joint if joint and kind in _OF_A_JOINT else channel_quantity(channel)
 
 
-def full_name(channel: str, unit: str = "N m") -> str:
-    """A channel's full name, such as ``"torque of elbow"``."""
+def channel_full_name(channel: str, unit: str = "N m") -> str:
+    """Full name of a channel, such as ``"torque of elbow"`` for ``tau.elbow``."""
     kind, _, joint = channel.partition(".")
-    name = quantity_of(channel, unit)
+    name = channel_quantity(channel, unit)
     return f"{name} of {joint}" if joint and kind in _OF_A_JOINT else name
 
 
 MAX_PLOTTED_POINTS = 3000
-"""Largest number of points of a curve; more makes the page heavy and the picture no clearer."""
+"""Largest number of drawn points of a curve; more points would only make the page larger."""
 
 
-def thinned(channel: Channel, most: int = MAX_PLOTTED_POINTS) -> tuple[FloatArray, FloatArray]:
-    """Time and value of a signal with at most `most` samples: the extremes of each stretch, which look the same."""
+def thinned_signal(channel: Channel, most: int = MAX_PLOTTED_POINTS) -> tuple[FloatArray, FloatArray]:
+    """Times and values of a signal, thinned to about `most` samples: the two extremes of each interval of samples."""
     time, value = channel.time, channel.value
     if len(value) > most:
         width = 2 * -(-len(value) // most)

@@ -12,34 +12,34 @@ from pipeline.box import Box
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.report.theme import (
-    ACTUAL,
+    ACTUAL_STYLE,
     BLUE,
-    FAINT,
+    FAINT_FILL,
     GREY,
-    INK,
-    MEASURED,
-    MODEL,
+    MEASURED_STYLE,
+    MODEL_STYLE,
     ORANGE,
-    REFERENCE,
-    TRUTH,
-    Phases,
+    REFERENCE_STYLE,
+    TEXT_COLOUR,
+    TRUTH_STYLE,
+    NamedIntervals,
     add_band,
-    number,
-    stacked,
+    number_text,
+    stacked_figure,
 )
 
 STRING_SNAPSHOTS = 9
-"""Positions of the string that are drawn."""
+"""Number of instants at which the string is drawn in the figure of a swing."""
 
 
 class SwingTrace(NamedTuple):
-    """Gripper and load in the vertical plane of the line during the swing.
+    """Motion of gripper and load during a swing, in the vertical plane that contains the gripper's line.
 
     Attributes:
-        time: (n,) [s].
-        gripper_x: (n,) [m] along the line.
-        load_x: (n,) [m] along the line.
-        load_z: (n,) [m] over the line, negative below.
+        time: times of the samples (n,) [s].
+        gripper_x: position of the gripper along the line (n,) [m].
+        load_x: position of the load along the line (n,) [m].
+        load_z: height of the load over the line, negative below it (n,) [m].
     """
 
     time: FloatArray
@@ -49,12 +49,12 @@ class SwingTrace(NamedTuple):
 
 
 def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | None, radius: float) -> Section:
-    """Section on the swing: paths of gripper and load to scale, with snapshots of the string.
+    """Section on the swing: paths of gripper and load, drawn to scale, and the string at a few instants.
 
     Args:
         planned: swing from the optimiser.
         executed: swing that was observed; None where it was not observed.
-        box: the box; None for a trial without one.
+        box: box in which the load should come to rest; None for a trial without a box.
         radius: radius of the load [m].
     """
     shown = executed or planned
@@ -74,13 +74,13 @@ def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | N
         rim, floor = -box.rim, -box.rim - box.height
         figure.add_scatter(
             x=[near, near, far, far], y=[rim, floor, floor, rim], name="box", mode="lines",
-            line={"color": INK, "width": 4}, fill="toself", fillcolor=FAINT,
+            line={"color": TEXT_COLOUR, "width": 4}, fill="toself", fillcolor=FAINT_FILL,
         )  # fmt: skip
-    rail = {"color": INK, "width": 3}
+    rail = {"color": TEXT_COLOUR, "width": 3}
     figure.add_scatter(x=shown.gripper_x, y=0 * shown.gripper_x, name="gripper", mode="lines", line=rail)
     if executed is not None:
-        figure.add_scatter(x=executed.load_x, y=executed.load_z, name="load, executed", **ACTUAL)
-    figure.add_scatter(x=planned.load_x, y=planned.load_z, name="load, planned", **REFERENCE)
+        figure.add_scatter(x=executed.load_x, y=executed.load_z, name="load, executed", **ACTUAL_STYLE)
+    figure.add_scatter(x=planned.load_x, y=planned.load_z, name="load, planned", **REFERENCE_STYLE)
     figure.update_xaxes(title_text="along the line [m]")
     figure.update_yaxes(title_text="height over the line [m]", scaleanchor="x")
     kind = "executed" if executed is not None else "planned"
@@ -97,35 +97,35 @@ def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
     across = float(np.interp(end, executed.time, executed.load_x) - planned.load_x[-1])
     up = float(np.interp(end, executed.time, executed.load_z) - planned.load_z[-1])
     return (
-        f"Where the plan ends the load was {number(float(np.hypot(across, up)), 'm', 2)} from its planned place "
-        f"({number(across, 'm', 2)} along the line, {number(up, 'm', 2)} up)."
+        f"Where the plan ends the load was {number_text(float(np.hypot(across, up)), 'm', 2)} from its planned place "
+        f"({number_text(across, 'm', 2)} along the line, {number_text(up, 'm', 2)} up)."
     )
 
 
 def estimate_section(
-    estimates: Sequence[LengthEstimate], guess: float, truth: float | None, phases: Phases = ()
+    estimates: Sequence[LengthEstimate], guess: float, truth: float | None, phases: NamedIntervals = ()
 ) -> Section:
-    """Section on the learnt length of the string over time, with its confidence interval and the true length.
+    """Section on the estimated length of the string over time, with its confidence interval and the true length.
 
     Args:
         estimates: every update of the estimator, at least one.
         guess: length at the start [m].
         truth: true length [m]; None where it is unknown.
-        phases: of the trial.
+        phases: phases of the trial.
     """
     time, value, std = np.array([(e.time, e.value, e.std) for e in estimates]).T
-    text = f"The length was learnt as {value[-1]:.4f} m ± {number(std[-1], 'm', 2)} "
-    text += f"after {len(time)} updates from a guess of {number(guess, 'm')}"
+    text = f"The length was learnt as {value[-1]:.4f} m ± {number_text(std[-1], 'm', 2)} "
+    text += f"after {len(time)} updates from a guess of {number_text(guess, 'm')}"
     text += "." if truth is None else f"; it is {truth:.4f} m."
-    figure = stacked({"length [m]": 0.6, "error [mm]": 0.4}, 460, phases)
+    figure = stacked_figure({"length [m]": 0.6, "error [mm]": 0.4}, 460, phases)
     add_band(figure, time, value, 2 * std, "± 2 std")
-    figure.add_scatter(x=time, y=value, name="estimate", **{**MODEL, "mode": "lines+markers"})
+    figure.add_scatter(x=time, y=value, name="estimate", **{**MODEL_STYLE, "mode": "lines+markers"})
     dashed = {"color": ORANGE, "width": 1.5, "dash": "dash"}
     figure.add_scatter(x=time[[0, -1]], y=[guess] * 2, name="guess", mode="lines", line=dashed)
     figure.add_scatter(x=time, y=1e3 * std, name="std", yaxis="y2", mode="lines", line={"color": GREY})
     if truth is not None:
-        figure.add_scatter(x=time[[0, -1]], y=[truth] * 2, name="truth", **TRUTH)
-        diamonds = {"color": INK, "size": 6, "symbol": "diamond"}
+        figure.add_scatter(x=time[[0, -1]], y=[truth] * 2, name="truth", **TRUTH_STYLE)
+        diamonds = {"color": TEXT_COLOUR, "size": 6, "symbol": "diamond"}
         error = 1e3 * np.abs(value - truth)
         figure.add_scatter(x=time, y=error, name="|error|", yaxis="y2", mode="markers", marker=diamonds)
     # The first intervals are wide; the axis follows the estimates instead.
@@ -138,58 +138,67 @@ def estimate_section(
 
 
 def force_section(
-    time: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float, phases: Phases = ()
+    time: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float, phases: NamedIntervals = ()
 ) -> Section:
-    """Section on measured and predicted force, and on the residual between them, compared with the noise.
+    """Section on measured and predicted force of the load cell, and on the residual compared with the noise.
 
     Args:
-        time: (n,) [s].
-        measured: (n,) measured force [N].
-        predicted: (n,) force of the model with the final estimate [N]; nan where the model was not run.
-        noise: standard deviation of the load cell [N].
-        phases: of the trial.
+        time: times of the samples (n,) [s].
+        measured: measured force (n,) [N].
+        predicted: force of the model with the final estimate (n,) [N]; nan where the model was not simulated.
+        noise: standard deviation of the load cell's noise [N].
+        phases: phases of the trial.
     """
     residual = measured - predicted
     sentence = "The model was not run against the load cell."
     if np.isfinite(residual).any():
         rms = float(np.sqrt(np.nanmean(residual**2)))
         sentence = (
-            f"With the final estimate the model misses the measured tension by {number(rms, 'N')} rms, "
-            f"{rms / noise:.2f} times the sensor's noise of {number(noise, 'N')}."
+            f"With the final estimate the model misses the measured tension by {number_text(rms, 'N')} rms, "
+            f"{rms / noise:.2f} times the sensor's noise of {number_text(noise, 'N')}."
         )
-    figure = stacked({"tension [N]": 0.62, "residual [mN]": 0.38}, 440, phases)
-    figure.add_scatter(x=time, y=measured, name="measured", **MEASURED)
-    figure.add_scatter(x=time, y=predicted, name="predicted", **MODEL)
+    figure = stacked_figure({"tension [N]": 0.62, "residual [mN]": 0.38}, 440, phases)
+    figure.add_scatter(x=time, y=measured, name="measured", **MEASURED_STYLE)
+    figure.add_scatter(x=time, y=predicted, name="predicted", **MODEL_STYLE)
     add_band(figure, time, 0 * time, np.full(time.shape, 2e3 * noise), "± 2 std of the noise", axis="y2")
-    figure.add_scatter(x=time, y=1e3 * residual, yaxis="y2", name="residual", showlegend=False, **MEASURED)
+    figure.add_scatter(x=time, y=1e3 * residual, yaxis="y2", name="residual", showlegend=False, **MEASURED_STYLE)
     caption = "Residual: measured minus predicted. A right model leaves 95 % of the points in the band."
     return Section("Load cell", sentence, [Chart(figure, caption)])
 
 
-def gripper_section(time: FloatArray, reference: FloatArray, actual: FloatArray, phases: Phases = ()) -> Section:
-    """Section on the gripper: (n,) reference and actual position along the line [m], and the error between them."""
+def gripper_section(
+    time: FloatArray, reference: FloatArray, actual: FloatArray, phases: NamedIntervals = ()
+) -> Section:
+    """Section on how well the gripper followed its reference.
+
+    Args:
+        time: times of the samples (n,) [s].
+        reference: commanded position along the line (n,) [m].
+        actual: measured position along the line (n,) [m].
+        phases: phases of the trial.
+    """
     error = actual - reference
     sentence = "The gripper did not move."
     if np.isfinite(error).any():
         worst = int(np.nanargmax(np.abs(error)))
         sentence = (
-            f"The gripper follows its reference to {number(float(np.sqrt(np.nanmean(error**2))), 'm', 2)} rms; the "
-            f"largest error is {number(abs(error[worst]), 'm', 2)} at {time[worst]:.2f} s."
+            f"The gripper follows its reference to {number_text(float(np.sqrt(np.nanmean(error**2))), 'm', 2)} rms; "
+            f"the largest error is {number_text(abs(error[worst]), 'm', 2)} at {time[worst]:.2f} s."
         )
-    figure = stacked({"along the line [m]": 0.62, "error [mm]": 0.38}, 420, phases)
-    figure.add_scatter(x=time, y=actual, name="actual", **ACTUAL)
-    figure.add_scatter(x=time, y=reference, name="reference", **REFERENCE)
-    figure.add_scatter(x=time, y=1e3 * error, yaxis="y2", name="error", showlegend=False, **ACTUAL)
+    figure = stacked_figure({"along the line [m]": 0.62, "error [mm]": 0.38}, 420, phases)
+    figure.add_scatter(x=time, y=actual, name="actual", **ACTUAL_STYLE)
+    figure.add_scatter(x=time, y=reference, name="reference", **REFERENCE_STYLE)
+    figure.add_scatter(x=time, y=1e3 * error, yaxis="y2", name="error", showlegend=False, **ACTUAL_STYLE)
     return Section("Gripper", sentence, [Chart(figure, "Error: actual minus reference, the lag of the arm included.")])
 
 
 def timing_section(nodes: Sequence[Timing]) -> Section:
-    """Section on the computing time of every node, and on steps that took longer than their period."""
+    """Section on the computing time of each periodic task (node), and on steps that took longer than their period."""
     late = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in nodes if node.overruns)
     rows = [
         [
             node.name, "once" if node.period is None else f"{1 / node.period:.4g} Hz", str(node.steps),
-            number(node.mean, "s", 2), number(node.longest, "s", 2), str(node.overruns),
+            number_text(node.mean, "s", 2), number_text(node.longest, "s", 2), str(node.overruns),
         ]
         for node in nodes
     ]  # fmt: skip

@@ -9,23 +9,23 @@ import pinocchio as pin
 
 import urdf
 from pipeline.motion.transitions import Brake
-from pipeline.robot.hidden import HiddenStage, terms
+from pipeline.robot.hidden import HiddenStage, stage_terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
 
 ACCELERATION_TRUST_SECONDS = 0.02
-"""How long a command's acceleration is extrapolated [s]: two command periods; its velocity lasts until the hold."""
+"""Time for which a command's acceleration is extrapolated [s]: two command periods."""
 
 
-class Reference:
-    """The commanded motion between two commands, and the braking motion when no command comes.
+class CommandedMotion:
+    """Commanded motion of the joints as a function of time: between two commands, and braking after the last command.
 
     Args:
-        q: posture of the arm at rest (n,) [rad].
-        limits: limits of the joints; it brakes with a share of them.
-        hold_after: silence after which it brakes [s].
-        extrapolate: whether a command's position is carried on along its velocity until the next one comes.
+        q: posture of the arm at rest at the start (n,) [rad].
+        limits: limits of the joints, for braking.
+        hold_after: time after a command at which the arm brakes if no other command comes [s].
+        extrapolate: whether the position continues along the commanded velocity until the next command.
     """
 
     def __init__(self, q: Vector, limits: urdf.Limits, hold_after: float, extrapolate: bool = True) -> None:
@@ -45,7 +45,7 @@ class Reference:
             self._brake_at, self._brake = time, None
 
     def at(self, time: float) -> tuple[Vector, Vector, Vector]:
-        """Position, velocity and acceleration (n,) at `time` [s]."""
+        """Commanded position, velocity and acceleration (n,) at `time` [s]."""
         if time < self._brake_at:
             return self._extrapolated(time)
         if self._brake is None:
@@ -65,14 +65,14 @@ class Reference:
 
 
 class SimulatedServo:
-    """Motor torque ``Kp (q_f - q) + Kd (v_f - v) + f_f``: everything with index f went through a first-order filter.
+    """Simulated joint controller, with the motor torque ``Kp (q_f - q) + Kd (v_f - v) + f_f``.
 
-    The feed-forward is Pinocchio's inverse dynamics of the nominal arm, which knows neither the joints' friction
-    and rotors nor the true inertias nor the load. What it lacks at the start is added as a constant, as if an
-    integrator had settled there.
+    Quantities with the index f passed a first-order filter. The feed-forward f is Pinocchio's inverse dynamics of the
+    nominal arm, which contains neither the joints' friction and rotors nor the true inertias nor the load. The torque
+    that it lacks at the start is added as a constant, like the steady state of an integrator.
 
     Args:
-        robot: the nominal arm, whose effort limits are the motors'.
+        robot: the nominal arm; its effort limits are those of the motors.
         settings: gains and filter.
         reference: commanded motion.
         rest_torque: motor torque that holds the arm at the start (n,) [N m].
@@ -80,7 +80,12 @@ class SimulatedServo:
     """
 
     def __init__(
-        self, robot: urdf.Robot, settings: ServoSettings, reference: Reference, rest_torque: Vector, encoder_lead: float
+        self,
+        robot: urdf.Robot,
+        settings: ServoSettings,
+        reference: CommandedMotion,
+        rest_torque: Vector,
+        encoder_lead: float,
     ) -> None:
         self._model, self._data, self._limit = robot.model, robot.model.createData(), robot.limits.effort
         self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
@@ -91,7 +96,14 @@ class SimulatedServo:
         self.driven = self._wanted(0.0)
 
     def drive(self, time: float) -> Vector:
-        """The part of the torque due to the reference, ``Kp q_f + Kd v_f + f_f`` (n,) [N m], after one more step."""
+        """Advance the filter by one step, and return the reference's part of the torque, ``Kp q_f + Kd v_f + f_f``.
+
+        Args:
+            time: time of the simulation [s].
+
+        Returns:
+            Torques (n,) [N m].
+        """
         self.driven = self.driven + self._gain * (self._wanted(time) - self.driven)
         return self.driven
 
@@ -111,16 +123,21 @@ def _share_per_step(time_constant: float) -> float:
 
 
 class SimulatedCell:
-    """Samples the string tension at a fixed period, with a zero error [N], and delivers the samples with a latency [s].
+    """Simulated load cell: measures the string's tension at a fixed period, and delivers the samples late.
 
-    The hidden delay of the sensor comes on top of the latency.
+    Args:
+        settings: period, noise, resolution and range.
+        hidden: sizes of the hidden effects, which change the readings.
+        bias: zero error [N].
+        latency: time from the force to the delivery of its sample [s], without the hidden delay.
+        rng: source of the noise.
     """
 
     def __init__(
         self, settings: CellSettings, hidden: Mapping[str, float], bias: float, latency: float, rng: np.random.Generator
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
-        self._bias, self._terms = bias, terms(hidden, HiddenStage.FORCE)
+        self._bias, self._terms = bias, stage_terms(hidden, HiddenStage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / TIME_STEP))
         self._gain = _share_per_step(hidden["sensor_lag"])
@@ -129,13 +146,16 @@ class SimulatedCell:
 
     @property
     def feels_direction(self) -> bool:
-        """Whether the cell's reading depends on the string's direction, not only on its pull."""
+        """Whether the reading depends on the direction of the string as well as on its tension."""
         return bool(self._hidden["vertical_sensing_axis"] or self._hidden["cross_axis_sensitivity"])
 
     def feel(self, steps: int, tension: float, swing_angle: float) -> None:
-        """Apply the string's pull to the cell at one step of the physics, of `steps` since time 0.
+        """Apply the string's force to the cell for one step of the simulation.
 
-        The string's tension is in N, its angle from the vertical, seen along the line's normal, in rad.
+        Args:
+            steps: number of steps since time 0.
+            tension: tension of the string [N].
+            swing_angle: angle of the string from the vertical, in the plane of line and vertical [rad].
         """
         vertical = self._hidden["vertical_sensing_axis"]
         along_axis = tension * (1.0 - vertical + vertical * math.cos(swing_angle))
@@ -145,7 +165,7 @@ class SimulatedCell:
             self._sample(steps * TIME_STEP, self._felt)
 
     def received(self, now: float) -> list[ForceSample]:
-        """New samples that arrived up to `now` [s]."""
+        """Samples that arrived since the last call, up to the time `now` [s]."""
         arrived = []
         while self._on_the_way and self._on_the_way[0].time <= now + 1e-9:
             arrived.append(self._on_the_way.popleft())
@@ -162,11 +182,11 @@ class SimulatedCell:
 
 
 class JointReadings:
-    """Turns true joint positions, velocities and torques into what the robot reports."""
+    """Simulated encoders and effort sensors: add noise, resolution and hidden sensor errors to the true values."""
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
         self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
-        self._terms = terms(hidden, HiddenStage.EFFORT)
+        self._terms = stage_terms(hidden, HiddenStage.EFFORT)
 
     def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading at a time [s], of true positions, velocities, accelerations and motors' torques, (n,) each."""

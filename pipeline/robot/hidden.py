@@ -1,8 +1,8 @@
-"""Effects that can be hidden in the simulated robot, each registered by its name in the catalogue, with what it adds.
+"""Physical effects that can be hidden in the simulated robot, by their names in the catalogue of effects.
 
-None of it shares code with the models under test, a law of a user's file (`own_law`) apart. Effects that change how
-the plant is built or driven have no function here: `scene`, `plant`, `devices` and `simulated` ask for their values,
-which are zero where an effect is absent.
+They share no code with the models that are tested against the simulation; the only exception are laws of a user's file
+(`own_law`). Effects that change the MuJoCo model or the control of the robot have no function here: `scene`, `plant`,
+`devices` and `simulated` read their values, which are zero for an absent effect.
 """
 
 import math
@@ -20,30 +20,30 @@ from pipeline.robot.own_law import read_own_law
 
 
 class HiddenStage(Enum):
-    """Place in the simulation where an effect adds something; the value says what it adds, and from which inputs."""
+    """Stage of a simulation step at which an effect adds a quantity; the value names this quantity and its inputs."""
 
     LOAD = "force on the load (3,) [N], from its velocity (3,) [m/s]"
-    PLACE = "force on the load along the line [N], from its position along the line [m]"
+    POSITION = "force on the load along the line [N], from its position along the line [m]"
     PIVOT = "resistance to the swing [N m s/rad], from its rate [rad/s] and the rate that 1 N m reverses in a step"
     JOINTS = "dry friction (n,) [N m], from the share of effort, velocity and gravity torque of every joint (n,)"
-    FORCE = "what the load cell shows more [N], from the force [N] and the time [s]"
-    OWN = "force on the load, torque and dry friction at the pivot (`own_law.Added`), from the swing (`own_law.Swing`)"
-    EFFORT = "what is measured of efforts more (n,) [N m], from the torques of the motors (n,) [N m]"
-    BUILT_IN = "nothing at a step: the plant is built or driven otherwise"
+    FORCE = "error of the load cell [N], from the force [N] and the time [s]"
+    OWN = "force on the load, torque and dry friction at the pivot (`LawForces`), from the load's motion (`LoadState`)"
+    EFFORT = "error of the measured efforts (n,) [N m], from the torques of the motors (n,) [N m]"
+    BUILT_IN = "nothing at a step: the effect changes the MuJoCo model or the control"
 
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect that the plant can have.
+    """A physical effect that the simulated robot can have, with one number as its size.
 
     Attributes:
-        unit: unit of its value.
-        typical: value that it has when none is given.
+        unit: unit of the size.
+        typical: default size.
         summary: one sentence.
-        lower: smallest value that makes sense.
-        upper: largest value that the 1 ms integration stays accurate for.
-        stage: place where it adds something.
-        term: function that gives the added quantity from the effect's value and the stage's inputs.
+        lower: smallest possible size.
+        upper: largest size with which the integration in steps of 1 ms is accurate.
+        stage: stage of the simulation at which the effect adds a quantity.
+        term: function from the size and the stage's inputs to the added quantity; None for `HiddenStage.BUILT_IN`.
     """
 
     unit: str
@@ -56,21 +56,32 @@ class HiddenEffect:
 
 
 STANDSTILL_RATE = 1e-3
-"""Swing rate within which dry friction at the pivot grows to its full value [rad/s]."""
+"""Rate of the swing angle below which the dry friction at the pivot is smaller than its full value [rad/s]."""
 STRIBECK_SPEED = 0.1
-"""Joint speed over which the excess friction of standstill fades [rad/s]."""
-MAGNET_PLACE, MAGNET_DEPTH = 0.1, 0.04
-"""Of the magnet under the track: along the line, and below the load [m]."""
+"""Stribeck speed of the joints: the additional friction near standstill falls as exp(-(v / speed)²) [rad/s]."""
+MAGNET_POSITION, MAGNET_DEPTH = 0.1, 0.04
+"""Position of the magnet along the gripper's line, and its depth below the load [m]."""
 
 
-def magnet(value: float, along: float) -> float:
-    """Force along the line [N] of a dipole of a strength [N] on a load at a line coordinate [m]."""
-    away = (along - MAGNET_PLACE) / MAGNET_DEPTH
+def magnet_force(value: float, along: float) -> float:
+    """Force of a magnet (a dipole) on the load along the gripper's line [N].
+
+    Args:
+        value: strength of the magnet [N].
+        along: coordinate of the load on the line [m].
+    """
+    away = (along - MAGNET_POSITION) / MAGNET_DEPTH
     return -value * away / (1.0 + away**2) ** 2.5
 
 
 def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
-    """Resistance [N m s/rad] of a torque of constant size [N m] to a swing rate [rad/s]."""
+    """Resistance of dry friction at the pivot to the swing: friction torque over swing rate [N m s/rad].
+
+    Args:
+        value: size of the friction torque [N m].
+        rate: rate of the swing angle, not negative [rad/s].
+        reversal: change of the rate by a torque of 1 N m in one step of the simulation [rad/s].
+    """
     # A regularised sign is stable where friction cannot reverse the motion within one step.
     standstill = max(STANDSTILL_RATE, 2.0 * value * reversal)
     return value * math.tanh(rate / standstill) / rate if rate > 0.0 else 0.0
@@ -111,7 +122,7 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
         HiddenStage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
     "magnet": HiddenEffect(
         "N", 0.1, "A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line "
-        "of a dipole.", -1.0, 1.0, HiddenStage.PLACE, magnet),
+        "of a dipole.", -1.0, 1.0, HiddenStage.POSITION, magnet_force),
     "pivot_viscous_friction": HiddenEffect(
         "N m s/rad", 1e-3, "A torque at the string's upper end, proportional to the swing rate.", 0.0, 0.5,
         HiddenStage.PIVOT, lambda c, _rate, _reversal: c),
@@ -146,28 +157,35 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
         "1", 0.05, "Relative error of the scale of every measured effort.", -0.9, math.inf,
         HiddenStage.EFFORT, lambda c, torque: c * torque),
 })  # fmt: skip
-"""All that there are, by name; what adds at a stage is a function of the effect's value and the stage's inputs."""
+"""Every effect that the simulated robot can have, by name, apart from laws of a user's own."""
 _OWN: dict[str, HiddenEffect] = {}
-"""Laws of users' files by ``FILE.py:NAME``, as they were read last."""
+"""Laws of users' files that were read, by ``FILE.py:NAME``."""
 
 
-def terms(hidden: Mapping[str, float], stage: HiddenStage) -> tuple[Callable[..., Any], ...]:
-    """Functions that give what the present effects add at a stage."""
+def stage_terms(hidden: Mapping[str, float], stage: HiddenStage) -> tuple[Callable[..., Any], ...]:
+    """Functions of the present effects that add a quantity at a stage, from the stage's inputs.
+
+    Args:
+        hidden: size of every effect, zero for an absent one.
+        stage: stage of the simulation.
+    """
     there = ((HIDDEN_EFFECTS.get(name) or _OWN[name], value) for name, value in hidden.items() if value != 0.0)
     return tuple(partial(e.term, value) for e, value in there if e.term is not None and e.stage is stage)
 
 
 def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
-    """Value of every effect: typical where ``None`` was given, zero where the effect was not named.
+    """Size of every effect of the simulated robot: zero for an effect that was not named.
 
-    Names are those of `HIDDEN_EFFECTS`, or ``FILE.py:NAME`` of a user's effect; values are in the effect's unit.
+    Args:
+        hidden: size of each present effect in its unit, or None for its typical size, by its name in `HIDDEN_EFFECTS`
+            or by ``FILE.py:NAME`` of a user's effect.
 
     Returns:
-        All names of `HIDDEN_EFFECTS`, and the user's that were given, with their value, read-only.
+        Read-only sizes of all `HIDDEN_EFFECTS` and of the named user's effects.
 
     Raises:
-        UnknownNameError: a name that the plant does not have.
-        InputError: a value that is not finite or outside the effect's range, or a file that cannot be used.
+        UnknownNameError: the simulated robot has no effect of this name.
+        InputError: a size is not finite or outside the effect's range, or a file cannot be used.
     """
     values = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
     for name, value in hidden.items():

@@ -1,4 +1,4 @@
-"""Quality of the connection to a robot: delays and intervals, measured while it runs."""
+"""Quality of the connection to a robot: delays and intervals that are measured while the robot is commanded."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,8 +9,8 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Median, percentiles and largest of a number of measured values, in their own unit."""
+class Percentiles:
+    """Number of measured values, their median, 95th and 99th percentile and maximum, in the unit of the values."""
 
     count: int
     median: float
@@ -19,8 +19,8 @@ class Spread:
     worst: float
 
     @classmethod
-    def of(cls, values: Iterable[float]) -> "Spread | None":
-        """Percentiles of some values; None where there are none."""
+    def of(cls, values: Iterable[float]) -> "Percentiles | None":
+        """Percentiles of measured values; None for no values."""
         array = np.array(list(values))
         if not array.size:
             return None
@@ -33,13 +33,13 @@ class Spread:
 
     @property
     def milliseconds(self) -> str:
-        """The percentiles in words, in milliseconds, of times in s."""
+        """Text with the percentiles of times, whose unit is s, in milliseconds."""
         return f"{1e3 * self.median:.1f} ms, 99 % {1e3 * self.p99:.1f} ms, worst {1e3 * self.worst:.1f} ms"
 
 
 @dataclass
 class LinkStatistics:
-    """Statistics of a connection, measured while it runs.
+    """Delays and intervals of a connection to a robot, collected while the robot is commanded.
 
     Attributes:
         round_trip: round-trip times of messages before the first motion [s]; None before the measurement.
@@ -49,20 +49,20 @@ class LinkStatistics:
         commands: number of commands sent.
     """
 
-    round_trip: Spread | None = None
+    round_trip: Percentiles | None = None
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     ages: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     echoes: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     commands: int = 0
 
     @property
-    def spreads(self) -> dict[str, Spread | None]:
+    def spreads(self) -> dict[str, Percentiles | None]:
         """Percentiles of each measured time [s]; None where nothing was measured."""
         return {
             "round_trip": self.round_trip,
-            "command_interval": Spread.of(tuple(self.intervals)),
-            "state_age": Spread.of(tuple(self.ages)),
-            "command_echo": Spread.of(tuple(self.echoes)),
+            "command_interval": Percentiles.of(tuple(self.intervals)),
+            "state_age": Percentiles.of(tuple(self.ages)),
+            "command_echo": Percentiles.of(tuple(self.echoes)),
         }
 
     def as_json(self) -> dict[str, Any]:

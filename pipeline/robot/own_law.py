@@ -1,4 +1,4 @@
-"""A user's law in the simulated robot: an effect on string or load from a user's file, ``FILE.py:NAME``."""
+"""Effects of a user's own in the simulated robot: an effect on string or load from a file, ``FILE.py:NAME``."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -13,19 +13,19 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Load, String
 from pipeline.robot.protocol import Vector
 
-FORCES = {"force": 3, "torque": 1, "dry": 1}
-"""What a law may add to a stage, with its rows: a force on the load, a torque at the pivot, dry friction there."""
+LAW_OUTPUT_SIZES = {"force": 3, "torque": 1, "dry": 1}
+"""Quantities that a user's law may add, with their sizes: force on the load, torque and dry friction at the pivot."""
 
 
-class Swing(NamedTuple):
-    """Motion of the load in the frame of the line: x along the line, y across, z up.
+class LoadState(NamedTuple):
+    """State of the load at one instant, in the frame of the gripper's line: x along the line, y across, z up.
 
     Attributes:
         time: time since the simulation began [s].
         mass: mass of the load [kg].
-        length: from pivot to load [m].
-        angle: 0 hanging; positive puts the load on the negative side [rad].
-        rate: rate of the angle [rad/s].
+        length: distance from pivot to load [m].
+        angle: swing angle, 0 for a hanging load; for a positive angle the load is at negative x [rad].
+        rate: rate of the swing angle [rad/s].
         position: position of the load (3,) [m].
         velocity: velocity of the load (3,) [m/s].
     """
@@ -39,22 +39,27 @@ class Swing(NamedTuple):
     velocity: Vector
 
 
-class Added(NamedTuple):
-    """Result of a law: a force on the load (3,) [N] in the line's frame, a torque [N m], and dry friction [N m]."""
+class LawForces(NamedTuple):
+    """Forces of a user's law: on the load (3,) [N] in the line's frame, torque and dry friction at the pivot [N m]."""
 
     force: Vector
     torque: float
     dry: float
 
 
-def read_own_law(name: str) -> tuple[Effect, Callable[[float, Swing], Added]]:
-    """The effect named by ``FILE.py:NAME``, and the function that gives what it adds to the simulation.
+def read_own_law(name: str) -> tuple[Effect, Callable[[float, LoadState], LawForces]]:
+    """Read a user's effect for the simulated robot.
 
-    That follows from the value of its first parameter and from the swing; other parameters are at their null values.
+    Args:
+        name: file and effect, ``FILE.py:NAME``.
+
+    Returns:
+        The effect, and a function from the value of its first parameter and the load's state to the added forces; its
+        other parameters keep their null values, at which they change nothing.
 
     Raises:
-        InputError: the file cannot be used or has no such effect, or that changes something else than forces on string
-            or load.
+        InputError: the file cannot be used, it has no such effect, or the effect changes more than forces on string or
+            load.
     """
     path, _, called = name.rpartition(":")
     own = {effect.name: effect for effect in load_effects(path)}
@@ -70,9 +75,9 @@ def read_own_law(name: str) -> tuple[Effect, Callable[[float, Swing], Added]]:
     return effect, _compiled(name, effect)
 
 
-def _compiled(name: str, effect: Effect) -> Callable[[float, Swing], Added]:
+def _compiled(name: str, effect: Effect) -> Callable[[float, LoadState], LawForces]:
     value = ca.SX.sym("value")
-    time, mass, length, angle, rate = scalars = [ca.SX.sym(field) for field in Swing._fields[:5]]
+    time, mass, length, angle, rate = scalars = [ca.SX.sym(field) for field in LoadState._fields[:5]]
     position, velocity = ca.SX.sym("position", 3), ca.SX.sym("velocity", 3)
     stages = {
         "string": String(time, angle, rate, mass, length, STANDARD_GRAVITY),
@@ -82,16 +87,16 @@ def _compiled(name: str, effect: Effect) -> Callable[[float, Swing], Added]:
     size, *others = effect.parameters()
     changed = effect.apply(given, {size.name: value, **{p.name: p.value for p in others}})
     for field in fields(given):
-        if field.name not in FORCES and getattr(changed, field.name) is not getattr(given, field.name):
+        if field.name not in LAW_OUTPUT_SIZES and getattr(changed, field.name) is not getattr(given, field.name):
             raise InputError(
                 f"hidden effect '{name}' changes the {field.name} of the {effect.acts_on}: the simulated robot takes "
                 "forces, torques and dry friction without a state of their own"
             )
-    parts = [getattr(changed, what, ca.SX.zeros(rows)) for what, rows in FORCES.items()]
+    parts = [getattr(changed, what, ca.SX.zeros(rows)) for what, rows in LAW_OUTPUT_SIZES.items()]
     law = ca.Function("law", [value, *scalars, position, velocity], [ca.densify(ca.vertcat(*parts))])
 
-    def added(size: float, swing: Swing) -> Added:
+    def added(size: float, swing: LoadState) -> LawForces:
         *force, torque, dry = law(size, *swing).full().ravel().tolist()
-        return Added(np.array(force), torque, dry)
+        return LawForces(np.array(force), torque, dry)
 
     return added

@@ -1,4 +1,4 @@
-"""Pictures of a swing: an animation, or a sheet of moments, drawn without a screen through EGL."""
+"""Pictures of a swing, drawn without a screen through EGL: an animation, or a grid of still pictures."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
@@ -14,18 +14,24 @@ from PIL import Image
 import urdf
 from armdyn.errors import InputError
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import add_box, add_load, add_string, arm_only
+from pipeline.robot.scene import add_box, add_load, add_string, arm_only_urdf
 from pipeline.robot.settings import PlantSettings
-from pipeline.robot.truth import History
+from pipeline.robot.truth import TrueMotion
 from urdf.find import locate_mesh
 
 WALL_OPACITY = 0.25
-"""Opacity of the box's walls in a picture."""
+"""Opacity of the box's front, back and near wall in a picture."""
 
 
 def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[int, int]) -> mujoco.MjModel:
-    """MuJoCo model of arm, string, load and box, for pictures of at most width and height `size` [pixels]."""
-    root = arm_only(robot, keep=("visual",))
+    """MuJoCo model of arm, string, load and box, for drawing.
+
+    Args:
+        robot: description of the arm, with meshes.
+        settings: settings of string, load and box.
+        size: largest width and height of a picture [pixels].
+    """
+    root = arm_only_urdf(robot, keep=("visual",))
     assets = _converted_meshes(root, robot)
     options = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     options.set("discardvisual", "false")
@@ -101,34 +107,41 @@ def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> Non
 
 Pixels = npt.NDArray[np.uint8]
 
-SHEET_SHAPE = (3, 2)
-"""Columns and rows of a sheet of moments."""
+PICTURE_GRID_SHAPE = (3, 2)
+"""Columns and rows of a grid of still pictures."""
 TRAIL_STRIDE = 4
-"""Entries of the history between two dots of the load's trail."""
+"""Samples of the recorded motion between two drawn dots of the load's trail."""
 TRAIL_DOT = (0.004, (0.8, 0.1, 0.1, 0.35))
-"""Radius [m] and colour of the dots where the load has been."""
+"""Radius [m] and colour of the dots that mark the load's path."""
 
 
 def render_swing(
     robot: urdf.Robot,
     settings: PlantSettings,
-    history: History,
+    history: TrueMotion,
     path: Path,
     frames_per_second: float = 12.5,
     size: tuple[int, int] = (640, 480),
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Draw a motion: ``.gif`` gives an animation at true speed, ``.png`` a sheet of six moments.
+    """Draw a motion of the simulated robot: as an animation at true speed, or as a grid of six still pictures.
 
-    One picture has a width and height [pixels]; `progress` is called with the number of drawn pictures and the total.
+    Args:
+        robot: description of the arm, with meshes.
+        settings: settings of string, load and box.
+        history: the motion.
+        path: file to write, ``.gif`` for the animation or ``.png`` for the grid.
+        frames_per_second: rate of the animation.
+        size: width and height of one picture [pixels].
+        progress: called with the number of drawn pictures and their total.
 
     Raises:
-        InputError: another file type, nothing to draw, or this machine cannot draw without a screen.
+        InputError: another file type, an empty motion, or a machine that cannot draw without a screen.
     """
     path = Path(path)
     if path.suffix not in (".gif", ".png"):
         raise InputError(
-            f"{path}: a picture is a .gif (animation) or a .png (sheet of moments); give one of these endings"
+            f"{path}: a picture is a .gif (animation) or a .png (grid of still pictures); give one of these endings"
         )
     if len(history.time) == 0:
         raise InputError(f"{path}: the motion is empty, there is nothing to draw; let the robot move first")
@@ -136,7 +149,7 @@ def render_swing(
     if animated:
         moments = np.arange(history.time[0], history.time[-1] + 1e-9, 1.0 / frames_per_second)
     else:
-        moments = np.linspace(history.time[0], history.time[-1], SHEET_SHAPE[0] * SHEET_SHAPE[1])
+        moments = np.linspace(history.time[0], history.time[-1], PICTURE_GRID_SHAPE[0] * PICTURE_GRID_SHAPE[1])
     images = []
     for pixels in _frames(robot, settings, history, moments, size):
         images.append(Image.fromarray(pixels))
@@ -153,7 +166,7 @@ def render_swing(
 def _frames(
     robot: urdf.Robot,
     settings: PlantSettings,
-    history: History,
+    history: TrueMotion,
     moments: npt.NDArray[np.float64],
     size: tuple[int, int],
 ) -> Iterator[Pixels]:
@@ -254,9 +267,9 @@ def _egl_context(width: int, height: int) -> "mujoco.egl.GLContext":
 
 
 def _sheet(images: list[Image.Image]) -> Image.Image:
-    """One picture of all pictures, in reading order."""
+    """The pictures in a grid, row by row."""
     width, height = images[0].size
-    sheet = Image.new("RGB", (SHEET_SHAPE[0] * width, SHEET_SHAPE[1] * height))
+    sheet = Image.new("RGB", (PICTURE_GRID_SHAPE[0] * width, PICTURE_GRID_SHAPE[1] * height))
     for index, image in enumerate(images):
-        sheet.paste(image, (index % SHEET_SHAPE[0] * width, index // SHEET_SHAPE[0] * height))
+        sheet.paste(image, (index % PICTURE_GRID_SHAPE[0] * width, index // PICTURE_GRID_SHAPE[0] * height))
     return sheet

@@ -1,4 +1,4 @@
-"""The parts of the simulated plant, the forces that MuJoCo's model does not have, and the plant hanging at rest."""
+"""The simulated plant (arm, string and load): forces that MuJoCo does not compute, and its state at rest."""
 
 import math
 from collections.abc import Mapping
@@ -9,23 +9,23 @@ from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.robot.hidden import HiddenStage, pivot_coulomb_friction, terms
-from pipeline.robot.own_law import Swing
+from pipeline.robot.hidden import HiddenStage, pivot_coulomb_friction, stage_terms
+from pipeline.robot.own_law import LoadState
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import build_scene, effort_share
+from pipeline.robot.scene import build_scene, relative_effort_limits
 from pipeline.robot.settings import PlantSettings
 
 STRING_DAMPING_RATIO = 0.05
-"""Damping of an elastic string's own vibration, relative to critical: an ordinary value for cotton and nylon cords."""
+"""Damping ratio of the longitudinal vibration of load and elastic string: typical of cotton and nylon cords."""
 
 
 class Plant:
-    """MuJoCo's model and state of arm, string and load, with the drawn values and those of every hidden effect.
+    """MuJoCo model and state of arm, string and load, with the random true values and the hidden effects.
 
     Attributes:
-        line: line of the arm.
+        line: line along which the arm moves the gripper.
         model, data: MuJoCo's model and state.
-        dofs: index of each joint in MuJoCo's velocity, and for hinges in its position (n,).
+        dofs: index of each joint in MuJoCo's vectors of positions and velocities (n,).
         pivot, load: positions of the string's upper end and of the load's centre, views of MuJoCo's state (3,) [m].
         mass: true mass of the load [kg].
         bias, latency, link_scale: see `PlantTruth`.
@@ -59,7 +59,7 @@ class Plant:
 
 
 class LoadString:
-    """The tendon between gripper and load: nearly rigid (a limit) or elastic (a spring), never pushing."""
+    """The string as a MuJoCo tendon: nearly rigid (a limit of its length) or elastic (a spring); it only pulls."""
 
     def __init__(self, plant: Plant) -> None:
         model = self._model = plant.model
@@ -79,39 +79,45 @@ class LoadString:
         self._model.tendon_lengthspring[self._tendon, 1] = length
 
     def pull(self, data: mujoco.MjData) -> float:
-        """Pull of MuJoCo's tendon [N] at the state that was evaluated last."""
+        """Force of MuJoCo's tendon, without inner damping, at the state that MuJoCo evaluated last [N]."""
         if not self._elastic:
             return float(data.sensordata[self._sensor])
         return max(0.0, self._stiffness * (float(data.ten_length[self._tendon]) - self.length))
 
     def damping(self, data: mujoco.MjData) -> float:
-        """Contribution of inner damping to an elastic string's pull [N]; it may slacken the string but never push."""
+        """Contribution of inner damping to the tension of an elastic string [N]; the total is never negative."""
         pull = self.pull(data) if self._elastic else 0.0
         return max(self._damping * float(data.ten_velocity[self._tendon]), -pull) if pull > 0.0 else 0.0
 
     def tension(self, data: mujoco.MjData) -> float:
-        """Whole pull of the string [N]; 0 when slack."""
+        """Tension of the string, with inner damping [N]; 0 for a slack string."""
         return self.pull(data) + self.damping(data)
 
 
 class LoadForces:
-    """Drag, wind, a magnet, friction at the pivot, laws of a user's own and the inner damping of an elastic string.
+    """Forces on the load: drag, wind, magnet, friction at the pivot, a user's laws, inner damping of an elastic string.
 
-    The reaction of these forces of some millinewton on the arm is left out; the string passes the rest on.
+    Their direct reaction on the arm, some millinewtons, is neglected.
     """
 
     def __init__(self, plant: Plant, string: LoadString) -> None:
         self._plant, self._string = plant, string
         self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
-        self._on_load, self._at_pivot = terms(plant.hidden, HiddenStage.LOAD), terms(plant.hidden, HiddenStage.PIVOT)
-        self._at_place, self._own = terms(plant.hidden, HiddenStage.PLACE), terms(plant.hidden, HiddenStage.OWN)
+        self._on_load, self._at_pivot = (
+            stage_terms(plant.hidden, HiddenStage.LOAD),
+            stage_terms(plant.hidden, HiddenStage.PIVOT),
+        )
+        self._at_place, self._own = (
+            stage_terms(plant.hidden, HiddenStage.POSITION),
+            stage_terms(plant.hidden, HiddenStage.OWN),
+        )
         added = self._on_load or self._at_pivot or self._at_place or self._own
         self._active = bool(added or plant.hidden["string_elasticity"])
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
 
     def apply(self) -> None:
-        """Set the forces on the load for MuJoCo's present state."""
+        """Set the external force on the load in MuJoCo for the present state."""
         if not self._active:
             return
         pivot, load = self._plant.velocities()
@@ -147,7 +153,7 @@ class LoadForces:
         along = np.array([-math.cos(angle), 0.0, math.sin(angle)])  # direction of the load's motion as the angle grows
         rate = float(along @ relative) / math.hypot(string[0], string[2])
         place = frame @ (plant.load - line.origin)
-        swing = Swing(float(plant.data.time), plant.mass, length, angle, rate, place, frame @ load)
+        swing = LoadState(float(plant.data.time), plant.mass, length, angle, rate, place, frame @ load)
         force = np.zeros(3)
         for law in self._own:
             added = law(swing)
@@ -157,19 +163,19 @@ class LoadForces:
 
 
 class JointEffects:
-    """Sets dry friction and spring torques in MuJoCo for its present state.
+    """Hidden effects on the joints: dry friction and gravity springs, set in MuJoCo at every step.
 
-    Dry friction stays a constraint of MuJoCo's solver, which holds a joint at rest exactly; only its bound changes.
+    Dry friction is a constraint of MuJoCo's solver, which holds a joint exactly at rest; only its bound is changed.
 
     Raises:
-        InputError: a gravity spring is asked for and none is known for this robot.
+        InputError: a gravity spring is requested, and none is known for this robot.
     """
 
     def __init__(self, plant: Plant) -> None:
         robot, self._plant = plant.robot, plant
-        self._share = effort_share(robot)
+        self._share = relative_effort_limits(robot)
         self._base = plant.model.dof_frictionloss[plant.dofs].copy()
-        self._friction = terms(plant.hidden, HiddenStage.JOINTS)
+        self._friction = stage_terms(plant.hidden, HiddenStage.JOINTS)
         strength = plant.hidden["gravity_spring"]
         if strength and not robot.springs:
             raise InputError(
@@ -183,7 +189,7 @@ class JointEffects:
         ]
 
     def apply(self) -> None:
-        """Update friction bounds and spring torques; needs MuJoCo's bias force of this state."""
+        """Set friction bounds and spring torques for the present state, whose bias force MuJoCo has computed."""
         model, data, dofs = self._plant.model, self._plant.data, self._plant.dofs
         for dof, sine, cosine in self._springs:
             angle = data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]]
@@ -194,10 +200,10 @@ class JointEffects:
 
 
 def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
-    """Put the arm at `q` (n,) [rad] with the load hanging at rest, and set the string's length accordingly.
+    """Put the arm at the posture `q` (n,) [rad] with the load at rest, and set the string's unstretched length.
 
-    The string stretches under the load; its unstretched length is chosen such that the load hangs at
-    ``settings.length`` exactly, which is what a ruler measures. A start angle then turns it about the pivot.
+    The unstretched length is such that the load hangs exactly at ``settings.length``, which a ruler measures. Then the
+    string is turned about the pivot to its start angle.
 
     Returns:
         Motor torque of each joint that holds the arm (n,) [N m].

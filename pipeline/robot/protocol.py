@@ -18,7 +18,7 @@ class JointState:
     """One reading of the joints.
 
     Attributes:
-        time: when the reading was taken [s].
+        time: time of the reading [s].
         q: joint positions (n,) [rad].
         v: joint velocities (n,) [rad/s]; all nan where the robot does not report them.
         tau: torques of the motors (n,) [N m]; all nan where the robot does not report them.
@@ -35,7 +35,7 @@ class ForceSample:
     """One reading of the load cell.
 
     Attributes:
-        time: when it was *received* [s]; the force was there earlier, by an unknown latency.
+        time: time at which the sample was *received* [s]; the force acted earlier, by an unknown latency.
         force: string tension as the cell reports it [N].
     """
 
@@ -55,16 +55,16 @@ class RobotInterface(Protocol):
         """The robot's clock [s]."""
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """Follow this reference from now on: position, velocity, acceleration (n,) each [rad, rad/s, rad/s^2]."""
+        """Send a reference to follow: positions, velocities and accelerations (n,) each [rad, rad/s, rad/s^2]."""
 
     def stop(self) -> None:
-        """Come to rest within the acceleration limits and hold, until the next command.
+        """Bring the arm to rest within the acceleration limits and hold it until the next command.
 
-        On a robot that goes on by itself a watchdog may call it from another thread while any method here is running.
+        On a real robot a watchdog may call this method from another thread while another method runs.
         """
 
     def advance(self, duration: float) -> None:
-        """Let `duration` seconds pass: a simulated robot computes this time, a real one waits."""
+        """Let `duration` seconds pass: a simulated robot simulates them, for a real robot the program waits."""
 
     def joint_state(self) -> JointState:
         """The latest reading of the joints."""
@@ -74,9 +74,9 @@ class RobotInterface(Protocol):
 
 
 class RealRobot(RobotInterface, Protocol):
-    """A real arm, which moves on by itself and is reached over a connection; use it in a ``with`` block.
+    """A real arm behind a connection; use it in a ``with`` block, after which the arm is enabled and holds its posture.
 
-    At the block's end the arm holds, enabled. Commands pass a gate of its own, see `pipeline.motion.gate`.
+    Every command is checked before it is sent, see `pipeline.motion.gate`.
 
     Attributes:
         statistics: measured delays of the connection.
@@ -89,21 +89,21 @@ class RealRobot(RobotInterface, Protocol):
     def __exit__(self, *_raised: object) -> None: ...
 
     def prepare(self) -> None:
-        """Enable the arm; nothing moves.
+        """Enable the arm without a motion.
 
         Raises:
-            InputError: it cannot be enabled.
+            InputError: the arm cannot be enabled.
         """
 
     def newest_state(self) -> JointState:
-        """The newest reading as it arrived, dated on our clock.
+        """The newest reading of the joints as it arrived, with its time on this program's clock.
 
         Raises:
             TaskFailedError: no state has arrived.
         """
 
     def announce(self, phase: str) -> None:
-        """Publish the progress for others, where the robot can do so."""
+        """Publish the name of the trial's phase for observers, where the robot can do so."""
 
     @property
     def recorder(self) -> "Callable[..., Recorder]":

@@ -1,4 +1,4 @@
-"""MuJoCo's model of arm, string, load and box, from the URDF text alone."""
+"""MuJoCo model of arm, string, load and box, made from the text of the arm's URDF."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -25,9 +25,16 @@ CONTACT_SOLREF = (0.005, 1.0)
 def add_load(
     spec: mujoco.MjSpec, tool: mujoco.MjsBody, offset: Vector, settings: PlantSettings, mass: float, inertia: float
 ) -> None:
-    """Add the load: a free sphere; with an inertia of its own, it slides on a massless bar that turns about the pivot.
+    """Add the load, a sphere.
 
-    Without it the string holds the sphere's centre and the sphere does not turn with it.
+    Args:
+        spec: MuJoCo specification to change.
+        tool: body from which the string hangs.
+        offset: position of the string's upper end in the frame of `tool` (3,) [m].
+        settings: settings with the string's length and the load's radius.
+        mass: mass of the load [kg].
+        inertia: moment of inertia about its centre with which the load turns together with the string [kg m^2]; the
+            load then slides on a massless bar. Zero for a free sphere that does not turn with the string.
     """
     below = float(settings.length)
     if inertia > 0:
@@ -53,7 +60,7 @@ def add_load(
 
 
 def add_string(spec: mujoco.MjSpec, length: float) -> None:
-    """Add the string, which only pulls: a tendon with an upper limit of its length."""
+    """Add the string as a tendon whose length has an upper limit `length` [m]."""
     string = spec.add_tendon(name="string", width=0.0015, rgba=[0.1, 0.1, 0.1, 1])
     string.wrap_site("pivot")
     string.wrap_site("load")
@@ -68,7 +75,7 @@ def add_string(spec: mujoco.MjSpec, length: float) -> None:
     )
 
 
-def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
+def make_string_elastic(model: mujoco.MjModel, compliance: float) -> None:
     """Replace the string's limit by a spring of a compliance [m/N] that acts beyond the string's length only."""
     string = model.tendon("string").id
     model.tendon_lengthspring[string] = model.tendon_range[string]
@@ -79,7 +86,7 @@ def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
 
 
 def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
-    """Add the box: four walls and a floor, fixed in the world, aligned with the line."""
+    """Add the box: four walls and a floor, fixed in the world and aligned with the gripper's line."""
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, line.axes.ravel())
     for plate in box.plates(line):
@@ -98,20 +105,27 @@ def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
 
 
 TIME_STEP = 1e-3
-"""Step of the physics [s]."""
+"""Time step of the simulation [s]."""
 RIGID_ARMATURE = 1e6
-"""Rotor inertia of a joint that shall not move [kg m^2]."""
+"""Rotor inertia that keeps a joint from moving [kg m^2]."""
 
 
 def build_scene(
     robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], mass: float, link_scale: Vector
 ) -> mujoco.MjModel:
-    """MuJoCo model of the plant; string and load are named ``string`` and ``load``, the attachment ``pivot``.
+    """MuJoCo model of the simulated robot, with the names ``string``, ``pivot`` (the string's upper end) and ``load``.
 
-    It has the value of every hidden effect, the load's true mass [kg], and a factor on mass and inertia of the link
-    behind each joint (n,).
+    Args:
+        robot: description of the arm.
+        settings: settings of the simulated robot.
+        hidden: size of every hidden effect.
+        mass: true mass of the load [kg].
+        link_scale: factors on mass and inertia of the link behind each joint (n,).
+
+    Raises:
+        InputError: the gripper's line is not horizontal, or the arm has no link for the string.
     """
-    spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
+    spec = mujoco.MjSpec.from_string(ET.tostring(arm_only_urdf(robot), encoding="unicode"))
     line = robot.line
     if abs(line.direction[2]) > 1e-6:  # a swing along this line would not be the paper's
         raise InputError(
@@ -139,13 +153,18 @@ def build_scene(
         add_box(spec, line, settings.box)
     model = spec.compile()
     if hidden["string_elasticity"] > 0:
-        make_elastic(model, hidden["string_elasticity"])
+        make_string_elastic(model, hidden["string_elasticity"])
     _tune_joints(model, robot, settings, hidden, link_scale)
     return model
 
 
-def arm_only(robot: urdf.Robot, keep: tuple[str, ...] = ()) -> ET.Element:
-    """URDF with shapes of the kinds to `keep` only; only the arm's joints move, and all others are fixed at zero."""
+def arm_only_urdf(robot: urdf.Robot, keep: tuple[str, ...] = ()) -> ET.Element:
+    """URDF of a robot in which only the arm's joints move; all other joints are fixed at zero.
+
+    Args:
+        robot: description of the robot.
+        keep: kinds of shapes to keep, "visual" or "collision"; other shapes are removed.
+    """
     root = ET.fromstring(robot.urdf_xml)
     for link in root.iter("link"):
         for kind in {"visual", "collision"}.difference(keep):
@@ -192,7 +211,7 @@ def _tune_joints(
 ) -> None:
     """Set friction, rotor and link inertia of each joint, which MuJoCo reads from its model at every step."""
     servo = settings.servo
-    share = effort_share(robot)
+    share = relative_effort_limits(robot)
     for i, name in enumerate(robot.joint_names):
         joint = model.joint(name)
         dof, body = joint.dofadr[0], joint.bodyid[0]
@@ -205,6 +224,6 @@ def _tune_joints(
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def effort_share(robot: urdf.Robot) -> Vector:
-    """Effort limit of each joint relative to the strongest joint (n,): the size of its friction and rotor."""
+def relative_effort_limits(robot: urdf.Robot) -> Vector:
+    """Effort limit of each joint divided by that of the strongest joint (n,); it scales hidden friction and rotors."""
     return robot.limits.effort / robot.limits.effort.max()

@@ -1,4 +1,4 @@
-"""Settings of the simulated robot (load, string, servo, sensors, box), and checks of settings and postures."""
+"""Settings of the simulated robot: load, string, joint controller, sensors and box."""
 
 import math
 from dataclasses import dataclass, field, is_dataclass
@@ -12,14 +12,14 @@ from armdyn.errors import InputError
 from pipeline.box import LOAD_RADIUS, Box
 from pipeline.robot.protocol import Vector
 
-NOT_NEGATIVE = (0.0, math.inf)
-POSITIVE = (1e-3, math.inf)
+NON_NEGATIVE_RANGE = (0.0, math.inf)
+POSITIVE_RANGE = (1e-3, math.inf)
 
 
 def _check(settings: Any, **ranges: tuple[float, float]) -> None:
-    """Refuse a number that is not finite, or outside its range where one is given, else negative; None is no value."""
+    """Refuse numbers that are not finite or outside their range; the default range is not negative."""
     for name, value in vars(settings).items():
-        lower, upper = ranges.get(name, NOT_NEGATIVE)
+        lower, upper = ranges.get(name, NON_NEGATIVE_RANGE)
         for number in () if value is None or is_dataclass(value) else np.atleast_1d(value):
             if not (math.isfinite(number) and lower <= number <= upper):
                 raise InputError(
@@ -30,7 +30,7 @@ def _check(settings: Any, **ranges: tuple[float, float]) -> None:
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """The joint controller: PD on a filtered reference plus the nominal model's torque; one value per joint.
+    """Settings of the simulated joint controller (PD with feed-forward torque), with one value per joint.
 
     Attributes:
         stiffness: proportional gain [N m/rad].
@@ -38,9 +38,9 @@ class ServoSettings:
         armature: rotor inertia behind the gears [kg m^2].
         friction: dry friction of the joint, unknown to the controller [N m].
         filter_time: time constant through which reference and feed-forward pass [s].
-        hold_after: without a command for this long the arm brakes and holds [s].
-        extrapolate: whether a position is carried on along its velocity until the next command, or held; then its
-            velocity and acceleration are feed-forward only.
+        hold_after: time without a command after which the arm brakes and holds [s].
+        extrapolate: whether a commanded position continues along its velocity until the next command. If it is held
+            instead, commanded velocity and acceleration are only used for the feed-forward.
     """
 
     stiffness: tuple[float, ...] = (800.0, 800.0, 600.0, 600.0, 120.0, 120.0, 60.0)
@@ -57,13 +57,13 @@ class ServoSettings:
 
 @dataclass(frozen=True)
 class ReadingSettings:
-    """Encoders and effort sensors, as in recordings of the real Baxter; a value for all joints or one per joint.
+    """Noise and resolution of the simulated encoders and effort sensors, as in recordings of the real Baxter.
 
     Attributes:
-        resolution: step of the encoder [rad], 2 pi / 2^14 on Baxter.
-        position_noise: standard deviation before quantisation [rad].
-        velocity_noise: standard deviation [rad/s].
-        effort_noise: standard deviation [N m].
+        resolution: step of the encoders [rad], 2 pi / 2^14 on Baxter.
+        position_noise: standard deviation of positions before quantisation [rad].
+        velocity_noise: standard deviation of velocities [rad/s].
+        effort_noise: standard deviation of efforts, one per joint [N m].
     """
 
     resolution: float = 2 * math.pi / 2**14
@@ -77,17 +77,18 @@ class ReadingSettings:
 
 @dataclass(frozen=True)
 class CellSettings:
-    """The load cell and its line to the computer.
+    """Settings of the simulated load cell and its connection to the computer.
 
     Attributes:
         period: time between samples [s].
         noise: standard deviation of one sample [N].
-        resolution: step of the converter [N].
-        full_scale: largest force that it can report, either sign [N]; a 1 kg cell by default.
-        bias: zero error [N]; drawn with standard deviation `bias_spread` where None.
-        bias_spread: see `bias` [N].
-        latency: from the force to the reception of its sample [s]; drawn evenly from 0 to `latency_up_to` where None.
-        latency_up_to: see `latency` [s].
+        resolution: step of the analogue-digital converter [N].
+        full_scale: largest magnitude of a measured force [N]; that of a 1 kg cell by default.
+        bias: zero error [N]; None for a random one with standard deviation `bias_spread`.
+        bias_spread: standard deviation of a random zero error [N].
+        latency: time from the force to the reception of its sample [s]; None for a random one, uniform from 0 to
+            `latency_up_to`.
+        latency_up_to: upper end of a random latency [s].
     """
 
     period: float = 0.01
@@ -100,25 +101,25 @@ class CellSettings:
     latency_up_to: float = 0.02
 
     def __post_init__(self) -> None:
-        _check(self, period=POSITIVE, full_scale=POSITIVE, bias=(-math.inf, math.inf))
+        _check(self, period=POSITIVE_RANGE, full_scale=POSITIVE_RANGE, bias=(-math.inf, math.inf))
 
 
 @dataclass(frozen=True)
 class PlantSettings:
-    """Settings of the whole simulated robot. Values that are drawn per seed are in `SimulatedRobot.truth`.
+    """Settings of the simulated robot. Its random true values, which depend on a seed, are in `SimulatedRobot.truth`.
 
     Attributes:
-        length: from the string's upper end to the load's centre, hanging at rest [m].
+        length: distance from the string's upper end to the load's centre, hanging at rest [m].
         mass: nominal mass of the load [kg].
-        mass_spread: relative standard deviation of the true mass about the label.
+        mass_spread: relative standard deviation of the true mass about the nominal mass.
         load_radius: radius of the load, a solid sphere [m].
         start_angle: swing angle at which the load is released at time 0 [rad].
-        inertia_spread: mass and inertia of each arm link differ from the URDF by up to this share, drawn evenly.
-        rigid_arm: joints that do not move at all: a pendulum with a fixed pivot.
-        servo: joint controller and friction.
+        inertia_spread: largest relative error of mass and inertia of an arm link in the URDF, uniformly distributed.
+        rigid_arm: whether the joints are immovable, so that the load is a pendulum with a fixed pivot.
+        servo: joint controller and joint friction.
         readings: joint sensors.
         cell: load cell.
-        box: where the load should end; None for no box.
+        box: box in which the load should come to rest; None for no box.
     """
 
     length: float = 0.368
@@ -135,7 +136,7 @@ class PlantSettings:
 
     def __post_init__(self) -> None:
         spread, angle = (0.0, 0.5), (-math.pi / 2, math.pi / 2)
-        positive = dict.fromkeys(("length", "mass", "load_radius"), POSITIVE)
+        positive = dict.fromkeys(("length", "mass", "load_radius"), POSITIVE_RANGE)
         _check(self, **positive, mass_spread=spread, inertia_spread=spread, start_angle=angle)
         if self.length <= self.load_radius:
             raise InputError(
@@ -143,11 +144,16 @@ class PlantSettings:
             )
 
 
-def checked_start(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:
-    """Start posture (n,) [rad], within the limits of a robot for which the settings have a value per joint.
+def checked_start_posture(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:
+    """The start posture as an array (n,) [rad], after a check of it and of the settings.
+
+    Args:
+        robot: description of the arm.
+        q_start: start posture (n,) [rad].
+        settings: settings of the simulated robot.
 
     Raises:
-        InputError: which joint is beyond its limit, or which setting has the wrong number of values.
+        InputError: a joint is beyond its limit, or a setting does not have one value per joint.
     """
     q, joints, servo = np.array(q_start, dtype=float), len(robot.joint_names), settings.servo
     for name, values in (

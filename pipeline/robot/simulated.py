@@ -1,4 +1,4 @@
-"""Baxter in MuJoCo: the default robot, and a source of recordings with known hidden physics."""
+"""Simulated robot arm with a load on a string, in MuJoCo: for trials, and for recordings with known hidden effects."""
 
 import math
 from collections.abc import Mapping
@@ -9,38 +9,43 @@ import numpy as np
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import Gate
-from pipeline.robot.devices import JointReadings, Reference, SimulatedCell, SimulatedServo
+from pipeline.robot.devices import CommandedMotion, JointReadings, SimulatedCell, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
-from pipeline.robot.settings import PlantSettings, checked_start
-from pipeline.robot.truth import History, PlantTruth, swing_angle
+from pipeline.robot.settings import PlantSettings, checked_start_posture
+from pipeline.robot.truth import PlantTruth, TrueMotion, swing_angle
 
 LANDED_SECONDS = 0.2
-"""How long the load must have been in the box without a break to count as landed [s]."""
+"""Time for which the load must be in the box without a break to count as landed [s]."""
 HISTORY_STRIDE = 10
-"""Steps between two entries of the history."""
+"""Number of simulation steps between two samples of the true motion."""
 MAX_SQUARED_SPEED = 1e8
-"""Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
+"""Sum of squared velocities above which the simulation has diverged [rad^2/s^2, m^2/s^2]."""
 
 
 class SimulatedRobot:
-    """A robot arm with a load on a string, as `RobotInterface` sees it; it starts hanging at rest at time 0.
+    """A simulated robot arm with a load on a string, with the methods of `RobotInterface`; at time 0 it is at rest.
 
-    The arm follows the commands with a lag, because its servo is soft, its joints rub and its links are heavier or
-    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit. Its
-    line says where the box stands and which way is along. Hidden effects are those of `hidden.HIDDEN_EFFECTS`; None
-    stands for the typical value.
+    The arm follows commands with an error, because of a compliant controller, joint friction and inaccurate link
+    masses in the URDF. The same seed and the same calls give exactly the same motion and readings.
+
+    Args:
+        robot: description of the arm; its line gives position and direction of the box.
+        q_start: start posture (n,) [rad].
+        settings: settings of the simulated robot; None for the default ones.
+        hidden: size of each hidden effect by its name in `HIDDEN_EFFECTS`; None as a size is the typical one.
+        seed: seed of all random values.
 
     Attributes:
         joint_names: names of the commanded joints.
-        settings: settings of the plant.
-        truth: true drawn and hidden values; for reports and verification only.
+        settings: settings of the simulated robot.
+        truth: random and hidden true values, for reports and verification only.
 
     Raises:
-        InputError: a posture (n,) [rad] outside the joint limits, or settings that do not fit the robot.
-        UnknownNameError: a hidden effect that the plant does not have.
+        InputError: the start posture is outside the joint limits, or the settings do not fit the robot.
+        UnknownNameError: there is no hidden effect of this name.
     """
 
     def __init__(
@@ -53,7 +58,7 @@ class SimulatedRobot:
     ) -> None:
         self.settings = settings = settings or PlantSettings()
         self._hidden = resolve_hidden(hidden or {})
-        q = checked_start(robot, q_start, settings)
+        q = checked_start_posture(robot, q_start, settings)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self.joint_names, self._gate = robot.joint_names, Gate(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
@@ -63,7 +68,7 @@ class SimulatedRobot:
         self._joint_effects.apply()
         rest_torque = place_at_rest(plant, self._string, q)
         servo, lead = settings.servo, self._hidden["gripper_lag"]
-        self._reference = Reference(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
+        self._reference = CommandedMotion(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
         self._servo = SimulatedServo(robot, servo, self._reference, rest_torque, lead)
         self._cell = SimulatedCell(settings.cell, self._hidden, plant.bias, plant.latency, cell_rng)
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
@@ -81,11 +86,11 @@ class SimulatedRobot:
         return self._steps * TIME_STEP
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """Follow a reference from now on, which is extrapolated until the next command comes.
+        """Send a reference to follow (see `RobotInterface.command`), which is extrapolated until the next command.
 
         Raises:
-            InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the
-                arm is; the arm goes on as before, and brakes when no good command follows.
+            InputError: a wrong length, or a value that is not finite, beyond a joint limit or far from the arm's
+                posture. The arm continues with the last valid command, and brakes without a new one.
         """
         q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
         refusal = self._gate.check(q, v, a, self._data.qpos[self._plant.dofs])
@@ -101,7 +106,7 @@ class SimulatedRobot:
         """Simulate the next `duration` seconds, in steps of 1 ms.
 
         Raises:
-            InputError: a negative duration, or one that is not finite.
+            InputError: the duration is negative or not finite.
             TaskFailedError: the simulation has diverged.
         """
         if not 0.0 <= duration < math.inf:
@@ -112,7 +117,7 @@ class SimulatedRobot:
             self._step()
 
     def joint_state(self) -> JointState:
-        """Measured joint positions, velocities and motor torques; two calls at one time return the same reading."""
+        """Measured joint positions, velocities and motor torques; calls at the same time return the same reading."""
         if self._reading is None or self._reading.time != self.time:
             dofs = self._plant.dofs
             q, v, a = self._data.qpos[dofs], self._data.qvel[dofs], self._data.qacc[dofs]
@@ -120,18 +125,20 @@ class SimulatedRobot:
         return self._reading
 
     def load_cell(self) -> list[ForceSample]:
-        """Samples that arrived since the last call, stamped at reception [s, N]."""
+        """Samples of the load cell that arrived since the last call, each with its time of reception."""
         return self._cell.received(self.time)
 
     def load_in_box(self) -> bool:
-        """Whether the load has been between the walls and below the rim for the last 0.2 s."""
+        """Whether the load has been between the box's walls and below its rim for the last 0.2 s."""
         return self._steps_in_box * TIME_STEP >= LANDED_SECONDS
 
-    def history(self) -> History:
-        """True motion since time 0 every 10 ms, for reports and pictures only."""
+    def history(self) -> TrueMotion:
+        """True motion since time 0, sampled every 10 ms, for reports and pictures only."""
         time, q, pivot, load, tension = zip(*self._log, strict=True) if self._log else ((), (), (), (), ())
         rows = np.reshape(q, (-1, len(self.joint_names)))
-        return History(np.array(time), rows, np.reshape(pivot, (-1, 3)), np.reshape(load, (-1, 3)), np.array(tension))
+        return TrueMotion(
+            np.array(time), rows, np.reshape(pivot, (-1, 3)), np.reshape(load, (-1, 3)), np.array(tension)
+        )
 
     def _step(self) -> None:
         plant, data = self._plant, self._data

@@ -1,4 +1,4 @@
-"""True values and motion of the plant, which only the simulation knows: for reports and pictures."""
+"""True values and true motion of a simulated robot, for reports and pictures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from pipeline.robot.protocol import Vector
 
 @dataclass(frozen=True)
 class PlantTruth:
-    """True values that were drawn or hidden in the plant; the controller never sees them.
+    """Random and hidden true values of a simulated robot, which its controller and its models do not know.
 
     Attributes:
         mass: true mass of the load [kg].
         bias: zero error of the load cell [N].
         latency: latency of the load cell [s].
         link_scale: factor on mass and inertia of the link behind each joint (n,).
-        length: from the string's upper end to the load's centre, hanging at rest [m].
+        length: distance from the string's upper end to the load's centre, hanging at rest [m].
         string_length: length of the unstretched string to the load's centre [m].
-        hidden: value of every present effect.
+        hidden: size of every present hidden effect.
     """
 
     mass: float
@@ -32,11 +32,11 @@ class PlantTruth:
 
 
 @dataclass(frozen=True)
-class History:
-    """The true motion, sampled at a fixed period.
+class TrueMotion:
+    """True motion of a simulated robot, sampled at a fixed period.
 
     Attributes:
-        time: (k,) [s].
+        time: times of the samples (k,) [s].
         q: joint positions (k, n) [rad].
         pivot: the string's upper end in the base frame (k, 3) [m].
         load: the load's centre in the base frame (k, 3) [m].
@@ -49,12 +49,17 @@ class History:
     load: Vector
     tension: Vector
 
-    def from_time(self, time: float) -> "History":
+    def from_time(self, time: float) -> "TrueMotion":
         """The part of the motion from `time` [s] on."""
         kept = self.time >= time
-        return History(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
+        return TrueMotion(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
 
 
 def swing_angle(string: Vector, along: Vector) -> float:
-    """Angle of the string (3,), from pivot to load, from the vertical in the plane of line and vertical [rad]."""
+    """Swing angle: angle of the string from the vertical, in the plane of the gripper's line and the vertical [rad].
+
+    Args:
+        string: vector from the string's upper end to the load (3,).
+        along: direction of the line (3,).
+    """
     return float(np.arctan2(-(string @ along), -string[2]))

@@ -1,4 +1,4 @@
-"""Enabling and stopping Baxter: ``baxter_core_msgs/AssemblyState``, and the requests that change it."""
+"""Power state of Baxter: the message ``baxter_core_msgs/AssemblyState``, and the requests that enable and reset it."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -8,14 +8,14 @@ from typing import Any
 from armdyn.errors import InputError
 from pipeline.ros.bridge import Bridge
 
-STATE_PERIOD = 0.02
-"""Least time between two states of the robot that the bridge passes on [s]."""
+MIN_POWER_STATE_PERIOD_SECONDS = 0.02
+"""Shortest time between two messages on the power state that the bridge passes on [s]."""
 REQUEST_PERIOD_SECONDS = 0.1
-"""Requests are repeated, as in the robot's SDK, until the state follows [s]."""
-POWER_STATE_TIMEOUT, RESET_TIMEOUT_SECONDS, ENABLE_TIMEOUT_SECONDS = 3.0, 3.0, 10.0
-"""Longest time until the first state, and until the robot is reset and enabled [s]; homing may go on before that."""
-PRESSED, RELEASED = 1, 3
-"""Of the red button, ``estop_button``; 0 is untouched, 2 unknown."""
+"""Time after which a request is repeated if the robot's state has not changed [s], as in the robot's SDK."""
+POWER_STATE_TIMEOUT_SECONDS, RESET_TIMEOUT_SECONDS, ENABLE_TIMEOUT_SECONDS = 3.0, 3.0, 10.0
+"""Longest waiting times for the first power state, for a reset and for enabling, which may include homing [s]."""
+BUTTON_PRESSED, BUTTON_RELEASED = 1, 3
+"""Values of the field ``estop_button``, the state of the red emergency-stop button; 0 is untouched, 2 unknown."""
 STOP_SOURCES = {
     0: "",
     1: " by the red button",
@@ -23,7 +23,7 @@ STOP_SOURCES = {
     3: " by a fault of the robot",
     4: " by its own computer",
 }
-"""Who stopped it, by ``estop_source``."""
+"""Cause of an emergency stop in words, by the number in the field ``estop_source``."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class AssemblyState:
 
     Attributes:
         enabled: whether the motors are on.
-        ready: whether the robot is not homing; robots before SDK 1.2 do not report it and count as ready.
+        ready: whether homing is finished; robots before SDK 1.2 do not report it and count as ready.
         error: whether there is a fault, which may be harmless while the robot is enabled.
-        stopped: whether an emergency stop holds, until it is reset.
-        estop_button: state of the red button.
-        estop_source: number of the cause of the stop.
+        stopped: whether an emergency stop is active; it must be reset.
+        estop_button: state of the red emergency-stop button, see `BUTTON_PRESSED`.
+        estop_source: cause of the stop, see `STOP_SOURCES`.
     """
 
     enabled: bool = False
@@ -48,7 +48,7 @@ class AssemblyState:
 
     @classmethod
     def read(cls, message: Mapping[str, Any]) -> "AssemblyState":
-        """Read a message; missing fields count as not enabled, stopped, button not pressed."""
+        """State from a message; a missing field counts as not enabled, stopped, or button not pressed."""
         button, source = (message.get(name) for name in ("estop_button", "estop_source"))
         return cls(
             enabled=message.get("enabled") is True,
@@ -61,12 +61,12 @@ class AssemblyState:
 
     @property
     def reset(self) -> bool:
-        """Whether no stop and no error is left after a reset."""
+        """Whether the robot is disabled and has no emergency stop and no error, as after a reset."""
         return not (self.enabled or self.stopped or self.error or self.estop_button or self.estop_source)
 
     @property
     def trouble(self) -> str | None:
-        """Sentence on why the robot does not follow commands; None where it does."""
+        """Reason why the robot does not follow commands, as a sentence; None if it follows them."""
         if self.stopped:
             return f"the robot was stopped{STOP_SOURCES.get(self.estop_source, '')}: look why, then start again"
         if not self.enabled:
@@ -74,34 +74,43 @@ class AssemblyState:
         return None
 
 
-class Power:
-    """Watches whether Baxter is enabled, and enables it; `name` is the name space of the topics, such as ``/robot``."""
+class BaxterPower:
+    """Monitors whether Baxter is enabled, and enables it.
+
+    Args:
+        bridge: connection to ROS.
+        name: name space of the topics, such as ``/robot``.
+    """
 
     def __init__(self, bridge: Bridge, name: str) -> None:
         self._bridge, self._name = bridge, name
         self._state: AssemblyState | None = None
         self._changed = threading.Condition()
-        bridge.subscribe(f"{name}/state", "baxter_core_msgs/AssemblyState", self._take, throttle=STATE_PERIOD)
+        bridge.subscribe(
+            f"{name}/state", "baxter_core_msgs/AssemblyState", self._take, throttle=MIN_POWER_STATE_PERIOD_SECONDS
+        )
         bridge.advertise(f"{name}/set_super_enable", "std_msgs/Bool")
         bridge.advertise(f"{name}/set_super_reset", "std_msgs/Empty")
 
     @property
     def trouble(self) -> str | None:
-        """Sentence on why the robot does not follow commands now; None where it does."""
+        """Reason why the robot does not follow commands at present, as a sentence; None if it follows them."""
         state = self._state
         return "the robot has not said whether it is enabled" if state is None else state.trouble
 
     def enable(self) -> None:
-        """Reset the robot where it was stopped, and enable it.
+        """Enable the robot, after a reset where it was stopped.
 
         Raises:
             InputError: the robot sends no state, its red button is pressed, or it does not react.
         """
-        if not self._wait(lambda _state: True, POWER_STATE_TIMEOUT):
-            raise InputError(f"{self._name}/state: nothing arrived within {POWER_STATE_TIMEOUT:g} s: is the robot on?")
+        if not self._wait(lambda _state: True, POWER_STATE_TIMEOUT_SECONDS):
+            raise InputError(
+                f"{self._name}/state: nothing arrived within {POWER_STATE_TIMEOUT_SECONDS:g} s: is the robot on?"
+            )
         state = self._state
         assert state is not None, "a state was waited for"
-        if state.estop_button == PRESSED:
+        if state.estop_button == BUTTON_PRESSED:
             raise InputError("the emergency stop is pressed: release it, then start again")
         if state.stopped or (state.error and not state.enabled):
             self._ask("set_super_reset", {}, lambda s: s.reset, RESET_TIMEOUT_SECONDS, "could not be reset")

@@ -1,4 +1,4 @@
-"""A rosbridge client: JSON over one websocket. A message that cannot be sent now is never sent.
+"""A rosbridge client: JSON messages over one websocket, without a queue of messages to send.
 
 rosbridge keeps Nagle's algorithm on, whatever its settings say, and holds a message back until the one before is
 acknowledged. The client therefore acknowledges at once (``TCP_QUICKACK``): a round trip then takes 1 ms, not 11 ms.
@@ -18,30 +18,34 @@ from pipeline.processes import Closing, PromptThread
 from urdf.bounds import CONNECTING, LARGEST_MESSAGE
 
 Message = Mapping[str, Any]
-Take = Callable[[Message, float], None]
-"""``(message, time of its reception [s])``; called in the bridge's thread, so it must be quick."""
+MessageHandler = Callable[[Message, float], None]
+"""Function ``(message, time of its reception [s])``; it runs in the bridge's thread, so it must be fast."""
 
 SEND_TIMEOUT_SECONDS = 0.02
-"""Longest time that the operating system may take to accept one message [s]; two control cycles."""
+"""Longest time in which the operating system must accept a message [s]: two control cycles."""
 CLOSE_TIMEOUT_SECONDS = 1.0
-"""Longest time that the other side may take to end the connection [s]."""
+"""Longest time in which the bridge must end the connection after a request to close [s]."""
 RECEIVE_BYTES = 1 << 16
-"""Bytes that are read at once."""
+"""Largest number of bytes in one read from the connection."""
 
 
 class BridgeError(ArmdynError):
-    """The connection to the bridge is lost; it does not come back by itself."""
+    """The connection to the bridge is lost, and is not restored."""
 
 
 class Bridge(Closing):
-    """One connection to rosbridge, such as ``ws://robot:9090``; its clock gives the times of reception [s].
+    """One connection to rosbridge.
 
-    Any thread may publish; messages that arrive are handed out in a separate thread. Nothing is queued: a message is
-    handed to the operating system at once, or the connection ends. A connection that was lost stays lost, so that
-    nothing moves again because a cable was plugged in.
+    Any thread may publish. Received messages are handled in a separate thread. Nothing is queued: the operating system
+    accepts a message at once, or the connection ends. A lost connection is not restored, so that no robot moves because
+    a cable was plugged in again.
+
+    Args:
+        uri: address of the bridge, such as ``ws://robot:9090``.
+        clock: present time, for the times of reception [s].
 
     Attributes:
-        failure: a sentence once the connection is lost, otherwise None.
+        failure: reason why the connection is lost, as a sentence; None while it works.
 
     Raises:
         InputError: the address cannot be used, or no bridge answers there.
@@ -50,7 +54,7 @@ class Bridge(Closing):
     def __init__(self, uri: str, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.uri, self._clock = uri, clock
         self.failure: str | None = None
-        self._takers: defaultdict[str, list[Take]] = defaultdict(list)
+        self._takers: defaultdict[str, list[MessageHandler]] = defaultdict(list)
         self._answers: dict[str, Message | None] = {}
         self._answered = threading.Condition()
         self._calls = 0
@@ -65,15 +69,17 @@ class Bridge(Closing):
         """Present time on the clock that gives times of reception [s]."""
         return self._clock()
 
-    def subscribe(self, topic: str, kind: str, take: Take, *, throttle: float = 0.0, every: bool = False) -> None:
-        """Have `take` called with every message of a topic.
+    def subscribe(
+        self, topic: str, kind: str, take: MessageHandler, *, throttle: float = 0.0, every: bool = False
+    ) -> None:
+        """Call a function with every message of a topic.
 
         Args:
             topic: name, such as ``/robot/joint_states``.
             kind: type of its messages, such as ``sensor_msgs/JointState``.
-            take: function that gets each message and its time of reception [s].
-            throttle: shortest time between two messages [s]; the bridge drops those in between.
-            every: whether a late bridge passes on every message; otherwise only the newest.
+            take: function to call with each message and its time of reception [s].
+            throttle: shortest time between two messages [s]; the bridge drops messages between them.
+            every: whether a delayed bridge passes on every message; otherwise only the newest one.
         """
         self._takers[topic].append(take)
         # A queue of length one keeps the newest message; without a queue all messages are passed on.
@@ -81,26 +87,31 @@ class Bridge(Closing):
         self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue, "throttle_rate": rate})
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        """Announce a topic to publish, whose last message is kept for later subscribers where it is a latch.
+        """Announce a topic on which messages will be published.
 
-        For a second the bridge repeats messages to new subscribers: wait before moving.
+        For one second afterwards the bridge repeats messages to new subscribers: do not command a motion before.
+
+        Args:
+            topic: name of the topic.
+            kind: type of its messages.
+            latch: whether later subscribers get the last message.
         """
         self._send({"op": "advertise", "topic": topic, "type": kind, "queue_size": 1, "latch": latch})
 
     def publish(self, topic: str, message: Message) -> None:
-        """Send one message now.
+        """Send one message on an announced topic.
 
         Raises:
-            InputError: a value is not finite, or of a type that JSON lacks; nothing was sent.
+            InputError: a value is not finite or has no form in JSON; nothing was sent.
             BridgeError: the connection is lost.
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
 
     def call(self, service: str) -> None:
-        """Call a service without arguments, and wait for its answer.
+        """Call a service that has no arguments, and wait for its answer.
 
         Raises:
-            InputError: no answer, or the service failed.
+            InputError: no answer arrived, or the service failed.
             BridgeError: the connection is lost.
         """
         with self._answered:

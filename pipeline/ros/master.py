@@ -1,7 +1,8 @@
-"""The ROS master: a watch on whether it still answers, and the round-trip time of messages.
+"""Checks of the ROS network: whether the ROS master still answers, and the round-trip time of messages.
 
-Its death goes unnoticed, because connections between nodes live without it. The bridge looks a service up at the
-master for every call, so that a call shows whether the master answers. On ROS 2, which has no master, it always does.
+Connections between nodes continue without a master, so its end is not noticed. For every call of a service the bridge
+looks the service up at the master; therefore a call shows whether the master answers. ROS 2 has no master, and calls
+never fail for this reason.
 """
 
 import threading
@@ -10,22 +11,22 @@ from itertools import count
 
 from armdyn.errors import InputError
 from pipeline.processes import PromptThread
-from pipeline.robot.link import Spread
+from pipeline.robot.link import Percentiles
 from pipeline.ros.bridge import Bridge, BridgeError, Message
 
 MASTER_SERVICE = "/rosapi/get_time"
-"""What is called; also where nobody offers it, the bridge has to ask the master first."""
+"""Service that is called to test the master; it need not exist, since the bridge asks the master first."""
 MASTER_CALL_PERIOD_SECONDS = 0.05
-"""Time between two calls [s]: an arm that has to stand 0.3 s after the fault leaves about 0.2 s to see it."""
-MASTER_GONE_TEXT = "communicate with master"
-"""What the bridge answers where the master does not: ``Unable to communicate with master!``."""
+"""Time between two calls [s]: the arm must stand 0.3 s after the fault, which leaves about 0.2 s for its detection."""
+MASTER_LOST_TEXT = "communicate with master"
+"""Part of the bridge's answer when the master does not answer: ``Unable to communicate with master!``."""
 
 
 class MasterWatch:
-    """A thread that asks the ROS master repeatedly until it is closed.
+    """A thread that tests repeatedly whether the ROS master answers.
 
     Attributes:
-        trouble: a sentence once the master is gone, otherwise None.
+        trouble: sentence on the lost master; None while it answers.
     """
 
     def __init__(self, bridge: Bridge) -> None:
@@ -36,7 +37,7 @@ class MasterWatch:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread after its present call."""
+        """End the thread after its present test."""
         self._closed.set()
 
     def _ask(self) -> None:
@@ -46,28 +47,28 @@ class MasterWatch:
             except BridgeError:
                 return  # the bridge itself reports that it is lost
             except InputError as error:  # no such service, or no answer: the messages themselves show delays
-                if MASTER_GONE_TEXT in str(error):
+                if MASTER_LOST_TEXT in str(error):
                     self.trouble = f"{self._bridge.uri}: the ROS master is gone: restart master and bridge"
                     return
 
 
 PING_TOPIC = "/armdyn/ping"
-PINGS = 50
-"""How many pings are sent."""
+PING_COUNT = 50
+"""Number of messages (pings) that are sent to measure the round-trip time."""
 PING_PERIOD = 0.01
-"""Time between two pings [s]: the bridge's delays depend on it."""
+"""Time between two pings [s], as between commands, because the bridge's delays depend on it."""
 PING_TIMEOUT = 3.0
-"""Longest time to the first answer and after the last ping [s]."""
+"""Longest waiting time for the first ping to return, and for the rest after the last ping [s]."""
 MIN_PING_SHARE = 0.5
-"""Share of the pings that come back through a bridge that works."""
+"""Smallest share of pings that must return through a working bridge."""
 _names = count()
 
 
-def round_trip(bridge: Bridge) -> Spread:
-    """Round-trip times [s] of pings that are sent at 100 Hz.
+def round_trip_times(bridge: Bridge) -> Percentiles:
+    """Measure round-trip times of messages through a bridge, sent at 100 Hz [s].
 
     Raises:
-        InputError: fewer than half of them return; a bridge that pauses for 60 ms keeps one of six pings.
+        InputError: fewer than half of the messages return.
     """
     topic = f"{PING_TOPIC}_{next(_names)}"
     sent: dict[int, float] = {}
@@ -87,16 +88,16 @@ def round_trip(bridge: Bridge) -> Spread:
         bridge.publish(topic, {"data": -1.0})
         if heard.wait(0.05):
             break
-    for number in range(PINGS):
+    for number in range(PING_COUNT):
         sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
         time.sleep(PING_PERIOD)
     end = time.monotonic() + PING_TIMEOUT
-    while len(took) < PINGS and time.monotonic() < end:
+    while len(took) < PING_COUNT and time.monotonic() < end:
         time.sleep(PING_PERIOD)
-    spread = Spread.of(took.values())
-    if spread is None or spread.count < MIN_PING_SHARE * PINGS:
+    spread = Percentiles.of(took.values())
+    if spread is None or spread.count < MIN_PING_SHARE * PING_COUNT:
         raise InputError(
-            f"{bridge.uri}: {len(took)} of {PINGS} messages came back: does the bridge reach the ROS master?"
+            f"{bridge.uri}: {len(took)} of {PING_COUNT} messages came back: does the bridge reach the ROS master?"
         )
     return spread

@@ -1,4 +1,4 @@
-"""Record joint states and load cell of a ROS robot as a run; no command is sent."""
+"""Record joint states and load cell of a ROS robot; no command is sent."""
 
 import threading
 import time
@@ -14,18 +14,18 @@ import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
-from pipeline.imports.foreign import Account, ForeignColumn
-from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
+from pipeline.imports.foreign import ForeignColumn, SampleAccount
+from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Bridge, Message
-from pipeline.ros.states import FIRST_STATE, no_state, stamp_of
+from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, header_stamp, missing_state_error
 from pipeline.ros.topics import RosTopics
 
 MAX_STATE_GAP_SECONDS = 1.0
-"""Longest time between two joint states [s]: slower drivers shall be recorded too."""
+"""Longest time between two joint states before a recording ends [s]; long, because some drivers are slow."""
 
 
 def record_run(
@@ -38,14 +38,20 @@ def record_run(
     calibration: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Run, tuple[str, ...]]:
-    """Record joint states and load cell for some seconds, and write the run as a CSV file with its settings beside it.
+    """Record joint states and load cell of a robot for some seconds, and write the recording as a CSV file.
 
-    Where the arm has a line, the tool's coordinate and height are recorded too. Without a serial port there is no load
-    cell; its calibration is the user's own if not given. `progress` is called with the share that is done.
+    Args:
+        uri: address of the bridge.
+        arm: description of the arm; if it has a line, the tool's coordinate and height are recorded too.
+        topics: topics of the arm.
+        output: file to write, with a TOML file of the same name beside it.
+        seconds: duration [s]; a signal may end the recording earlier.
+        port: serial port of the load cell; None for no load cell.
+        calibration: calibration file of the load cell; None for the user's default one.
+        progress: called with the finished share.
 
     Returns:
-        The run, which a signal may have ended early, and a sentence on what became of the messages and on everything
-        that was left out.
+        The recording, and sentences on messages and quantities that it lacks.
 
     Raises:
         InputError: no bridge, no states of these joints, no load cell.
@@ -116,8 +122,8 @@ class _ReceivedStates:
             if now < self._start:
                 return
             try:
-                stamp = stamp_of(message)
-                values = {part: _numbers(message.get(part)) for part, _ in FIELDS}
+                stamp = header_stamp(message)
+                values = {part: _numbers(message.get(part)) for part, _ in JOINT_STATE_QUANTITIES}
                 self._publishers.take_joints(
                     self._topic, "", list(message["name"]), values, stamp if stamp > 0.0 else np.nan, now
                 )
@@ -136,18 +142,22 @@ class _ReceivedStates:
             InputError: a joint was never sent.
         """
         with self._changed:
-            if self._changed.wait_for(lambda: set(names) <= self._names.keys(), FIRST_STATE):
+            if self._changed.wait_for(lambda: set(names) <= self._names.keys(), FIRST_STATE_TIMEOUT_SECONDS):
                 return
             missing = [name for name in names if name not in self._names]
             others = f"; what came is of {', '.join(self._names)}" if self._names else ""
-        raise no_state(self._topic, missing, others)
+        raise missing_state_error(self._topic, missing, others)
 
-    def columns(self) -> tuple[dict[str, ForeignColumn], Account, list[str]]:
+    def columns(self) -> tuple[dict[str, ForeignColumn], SampleAccount, list[str]]:
         """Kept joint states as columns, with times on our clock."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
         unread = self._unread[self._topic]
-        return columns, accounts.get(self._topic, Account(self._topic, unread, 0, {UNREADABLE: unread})), notes
+        return (
+            columns,
+            accounts.get(self._topic, SampleAccount(self._topic, unread, 0, {UNREADABLE_REASON: unread})),
+            notes,
+        )
 
 
 def _numbers(values: object) -> list[float] | None:
@@ -177,7 +187,7 @@ def _run(
                 missing.append(joint)
             else:
                 channels[f"{quantity}.{joint}"] = Channel(
-                    column.time[present] - start, column.value[present], UNITS[quantity]
+                    column.time[present] - start, column.value[present], REVOLUTE_UNITS[quantity]
                 )
         if missing:
             said.append(f"no {quantity} of {', '.join(missing)} was sent")

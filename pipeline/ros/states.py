@@ -1,4 +1,4 @@
-"""Joint states from a topic: matched by name, dated on our clock, and read at a requested time."""
+"""Joint states from a ROS topic: joints matched by name, times on this program's clock, states at any time."""
 
 import threading
 from bisect import bisect_right
@@ -10,33 +10,38 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.imports.stamps import DRIFT
+from pipeline.imports.stamps import MAX_CLOCK_DRIFT
 from pipeline.robot.protocol import JointState, Vector
 from pipeline.ros.bridge import Bridge
 
 MAX_BURST_DELAY_SECONDS = 0.05
-"""s by which messages are late that come together when a client only listens, 0.04 s, and a little more."""
-FIRST_STATE = 3.0
-"""Longest time to the first joint state [s]."""
-KEPT_STATES = 64
-"""States that are kept: more than half a second at 100 Hz."""
+"""Largest delay of messages that arrive in a burst [s]: 0.04 s for a client that only receives, with a margin."""
+FIRST_STATE_TIMEOUT_SECONDS = 3.0
+"""Longest waiting time for the first joint state [s]."""
+MAX_KEPT_STATES = 64
+"""Number of joint states that are kept: more than half a second at 100 Hz."""
 
 
 class StampClock:
-    """Maps the stamps of another clock to ours.
+    """Converts time stamps of another computer's clock to times of this program's clock.
 
-    A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
-    estimate of the offset between the clocks, and is forgotten as slowly as clocks drift. The error is the quickest
-    delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more
-    than `MAX_BURST_DELAY_SECONDS` is believed when the next one says the same: then a clock was set, else it was wrong.
+    A message arrives after its stamp by a varying delay. The smallest difference of reception and stamp estimates the
+    offset between the clocks; it grows with time at the rate at which clocks drift. Converted times are late by the
+    smallest delay, 1 ms on a local network. A stamp that is more than `MAX_BURST_DELAY_SECONDS` too early for the
+    estimate is only used if the next stamp agrees with it (the other clock was set); otherwise it was a wrong stamp.
     """
 
     def __init__(self) -> None:
         self._offset, self._at, self._doubted = inf, 0.0, inf
 
     def local(self, stamp: float, received: float) -> float:
-        """Time of a stamp [s] on our clock, never after the message's reception on our clock [s]."""
-        shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
+        """Time of a stamp on this program's clock [s], never after the reception of its message.
+
+        Args:
+            stamp: time stamp of the message [s].
+            received: time of its reception on this program's clock [s].
+        """
+        shortest, given = self._offset + MAX_CLOCK_DRIFT * max(received - self._at, 0.0), received - stamp
         doubted = shortest < inf and given < shortest - MAX_BURST_DELAY_SECONDS
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
         self._doubted = given if doubted else inf
@@ -45,25 +50,33 @@ class StampClock:
 
 
 class JointStates:
-    """The latest states of an arm's joints, in the order of their names.
+    """The latest states of an arm's joints, from messages that may contain other joints too.
 
-    The bridge's thread adds messages; any thread may read. Other joints, and messages without ours (a gripper's, on the
-    same topic), are left out.
+    The bridge's thread adds messages; any thread may read states. Messages that lack one of the arm's joints, such as a
+    gripper's on the same topic, are left out.
+
+    Args:
+        names: names of the arm's joints, in the order of the states.
 
     Attributes:
-        unreadable: number of messages with our joints whose values are missing or not finite.
+        unreadable: number of messages of the arm's joints whose values are missing or not finite.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
         self._stamps = StampClock()
-        self._states: deque[JointState] = deque(maxlen=KEPT_STATES)
+        self._states: deque[JointState] = deque(maxlen=MAX_KEPT_STATES)
         self._order: tuple[list[str], list[int]] | None = None
         self._changed = threading.Condition()
         self.unreadable = 0
 
     def take(self, message: Mapping[str, Any], received: float) -> None:
-        """Store one ``sensor_msgs/JointState`` that was received at a time of our clock [s]."""
+        """Store a message ``sensor_msgs/JointState``.
+
+        Args:
+            message: the message.
+            received: time of its reception on this program's clock [s].
+        """
         index = self._index(message.get("name"))
         if index is None:
             return
@@ -79,30 +92,38 @@ class JointStates:
 
     @property
     def latest(self) -> JointState | None:
-        """The newest state; None before the first."""
+        """The newest state; None before the first one."""
         with self._changed:
             return self._states[-1] if self._states else None
 
     def wait_for_younger(self, time: Callable[[], float], patience: float) -> None:
-        """Wait until the newest state is at or after a time [s], which may change meanwhile, or patience [s] ends."""
+        """Wait until the newest state is not older than a time, at most for `patience` [s].
+
+        Args:
+            time: function that returns the earliest accepted time [s]; it is called again after each state.
+            patience: longest waiting time [s].
+        """
         with self._changed:
             self._changed.wait_for(lambda: bool(self._states) and self._states[-1].time >= time(), patience)
 
     def first(self, topic: str) -> JointState:
-        """The newest state, waited for where there is none yet; the topic's name is for the error.
+        """The newest state, or the first one as soon as it arrives.
+
+        Args:
+            topic: name of the topic, for the error message.
 
         Raises:
-            InputError: no state came in time.
+            InputError: no state arrived in time.
         """
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._states), FIRST_STATE)
+            self._changed.wait_for(lambda: bool(self._states), FIRST_STATE_TIMEOUT_SECONDS)
             if self._states:
                 return self._states[-1]
             seen = f"; {self.unreadable} could not be read" if self.unreadable else ""
-        raise no_state(topic, self._names, seen)
+        raise missing_state_error(topic, self._names, seen)
 
     def at(self, time: float) -> JointState | None:
-        """The state at a time [s]: between two states by a cubic, beyond the newest along its velocity.
+        """State at a time [s]: interpolated between two states, extrapolated at constant velocity after the newest one.
 
         None before the first state.
         """
@@ -117,7 +138,7 @@ class JointStates:
         return _between(states[after - 1], states[after], time) if after else states[0]
 
     def _index(self, names: object) -> list[int] | None:
-        """Indices of our joints in a message; None where one of them is missing."""
+        """Indices of the arm's joints in a message; None where one of them is missing."""
         if not isinstance(names, list):
             return None
         if self._order is None or self._order[0] != names:
@@ -128,7 +149,7 @@ class JointStates:
 
     def _read(self, message: Mapping[str, Any], index: list[int], received: float) -> JointState | None:
         q = _values(message.get("position"), index)
-        stamp = stamp_of(message)
+        stamp = header_stamp(message)
         if q is None or not isfinite(stamp):
             return None
         # A driver may omit speed or effort. A message without both is still a reading of the posture: a quantity that
@@ -142,25 +163,32 @@ class JointStates:
         return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
 
 
-LATE_CYCLES = 5
-"""A cycle may begin late now and then; only when so many in a row are late was one left out."""
+MAX_LATE_CYCLES_IN_A_ROW = 5
+"""Number of consecutive late cycles from which one cycle counts as left out; single cycles may be late."""
 MAX_CAUGHT_UP_PERIODS = 3.0
-"""Periods behind that are caught up at once."""
+"""Delay of a single cycle from which whole cycles count as left out [periods]."""
 
 
-class EvenTimes:
-    """Evenly spaced reading times for a loop whose cycles sometimes begin a little late or are left out.
+class EvenReadingTimes:
+    """Evenly spaced reading times for a loop whose cycles sometimes begin late or are left out.
 
-    Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods [s].
+    Without them a late cycle would distort the read motion. A left-out cycle makes a gap of a whole number of periods.
+
+    Args:
+        period: time between two readings [s].
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._last: float | None = None
-        self._behind: deque[float] = deque(maxlen=LATE_CYCLES)
+        self._behind: deque[float] = deque(maxlen=MAX_LATE_CYCLES_IN_A_ROW)
 
     def next(self, wanted: float) -> float:
-        """Reading time of this cycle [s]: one period after the last one, unless that is far from `wanted` [s]."""
+        """Reading time of this cycle [s]: one period after the last reading, or whole periods later after a gap.
+
+        Args:
+            wanted: time that the loop would read now [s].
+        """
         if self._last is None:
             self._last = wanted
             return wanted
@@ -169,15 +197,22 @@ class EvenTimes:
             return self._last
         self._behind.append(behind)
         steps = 1
-        if behind >= MAX_CAUGHT_UP_PERIODS or (len(self._behind) == LATE_CYCLES and min(self._behind) > 0.9):
+        if behind >= MAX_CAUGHT_UP_PERIODS or (
+            len(self._behind) == MAX_LATE_CYCLES_IN_A_ROW and min(self._behind) > 0.9
+        ):
             steps += int(behind if behind >= MAX_CAUGHT_UP_PERIODS else min(self._behind) + 0.1)
             self._behind.clear()
         self._last += steps * self._period
         return self._last
 
 
-def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
-    """Present positions of the named joints, from the states that a bridge passes on; no command is sent.
+def present_joint_state(uri: str, names: Sequence[str], topic: str) -> JointState:
+    """Present state of an arm's joints on a ROS robot; no command is sent.
+
+    Args:
+        uri: address of the bridge.
+        names: names of the joints.
+        topic: topic of the joint states.
 
     Raises:
         InputError: no bridge, or no state of these joints in time.
@@ -188,14 +223,20 @@ def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
         return joints.first(topic)
 
 
-def no_state(topic: str, names: Sequence[str], seen: str) -> InputError:
-    """The error where no state of the named joints has come, with what was seen in its place."""
-    missing = f"no state of {', '.join(names)} within {FIRST_STATE:g} s{seen}"
+def missing_state_error(topic: str, names: Sequence[str], seen: str = "") -> InputError:
+    """Error for joints whose state did not arrive in time.
+
+    Args:
+        topic: topic of the joint states.
+        names: names of the missing joints.
+        seen: text on the messages that arrived instead, with a semicolon before it.
+    """
+    missing = f"no state of {', '.join(names)} within {FIRST_STATE_TIMEOUT_SECONDS:g} s{seen}"
     return InputError(f"{topic}: {missing}: is the robot on, and is this its topic?")
 
 
-def stamp_of(message: Mapping[str, Any]) -> float:
-    """Time stamp of a message's header [s]; 0 where it has none, and nan where it cannot be read."""
+def header_stamp(message: Mapping[str, Any]) -> float:
+    """Time stamp in a message's header [s]; 0 for a message without a stamp, nan for an unreadable stamp."""
     header = message.get("header")
     stamp = header.get("stamp") if isinstance(header, Mapping) else None
     if not isinstance(stamp, Mapping):
@@ -206,8 +247,8 @@ def stamp_of(message: Mapping[str, Any]) -> float:
         return float("nan")
 
 
-def finite(given: object) -> Vector | None:
-    """Numbers of a message as an array; None where an entry is no number, or not finite."""
+def finite_array(given: object) -> Vector | None:
+    """Numbers of a message as an array; None if an entry is not a finite number."""
     try:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -216,10 +257,10 @@ def finite(given: object) -> Vector | None:
 
 
 def _values(given: object, index: list[int]) -> Vector | None:
-    """The values of our joints (n,); None where one is missing or not finite."""
+    """Values of the arm's joints (n,); None where one is missing or not finite."""
     if not isinstance(given, list) or max(index) >= len(given):
         return None
-    return finite([given[i] for i in index])
+    return finite_array([given[i] for i in index])
 
 
 def _between(a: JointState, b: JointState, time: float) -> JointState:

@@ -1,9 +1,9 @@
 """Messages that a trial publishes for observers, of standard types that rqt, Foxglove and rosbag read.
 
-``/armdyn/estimate``: ``std_msgs/Float64MultiArray``, length and its standard deviation [m].
-``/armdyn/reference``: ``sensor_msgs/JointState``, the commanded joints.
-``/armdyn/load_force``: ``geometry_msgs/WrenchStamped``, the string's pull as force along z [N].
-``/armdyn/phase``: ``std_msgs/String``, latched.
+``/armdyn/estimate``: ``std_msgs/Float64MultiArray``, estimated length and its standard deviation [m].
+``/armdyn/reference``: ``sensor_msgs/JointState``, the commanded joint positions and velocities.
+``/armdyn/load_force``: ``geometry_msgs/WrenchStamped``, the string's tension as force along z [N].
+``/armdyn/phase``: ``std_msgs/String``, the phase of the trial, latched.
 """
 
 import time
@@ -17,25 +17,30 @@ from pipeline.robot.protocol import ForceSample, Vector
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.topics import time_message
 
-ESTIMATE, REFERENCE_TOPIC, LOAD_FORCE, PHASE = (
+ESTIMATE_TOPIC, REFERENCE_TOPIC, LOAD_FORCE_TOPIC, PHASE_TOPIC = (
     f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase")
 )
 MIN_PUBLISH_PERIOD = 0.04
-"""Least time between two messages on a topic [s]; the recording has every sample."""
-LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
+"""Shortest time between two messages on a topic [s]; the recording contains every sample."""
+ESTIMATE_LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
 
 
 class Telemetry:
-    """Publishes messages about a trial; failures are ignored, because the program that moves the arm notices them."""
+    """Publishes messages on a trial for observers; failures are ignored here, because the arm's driver reports them.
+
+    Args:
+        bridge: connection to ROS.
+        names: names of the commanded joints.
+    """
 
     def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
         self._bridge, self._names = bridge, list(names)
         self._next: dict[str, float] = {}
         self._phase = ""
-        bridge.advertise(ESTIMATE, "std_msgs/Float64MultiArray", latch=True)
+        bridge.advertise(ESTIMATE_TOPIC, "std_msgs/Float64MultiArray", latch=True)
         bridge.advertise(REFERENCE_TOPIC, "sensor_msgs/JointState")
-        bridge.advertise(LOAD_FORCE, "geometry_msgs/WrenchStamped")
-        bridge.advertise(PHASE, "std_msgs/String", latch=True)
+        bridge.advertise(LOAD_FORCE_TOPIC, "geometry_msgs/WrenchStamped")
+        bridge.advertise(PHASE_TOPIC, "std_msgs/String", latch=True)
 
     def reference(self, q: Vector, v: Vector) -> None:
         """Publish the commanded joint positions and velocities (n,) [rad, rad/s]."""
@@ -47,22 +52,22 @@ class Telemetry:
             )
 
     def load_force(self, samples: Sequence[ForceSample]) -> None:
-        """Publish the load cell's last force [N]."""
-        if samples and self._due(LOAD_FORCE):
+        """Publish the force of the newest of these samples of the load cell [N]."""
+        if samples and self._due(LOAD_FORCE_TOPIC):
             force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
-            self._say(LOAD_FORCE, {
+            self._say(LOAD_FORCE_TOPIC, {
                 "header": {"stamp": time_message(time.time()), "frame_id": "load_cell"}, "wrench": {"force": force},
             })  # fmt: skip
 
     def estimate(self, length: float, std: float) -> None:
         """Publish the estimated length and its standard deviation [m]."""
-        self._say(ESTIMATE, {"layout": LAYOUT, "data": [length, std]})
+        self._say(ESTIMATE_TOPIC, {"layout": ESTIMATE_LAYOUT, "data": [length, std]})
 
     def phase(self, name: str) -> None:
         """Publish the present phase of the trial."""
         if name != self._phase:
             self._phase = name
-            self._say(PHASE, {"data": name})
+            self._say(PHASE_TOPIC, {"data": name})
 
     def _due(self, topic: str) -> bool:
         now = time.monotonic()
@@ -77,14 +82,14 @@ class Telemetry:
 
 
 class PublishingRecorder(Recorder):
-    """A recorder that also publishes each new estimate."""
+    """A trial's recorder that also publishes each new estimate of the string's length."""
 
     def __init__(self, *arguments: Any, telemetry: Telemetry, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self._telemetry = telemetry
 
     def record(self, channel: str, time: float, value: float) -> None:
-        """Record one sample, and publish it where it is a new estimate."""
+        """Record one sample of a channel, and publish it if it is a new estimate of the length."""
         super().record(channel, time, value)
         if channel == "estimate.length_std":
             self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)

@@ -1,4 +1,4 @@
-"""Topics of an arm, from the table ``[ros]`` of its settings file, and the messages of commands."""
+"""ROS topics of an arm, from the table ``[ros]`` of its settings file, and messages that command it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from urdf.table_file import Check, read_as
 
 
 class CommandKind(Enum):
-    """Type of the messages that move the arm."""
+    """ROS type of the messages that command the arm."""
 
     JOINT_COMMAND = "baxter_core_msgs/JointCommand"
     TRAJECTORY = "trajectory_msgs/JointTrajectory"
     ARRAY = "std_msgs/Float64MultiArray"
 
 
-MODES = {"position": 1, "raw_position": 4}
-"""How Baxter takes a ``JointCommand``: the message's constants, by the word of the settings file."""
+JOINT_COMMAND_MODES = {"position": 1, "raw_position": 4}
+"""Modes of Baxter's message ``JointCommand``: the number in the message, by the word in a settings file."""
 
 
 _Name = Annotated[
@@ -39,19 +39,22 @@ class RosTopics:
         joint_states: topic of type ``sensor_msgs/JointState``.
         command: topic of commands that move the arm.
         type: type of these commands.
-        mode: mode of a ``JointCommand``, see `MODES`.
-        feed_forward: topic of type ``trajectory_msgs/JointTrajectoryPoint``, with every command; None sends none.
+        mode: mode of a ``JointCommand``, see `JOINT_COMMAND_MODES`.
+        feed_forward: topic of type ``trajectory_msgs/JointTrajectoryPoint`` for every command's velocities and
+            accelerations; None for no such topic.
         timeout: topic that sets the longest time without a command, ``std_msgs/Float64``; None for no such topic.
         command_timeout: longest time without a command [s], after which the robot holds its posture.
         speed_ratio: topic that sets the share of the speed limits, ``std_msgs/Float64``; None for no such topic.
         enabling: name space of Baxter's ``state``, ``set_super_enable`` and ``set_super_reset``; None without them.
-        horizon: how far ahead the point of a ``JointTrajectory`` is [s].
+        horizon: time from a ``JointTrajectory`` to its only point [s].
     """
 
     joint_states: _Name
     command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
-    mode: Annotated[str, Check(MODES.__contains__, f"choose one of {', '.join(MODES)}")] = "raw_position"
+    mode: Annotated[str, Check(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")] = (
+        "raw_position"
+    )
     feed_forward: _Name | None = None
     timeout: _Name | None = None
     command_timeout: _Seconds = 0.1
@@ -61,12 +64,12 @@ class RosTopics:
 
 
 def settings_file(robot: str) -> Path:
-    """The settings file of a known robot, or the file with a given name."""
+    """Path of a robot's settings file, from the name of a known robot or from a file name."""
     return SETTINGS / f"{robot}.toml" if robot in known_robots() else Path(robot)
 
 
 def read_topics(file: Path) -> RosTopics:
-    """The table ``[ros]`` of a robot's settings file.
+    """Read the ROS topics from the table ``[ros]`` of a robot's settings file.
 
     Raises:
         InputError: the table is missing, or an entry has the wrong form.
@@ -79,18 +82,33 @@ def read_topics(file: Path) -> RosTopics:
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:
-    """Message that commands the arm to positions, velocities and accelerations (n,) [rad, s]."""
+    """Message that commands the arm.
+
+    Args:
+        topics: topics of the arm, with the type of the message.
+        names: names of the joints.
+        q: positions (n,) [rad].
+        v: velocities (n,) [rad/s].
+        a: accelerations (n,) [rad/s^2].
+    """
     match topics.type:
         case CommandKind.JOINT_COMMAND:
-            return {"mode": MODES[topics.mode], "names": list(names), "command": q.tolist()}
+            return {"mode": JOINT_COMMAND_MODES[topics.mode], "names": list(names), "command": q.tolist()}
         case CommandKind.TRAJECTORY:
-            return {"joint_names": list(names), "points": [point_message(q, v, a, topics.horizon)]}
+            return {"joint_names": list(names), "points": [trajectory_point_message(q, v, a, topics.horizon)]}
         case CommandKind.ARRAY:
             return {"data": q.tolist()}
 
 
-def point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[str, Any]:
-    """A ``trajectory_msgs/JointTrajectoryPoint`` that is to be reached after some seconds."""
+def trajectory_point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[str, Any]:
+    """Message ``trajectory_msgs/JointTrajectoryPoint``.
+
+    Args:
+        q: positions (n,) [rad].
+        v: velocities (n,) [rad/s].
+        a: accelerations (n,) [rad/s^2].
+        ahead: time from the start of the trajectory to this point [s].
+    """
     return {
         "positions": q.tolist(),
         "velocities": v.tolist(),
@@ -100,13 +118,13 @@ def point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[s
 
 
 def time_message(seconds: float) -> dict[str, int]:
-    """A time or a duration as a ROS message."""
+    """A time or a duration [s] in the form of a ROS 1 message."""
     whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
     return {"secs": whole, "nsecs": rest}
 
 
-def positions_in(message: Mapping[str, Any], kind: CommandKind) -> tuple[Any, ...]:
-    """Positions that a command message of any sender requests; empty where it requests none."""
+def commanded_positions(message: Mapping[str, Any], kind: CommandKind) -> tuple[Any, ...]:
+    """Positions in a message that commands an arm; empty for a message without positions."""
     if kind is CommandKind.TRAJECTORY:
         points = message.get("points") or [{}]
         return tuple(points[-1].get("positions") or ())

@@ -1,6 +1,6 @@
-"""The twin: the simulated Baxter in real time behind Baxter's own topics, its load cell on a pseudo-terminal.
+"""The twin: a simulated Baxter in real time, with Baxter's ROS topics and a load cell on a pseudo-terminal.
 
-A lab rehearses with it, and the tests use it.
+It is for rehearsals without the robot, and for tests.
 """
 
 import gc
@@ -25,30 +25,43 @@ from pipeline.ros.controller import BaxterController
 from pipeline.ros.topics import RosTopics, time_message
 
 TWIN_STEP_SECONDS = 0.002
-"""Time between two looks at what has arrived [s]."""
+"""Time between two steps of the twin, at which received messages are handled [s]."""
 STATE_PERIOD_SECONDS = 0.01
 """Time between two joint states [s]."""
 POWER_PERIOD_SECONDS = 0.05
-"""Time between two messages on whether the robot is enabled [s]; the bridge has to convert each."""
+"""Time between two messages on the robot's power state [s]."""
 MAX_DELAY_SECONDS = 0.5
-"""A computer that is this late [s] cannot run the twin in real time; the time is left out, and said."""
-NEVER = 1e6
-"""The plant itself never times out [s]: the twin does, as the robot would."""
-OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")), "torso_t0")
-"""Joints of Baxter that do not move here, among its joint states."""
+"""Delay behind real time from which the twin leaves out the lost time [s]."""
+NO_TIMEOUT_SECONDS = 1e6
+"""Command timeout of the simulated arm [s]: practically none, because `BaxterController` has the timeout."""
+UNMOVED_BAXTER_JOINTS = (
+    "head_nod",
+    "head_pan",
+    *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")),
+    "torso_t0",
+)
+"""Joints of Baxter that the twin does not simulate; its joint states contain them with zeros."""
 
 
 class Twin(Closing):
-    """A simulated Baxter on ROS, in an initial posture (n,) [rad]; `run` keeps it alive.
+    """A simulated Baxter on ROS; the method `run` simulates it in real time.
 
-    It has effects that the user's model does not contain. Its clock is ahead of this computer's by `stamp_offset` [s].
+    Args:
+        uri: address of the bridge.
+        description: description of the arm.
+        topics: topics of the arm.
+        q_start: start posture (n,) [rad].
+        settings: settings of the simulated robot; None for the default ones.
+        hidden: size of each hidden effect by name, see `SimulatedRobot`.
+        seed: seed of all random values.
+        stamp_offset: time by which the clock of the messages is ahead of this computer's clock [s].
 
     Attributes:
-        robot: the plant.
-        controller: Baxter's controller, which handles the messages and logs them.
-        port: the microcontroller's end of the load cell's line.
-        start: this computer's monotonic time at the plant's time 0, once it runs [s].
-        behind: time that this computer lost [s].
+        robot: the simulated robot.
+        controller: simulated controller of Baxter, which handles and logs the received messages.
+        port: emulated serial port of the load cell.
+        start: time of this computer's monotonic clock at the simulation's time 0, once it runs [s].
+        behind: time that was left out because this computer was too slow [s].
     """
 
     def __init__(
@@ -63,7 +76,7 @@ class Twin(Closing):
         stamp_offset: float = 0.0,
     ) -> None:
         settings = settings or PlantSettings()
-        servo = replace(settings.servo, extrapolate=False, hold_after=NEVER)
+        servo = replace(settings.servo, extrapolate=False, hold_after=NO_TIMEOUT_SECONDS)
         # The serial line rounds to counts: a coarser cell would repeat values more often than its calibration allows.
         settings = replace(settings, servo=servo, cell=replace(settings.cell, resolution=0.0))
         self.robot = SimulatedRobot(description, q_start, settings, hidden, seed)
@@ -74,7 +87,7 @@ class Twin(Closing):
         self.port = EmulatedPort()
         self.bridge = Bridge(uri)
         self.start = self.behind = 0.0
-        self._order = sorted((*OTHER_JOINTS, *description.joint_names))
+        self._order = sorted((*UNMOVED_BAXTER_JOINTS, *description.joint_names))
         self._connect()
 
     @property
@@ -83,7 +96,7 @@ class Twin(Closing):
         return emulated_calibration(max(self.robot.settings.cell.noise, EMULATED_SCALE), "twin")
 
     def summary(self) -> dict[str, Any]:
-        """True values, the load's position, and the received commands, which only the twin knows."""
+        """JSON ``armdyn.twin/1``: true values of the simulation, whether the load is in the box, counts of commands."""
         truth, log = self.robot.truth, self.controller.log
         steps = (
             np.abs(np.diff(log.positions, axis=0)) if len(log.positions) > 1 else np.zeros((1, len(truth.link_scale)))
@@ -104,14 +117,14 @@ class Twin(Closing):
         }
 
     def close(self) -> None:
-        """Unplug the load cell and end the connection."""
+        """Close the load cell's port and the connection to ROS."""
         self.port.close()
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Simulate in real time until a condition holds, which is tested every few ms.
+        """Simulate in real time until the function `until` returns True; it is called every few milliseconds.
 
-        Without the bridge the arm holds, as the robot would.
+        Without the bridge the arm holds its posture, as the real robot does.
         """
         ask_for_real_time()
         gc.collect()
@@ -134,7 +147,12 @@ class Twin(Closing):
             time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 
     def live(self, now: float, until: float) -> None:
-        """Handle the messages that arrived until now [s], and simulate the plant up to a time of its own clock [s]."""
+        """Handle received messages, and simulate the robot.
+
+        Args:
+            now: present time on this computer's monotonic clock [s].
+            until: end of the simulated interval on the simulation's clock [s].
+        """
         with self._lock:
             arrived, self._inbox = self._inbox, []
         for act in arrived:
@@ -148,9 +166,9 @@ class Twin(Closing):
             self.port.send(self.port.line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
 
     def publish_joints(self) -> None:
-        """Publish the states of all joints of Baxter, in alphabetical order."""
+        """Publish one message with the states of all joints of Baxter, in alphabetical order."""
         state = self.robot.joint_state()
-        rows = dict.fromkeys(OTHER_JOINTS, (0.0, 0.0, 0.0))
+        rows = dict.fromkeys(UNMOVED_BAXTER_JOINTS, (0.0, 0.0, 0.0))
         rows |= {
             n: (float(q), float(v), float(t))
             for n, q, v, t in zip(self.robot.joint_names, state.q, state.v, state.tau, strict=True)

@@ -1,4 +1,4 @@
-"""The end of a trial: the arm comes to rest in every case, and one sentence tells a person why the trial ended."""
+"""The end of a trial: the arm is brought to rest in every case, and a sentence gives the reason for the end."""
 
 import signal
 from collections.abc import Callable
@@ -10,19 +10,19 @@ from pipeline.nodes.measurement import MeasurementNode
 from pipeline.robot.protocol import RobotInterface
 
 MAX_BRAKING_SECONDS = 3.0
-"""Braking from the highest speed takes 0.3 s; after this time [s] the robot is told to brake on its own."""
-REST_WATCH_SECONDS = 0.3
-"""How long the arm is watched at rest [s]: its servo is soft, and the end of the motion belongs to the recording."""
+"""Longest time for braking along the line [s], ten times that from the highest speed; then the robot brakes alone."""
+REST_RECORDING_SECONDS = 0.3
+"""Time for which the arm is recorded after the last command [s], because a compliant arm still moves."""
 
 
 @dataclass(frozen=True)
-class Ending:
-    """The end of a trial: success, and a sentence for a person.
+class TrialEnding:
+    """The end of a trial: success, and a sentence with the reason.
 
     Attributes:
         success: whether the load came to rest in the box.
-        message: a sentence for a person.
-        stopped: whether it was ended before its time, for safety or by the user.
+        message: sentence for the user.
+        stopped: whether the trial was ended early, for safety or by the user.
     """
 
     success: bool
@@ -30,18 +30,18 @@ class Ending:
     stopped: bool
 
 
-def come_to_rest(
+def bring_to_rest(
     drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface, beat: Callable[[], None] | None = None
 ) -> list[str]:
-    """Brake along the line within its limits, then hold; where this fails, the robot brakes on its own.
+    """Brake the arm along its line within its limits, then hold its posture; if this fails, the robot brakes alone.
 
-    Only the drive and the measurement run. The time is counted in cycles, because the clock may be what failed.
+    Time is counted in cycles here, because the clock may have failed.
 
     Args:
         drive: node that sends the commands.
         measurement: node that records the braking.
         robot: robot that is commanded to hold at the end.
-        beat: called in every cycle to reset a watchdog; None where there is no watchdog.
+        beat: function that resets a watchdog, called in every cycle; None for no watchdog.
 
     Returns:
         A sentence for every failure while braking; empty where nothing failed.
@@ -54,7 +54,7 @@ def come_to_rest(
         drive.halt()
     except Exception as error:
         failed.append(f"the robot did not take the command to stop ({type(error).__name__}: {error})")
-    for _ in range(round(REST_WATCH_SECONDS / drive.period)):
+    for _ in range(round(REST_RECORDING_SECONDS / drive.period)):
         try:
             robot.advance(drive.period)
         except Exception as error:
@@ -98,6 +98,6 @@ _SENTENCES = {
 }
 
 
-def sentence_of_signal(number: int) -> str:
-    """Sentence that tells a person what a signal means."""
+def signal_sentence(number: int) -> str:
+    """Sentence on the meaning of a signal of the operating system, such as "interrupted by the user"."""
     return _SENTENCES[signal.Signals(number).name]

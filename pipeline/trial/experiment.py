@@ -1,8 +1,7 @@
-"""The protocol of one trial, phase by phase: rest, learn, settle, plan, swing, finish over the box, look.
+"""The protocol of one trial in phases: rest, learn the length, bring the load to rest, swing, move over the box, wait.
 
-It knows a robot and a clock, and not whether they are simulated. `Experiment.run` is the one place that owns the arm
-from the first motion to the last: whatever is raised, late or not finite on the way becomes the reason why the trial
-ended, and is told only when the arm is at rest.
+The protocol is the same for a real and a simulated robot. `Experiment.run` commands the arm from the first motion to
+the last. An error, a delay or a value that is not finite ends the trial, and is reported after the arm is at rest.
 """
 
 import gc
@@ -34,28 +33,28 @@ from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
 from pipeline.nodes.task import TaskNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import Vector
-from pipeline.trial.ending import Ending, come_to_rest, sentence_of_signal
-from pipeline.trial.moves import sweep
+from pipeline.trial.ending import TrialEnding, bring_to_rest, signal_sentence
+from pipeline.trial.moves import line_sweep
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 REST_SECONDS = 0.5
-"""Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
-CALM_SECONDS = 0.6
-"""Time between settling and swing [s]."""
+"""Time at rest before the motion that identifies the length [s], because the estimate assumes a load at rest."""
+PAUSE_BEFORE_SWING_SECONDS = 0.6
+"""Time between bringing the load to rest and the swing [s]."""
 LANDING_SECONDS = 1.5
-"""Time after the finish in which the load must come to rest in the box [s]."""
+"""Time after the last motion in which the load must come to rest in the box [s]."""
 FIRST_READING_SECONDS = 0.1
-"""Time before the first cycle on a real clock [s], in which the robot's latest readings arrive."""
+"""Time before the first cycle with a real robot [s], in which its latest readings arrive."""
 MAX_STANDSTILL_SECONDS = 10.0
-"""Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
+"""Longest pause of the control loop while the arm is at rest [s]; the planner computes for 1 to 3 s without a break."""
 
-Progress = Callable[[str, float], None]
-"""``(what is going on, share of the trial that is done)``."""
+ProgressCallback = Callable[[str, float], None]
+"""Function that is called with the name of the present phase and the finished share of the trial."""
 
 
 class Phase(Enum):
-    """A part of the protocol; the value says it to a person."""
+    """Phase of a trial's protocol; the value is its name for the user."""
 
     REST = "at rest"
     LEARN = "learning the length"
@@ -69,7 +68,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """Begin and end of a phase of the protocol [s]."""
+    """A phase of the protocol with its start and end [s]."""
 
     phase: Phase
     start: float
@@ -85,27 +84,27 @@ class _InterruptedError(BaseException):
 
 
 def recorded_channels(joint_names: tuple[str, ...]) -> dict[str, str]:
-    """Units of the channels that an experiment records, by channel."""
+    """Units of the channels that a trial records, by channel, for an arm with these joints."""
     reference = {"reference.x": "m", "reference.v": "m/s", "reference.a": "m/s^2"}
     return {**channel_units(joint_names), **reference, "estimate.length": "m", "estimate.length_std": "m"}
 
 
 class Experiment:
-    """One trial on a robot that is given.
+    """Protocol of one trial on a robot, from rest to the load in the box.
 
     Args:
-        rig: the robot with its description, table and load cell.
+        rig: robot with its description, IK table and load cell.
         recorder: recorder for the channels of `recorded_channels`.
         settings: settings of the protocol.
         progress: called to report the progress.
-        begin: initial position of the gripper on the line [m].
+        begin: position of the gripper on the line at the start [m].
 
     Attributes:
-        phases: every phase with its begin and end.
-        interrupted: number of the signal that requests the end; None before a signal arrives.
-        measurement, estimator, sac, task, drive: the nodes.
-        scheduler: runs them.
-        watchdog: stops the arm where the loop hangs; None on a simulated clock.
+        phases: every phase with its start and end.
+        interrupted: number of the signal that requested the end; None for no signal.
+        measurement, estimator, sac, task, drive: periodic tasks (nodes) of the control loop.
+        scheduler: runs the nodes.
+        watchdog: stops the arm if the control loop hangs; None with a simulated clock.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class Experiment:
         rig: Rig,
         recorder: Recorder,
         settings: ProtocolSettings,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
         begin: float = 0.0,
     ) -> None:
         self.settings, self.description, self.table = settings, rig.arm, rig.table
@@ -132,7 +131,9 @@ class Experiment:
                 "the motion, from where the arm stands,"
             )
         elif settings.estimate:  # SAC goes anywhere on the line
-            check_line(table, description, sweep(table), check).require_feasible("the line, along which SAC moves,")
+            check_line(table, description, line_sweep(table), check).require_feasible(
+                "the line, along which SAC moves,"
+            )
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
@@ -155,13 +156,13 @@ class Experiment:
             Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE) if rig.real else None
         )
 
-    def run(self) -> Ending:
-        """Run the whole protocol; the arm is at rest when it returns, even after a second Ctrl-C."""
+    def run(self) -> TrialEnding:
+        """Run the whole protocol, and return its ending; then the arm is at rest, even after a second Ctrl-C."""
         with noted_signals(self._interrupt), ExitStack() as ended:
             try:
                 self._begin(ended)
                 success = self._protocol()
-                ending = Ending(success, f"the load {'came to rest in' if success else 'missed'} the box", False)
+                ending = TrialEnding(success, f"the load {'came to rest in' if success else 'missed'} the box", False)
             except (Exception, SystemExit, _InterruptedError) as error:  # a user's effect may call sys.exit
                 ending = self._stopped(error)
             finally:
@@ -193,15 +194,15 @@ class Experiment:
         self._worker.collect()
 
     def channel(self, name: str) -> Channel:
-        """Samples of a channel that were recorded so far."""
+        """Recorded samples of a channel."""
         return self._recorder.channel(name)
 
     def span(self, phase: Phase) -> PhaseSpan | None:
-        """Begin and end of a phase; None where the phase did not take place."""
+        """Start and end of a phase; None if the phase did not take place."""
         return next((span for span in self.phases if span.phase is phase), None)
 
     def _protocol(self) -> bool:
-        """Run all phases; returns whether the load landed."""
+        """Run all phases, and return whether the load came to rest in the box."""
         c = self.settings
         self._run(Phase.REST, 0.0, REST_SECONDS)
         if c.estimate:
@@ -232,7 +233,7 @@ class Experiment:
         self.task.settle(self.estimator.model, self._swing_state)
         longest = self.task.longest_planning + self.settings.task.settling + 2.0
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
-        self._run(Phase.CALM, 0.65, CALM_SECONDS)
+        self._run(Phase.CALM, 0.65, PAUSE_BEFORE_SWING_SECONDS)
 
     def _run(self, phase: Phase, share: float, longest: float, until: Callable[[], bool] | None = None) -> None:
         """Run the nodes for a phase: until a condition holds, and at most for the phase's duration."""
@@ -247,14 +248,14 @@ class Experiment:
             raise _StopError(f"{phase.value} did not end within {longest:g} s: the arm does not follow")
 
     def _reason(self) -> str | None:
-        """Sentence on why the trial must stop now; empty where it may go on."""
+        """Reason why the trial must stop, as a sentence; None if it may continue."""
         if self.interrupted is not None:
-            return f"{sentence_of_signal(self.interrupted)} at {self._robot.time:.2f} s"
+            return f"{signal_sentence(self.interrupted)} at {self._robot.time:.2f} s"
         return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
 
     @property
     def _watched(self) -> str | None:
-        """Sentence on the watchdog's action; None where it took none, or there is no watchdog."""
+        """Sentence on the watchdog's stop of the arm; None if it did not stop the arm."""
         return None if self.watchdog is None else self.watchdog.fault
 
     def _interrupt(self, number: int) -> None:
@@ -263,7 +264,7 @@ class Experiment:
             if self._worker.thinking:  # this computation may take seconds, and an interruption leaves no damaged data
                 raise _InterruptedError
 
-    def _stopped(self, error: BaseException) -> Ending:
+    def _stopped(self, error: BaseException) -> TrialEnding:
         """Bring the arm to rest, then return the trial's ending."""
         interrupted = self._reason() if isinstance(error, _InterruptedError) else None
         reason = interrupted or sentence_of(
@@ -275,12 +276,12 @@ class Experiment:
         self.task.cancel()
         self.estimator.end()
         also = [self._watched] if self._watched and self._watched not in reason else []
-        failed = come_to_rest(
+        failed = bring_to_rest(
             self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
         )
         self.phases.append(PhaseSpan(Phase.STOP, start, self._robot.time))
         message = "; ".join([reason, *also, *failed])
-        return Ending(False, message, True)
+        return TrialEnding(False, message, True)
 
     def _require_estimate(self) -> None:
         history = self.estimator.history

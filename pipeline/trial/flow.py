@@ -1,4 +1,4 @@
-"""The whole trial on any robot: optional experiments that find what the model lacks, then the swing."""
+"""A whole trial on any robot: optional experiments that identify the model's missing effects, then the swing."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import Experiment, Progress
-from pipeline.trial.folder import gather_files
-from pipeline.trial.investigation import SwingExperiment, ending_before, investigate, settings_after
-from pipeline.trial.result import TrialResult, finish_recording, open_recording, result_of
+from pipeline.trial.ending import TrialEnding
+from pipeline.trial.experiment import Experiment, ProgressCallback
+from pipeline.trial.folder import temporary_output_folder
+from pipeline.trial.investigation import SwingExperiment, early_ending, investigate, settings_after_investigation
+from pipeline.trial.result import TrialResult, finish_recording, open_recording, trial_result
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 if TYPE_CHECKING:
     from armdyn.document import Document
-    from pipeline.robot.truth import History
+    from pipeline.robot.truth import TrueMotion
 
 R = TypeVar("R")
 
@@ -28,7 +28,7 @@ class Trial(Generic[R]):
 
     Attributes:
         subtitle: description of the trial for the report.
-        experiment: the protocol, with everything that was planned and measured.
+        experiment: finished protocol, with plans and measurements.
         result: outcome of the trial.
         robot: robot that moved.
         history: true motion of a simulated robot; None where it is unknown.
@@ -38,12 +38,12 @@ class Trial(Generic[R]):
     experiment: Experiment
     result: TrialResult
     robot: R
-    history: "Callable[[], History] | None" = None
+    history: "Callable[[], TrueMotion] | None" = None
 
     def report(self) -> "Document":
-        """Report of the trial; for a simulated trial it shows the true motion of the load."""
+        """Report of the trial; in a simulated trial it also shows the true motion of the load."""
         from pipeline.report.trial import SwingTrace
-        from pipeline.trial.report import report_of
+        from pipeline.trial.report import trial_report
 
         executed, history, line = None, self.swing_history(), self.experiment.description.line
         if history is not None:
@@ -52,33 +52,36 @@ class Trial(Generic[R]):
             )
             time = history.time - (self.experiment.task.started or 0.0)
             executed = SwingTrace(time, gripper, load, history.load[:, 2] - line.origin[2])
-        return report_of(self.experiment, self.result, self.subtitle, executed)
+        return trial_report(self.experiment, self.result, self.subtitle, executed)
 
-    def swing_history(self) -> "History | None":
-        """True motion from the swing on; None where there was no swing, or the motion is unknown."""
+    def swing_history(self) -> "TrueMotion | None":
+        """True motion from the start of the swing; None if there was no swing or the motion is unknown."""
         started = self.experiment.task.started
         return None if self.history is None or started is None else self.history().from_time(started)
 
 
-def perform(
-    rig: Rig, settings: ProtocolSettings, out: Path | None, progress: Progress
+def perform_trial(
+    rig: Rig, settings: ProtocolSettings, out: Path | None, progress: ProgressCallback
 ) -> tuple[Experiment, TrialResult]:
     """Perform one whole trial, and write its recordings and model.
 
     Args:
-        rig: the robot.
+        rig: robot with its description, IK table and load cell.
         settings: settings of the protocol.
-        out: directory for recordings and model; None keeps nothing.
+        out: directory for recordings and model; None to write no files.
         progress: called to report the progress.
+
+    Returns:
+        The finished protocol, and the outcome.
     """
 
     def tell(what: str, share: float = 0.0) -> None:
         rig.hooks.announce(what)
         progress(what, share)
 
-    with gather_files(out) as folder:
+    with temporary_output_folder(out) as folder:
 
-        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
+        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, TrialEnding]:
             if number > 1:
                 rig.hooks.wait_until_calm()
             with open_recording(rig, folder, settings, f"experiment_{number}") as recorder:
@@ -92,12 +95,12 @@ def perform(
         found, of = None, settings
         if settings.investigate:
             found = investigate(settings, swing, rig.arm, rig.table, tell)
-            of = settings_after(settings, found)
+            of = settings_after_investigation(settings, found)
             if found.ending is None:
                 rig.hooks.wait_until_calm()
         with open_recording(rig, folder, settings) as recorder:
             experiment = Experiment(rig, recorder, of, tell, 0.0 if found is None else found.place)
-            ending = ending_before(experiment, found) or rig.hooks.judged(experiment.run())
+            ending = early_ending(experiment, found) or rig.hooks.judged(experiment.run())
         ending = finish_recording(experiment, ending, recorder, folder)
         recording = out / recorder.path.name if out else None
-        return experiment, result_of(experiment, ending, rig.true_length, recording, found)
+        return experiment, trial_result(experiment, ending, rig.true_length, recording, found)

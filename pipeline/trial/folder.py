@@ -1,6 +1,6 @@
-"""Output folders of a trial: it writes to a temporary folder, whose files then replace the user's together.
+"""Output folders of a trial: it writes to a temporary folder, whose files are moved to the user's folder at the end.
 
-A trial that is killed leaves what the user had as it was, and its recording in a folder ``unfinished-...`` beside it.
+A killed trial leaves the user's files unchanged, and its recording in a folder ``unfinished-...`` in the user's folder.
 """
 
 import os
@@ -13,22 +13,26 @@ from pathlib import Path
 from armdyn.errors import InputError
 from armdyn.read_files import refuse_to_replace
 
-UNFINISHED = "unfinished-"
-LOCK = ".lock"
-OF_THE_LAST = ("report.html", "swing.png", "swing.gif")
-"""What is made from a recording: of an older one it must not stand beside a new one."""
-OF_A_TRIAL = (*OF_THE_LAST, "model.toml", "trial.*", "experiment_*")
-"""Patterns of all that a trial writes."""
+UNFINISHED_FOLDER_PREFIX = "unfinished-"
+"""Beginning of the name of a trial's temporary folder."""
+LOCK_FILE_NAME = ".lock"
+"""Name of the file that a process locks while it writes to a folder."""
+REPORT_AND_PICTURE_FILES = ("report.html", "swing.png", "swing.gif")
+"""Files that a trial makes from its recording; those of an older recording are removed."""
+TRIAL_FILE_PATTERNS = (*REPORT_AND_PICTURE_FILES, "model.toml", "trial.*", "experiment_*")
+"""Name patterns of all files that a trial writes."""
 MAX_PARALLEL_TRIALS = 1000
-"""Trials at once that write beside each other."""
+"""Largest number of trials that can run at the same time with the default folder."""
 
 
 @contextmanager
-def gather_files(out: Path | None) -> Iterator[Path]:
-    """A temporary folder to write to; when the block ends or raises, its files replace those in `out` together.
+def temporary_output_folder(out: Path | None) -> Iterator[Path]:
+    """A temporary folder to write to; at the end of the ``with`` block its files are moved to the folder `out`.
+
+    The files are moved after an exception, too.
 
     Args:
-        out: folder of the user; None where nothing is kept.
+        out: folder of the user; None to keep no files.
 
     Raises:
         InputError: `out` cannot be written to.
@@ -39,7 +43,7 @@ def gather_files(out: Path | None) -> Iterator[Path]:
         return
     with _refused(out):
         out.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=out))
+        folder = Path(tempfile.mkdtemp(prefix=UNFINISHED_FOLDER_PREFIX, dir=out))
     try:
         yield folder
     finally:
@@ -49,7 +53,7 @@ def gather_files(out: Path | None) -> Iterator[Path]:
 
 def _move(folder: Path, out: Path) -> None:
     """Move the files; old reports are removed first, so that no report lies beside a recording that is not its own."""
-    for name in OF_THE_LAST:
+    for name in REPORT_AND_PICTURE_FILES:
         (out / name).unlink(missing_ok=True)
     for file in sorted(folder.iterdir()):
         target = out / file.name
@@ -66,19 +70,20 @@ def _move(folder: Path, out: Path) -> None:
 
 
 @contextmanager
-def own_folder(
-    given: Path | None, usual: Path, what: str = "trial", writes: Iterable[str] = OF_A_TRIAL
+def locked_folder(
+    given: Path | None, usual: Path, what: str = "trial", writes: Iterable[str] = TRIAL_FILE_PATTERNS
 ) -> Iterator[Path]:
-    """Lock a folder, so that only this process writes to it until the block ends.
+    """Lock a folder, so that only this process writes to it until the end of the ``with`` block.
 
     Args:
-        given: folder named by the user; None for the usual one, with a number where another trial writes to that.
-        usual: default folder, such as ``out/trial``, then ``out/trial-2``.
-        what: name of the writer, for the message.
-        writes: patterns of the names of the written files.
+        given: folder named by the user; None for the default folder, or a numbered one while another trial uses that.
+        usual: default folder, such as ``out/trial``; the numbered ones are ``out/trial-2`` and so on.
+        what: name of the task that writes, for the error message.
+        writes: name patterns of the files to write.
 
     Raises:
-        InputError: another trial writes to the given folder, it cannot be written to, or would lose what was read.
+        InputError: another process writes to the given folder, the folder cannot be written to, or an input file of
+            this command would be replaced.
     """
     choices = (
         [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MAX_PARALLEL_TRIALS))]
@@ -86,7 +91,7 @@ def own_folder(
     for folder in choices:
         with _refused(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
+            descriptor = os.open(folder / LOCK_FILE_NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
         try:
             if _locked(descriptor):
                 for old in (file for pattern in writes for file in folder.glob(pattern)):

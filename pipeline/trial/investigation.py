@@ -1,7 +1,7 @@
-"""Investigation: the robot finds what its model lacks by experiments (swing, diagnose, design the next motion).
+"""Investigation: the robot identifies effects that its model lacks, by a series of experiments.
 
-Each swing is an experiment of its own that leaves the load at rest; between two of them the arm stands and the
-recordings are thought over. It knows neither whether the robot is simulated nor where its recordings go.
+Each experiment swings the load, brings it to rest and records the motion. Then the arm stands still while the
+recordings are diagnosed and the next motion is designed.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,26 +27,26 @@ from armdyn.run import Run
 from ik import LineTable
 from pipeline.motion import LineTrajectory
 from pipeline.motion.feasible_motion import fit_to_arm
-from pipeline.trial.ending import Ending
+from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import REST_SECONDS, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
-MOTION_SECONDS = 8.0
+DESIGNED_MOTION_SECONDS = 8.0
 """Duration of a designed motion [s]."""
-SWING_LIMITS = GripperLimits(swing=0.5)
-"""A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
-by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
+DESIGNED_MOTION_LIMITS = GripperLimits(swing=0.5)
+"""Limits of a designed motion: a load with a larger swing angle also begins to swing across the line (on the simulated
+arm by 0.1 rad in 8 s at 1 rad, by 0.05 rad at 0.6 rad), which no motion along the line can damp."""
 MIN_LENGTH_STD = 1e-3
-"""Least standard deviation of the learnt length [m], that of a ruler."""
-QUESTIONED_EFFECTS = ("linear_drag",)
-"""Nuisances of a trial that are candidates in an investigation, because they hide others: drag hides friction."""
+"""Smallest standard deviation of the string's length after an investigation [m], that of a ruler."""
+NUISANCE_CANDIDATES = ("linear_drag",)
+"""Nuisance effects of a trial's model that an investigation removes and tests as candidates; drag can hide friction."""
 
-Swing = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", Ending]]
-"""``(settings, number, where the gripper stands) -> the experiment that was made, and how it ended``."""
+RunSwingExperiment = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", TrialEnding]]
+"""Function that makes one experiment, from settings, number of the experiment and position of the gripper [m]."""
 
 
-class Stop(Enum):
-    """Reason why an investigation ended; the value is a sentence for a person."""
+class InvestigationEnd(Enum):
+    """Reason why an investigation ended; the value is a sentence for the user."""
 
     EXPLAINED = "nothing is missing"
     NAMED = "one verdict stands"
@@ -56,12 +56,12 @@ class Stop(Enum):
     INTERRUPTED = "an experiment was ended before its time"
 
 
-ENDS_WITH_MODEL = (Stop.NAMED, Stop.INSEPARABLE, Stop.SPENT)
-"""Ends after which the best model of all that was recorded is worth more than the one before."""
+ENDS_WITH_BETTER_MODEL = (InvestigationEnd.NAMED, InvestigationEnd.INSEPARABLE, InvestigationEnd.SPENT)
+"""Reasons after which the model that fits all recordings best replaces the robot's model."""
 
 
 class SwingExperiment(Experiment):
-    """An experiment that only learns: it ends with the load at rest below the gripper."""
+    """One experiment of an investigation: identify the length, then bring the load to rest below the gripper."""
 
     def _protocol(self) -> bool:
         self._run(Phase.REST, 0.0, REST_SECONDS)
@@ -70,7 +70,7 @@ class SwingExperiment(Experiment):
         return True
 
     def recording(self, name: str) -> Run:
-        """Recording of the learning phase; its noise is measured too, and includes the arm's contribution."""
+        """Recording of the experiment's motion under a name, without a stated noise, so that the noise is estimated."""
         self.measurement.update_path()
         return replace(self.measurement.run(), name=name, noise={})
 
@@ -80,12 +80,13 @@ class InvestigationStage:
     """One experiment of an investigation, and its results.
 
     Attributes:
-        run: the recording.
-        proposal: the designed experiment with its expected results; None for the first.
-        diagnosis: diagnosis from all runs so far.
+        run: recording of the experiment.
+        proposal: designed experiment with its expected results; None for the first experiment.
+        diagnosis: diagnosis from all recordings up to this one.
         belief: probability of each effect that has been a candidate.
-        gap: increase of chi2 from the best to the second-best effect; None where there is only one.
-        close: effects that fit nearly as well as those that the diagnosis names; see `rivals.contested`.
+        gap: increase of χ² from the best to the second-best effect; None for a single effect.
+        close: effects that explain the recordings nearly as well as those that the diagnosis names; see
+            `rivals.contested`.
     """
 
     run: Run
@@ -97,7 +98,7 @@ class InvestigationStage:
 
     @property
     def candidates(self) -> tuple[str, ...]:
-        """Effects that may be missing; empty where none is missing, or no known effect explains the runs."""
+        """Effects that the model may lack; empty if it lacks none, or if no known effect explains the recordings."""
         if self.diagnosis.verdict is Verdict.EXPLAINED:
             return ()
         search = self.diagnosis.search
@@ -107,7 +108,7 @@ class InvestigationStage:
 
     @property
     def residual(self) -> float:
-        """Root mean square of the best model's force residual, divided by the force's noise."""
+        """Root mean square of the force residual of the best model, divided by the noise of the force."""
         return float(np.sqrt(self.diagnosis.search.last.fit.chi2_per_sample))
 
 
@@ -117,23 +118,23 @@ class Investigation:
 
     Attributes:
         stages: experiments in order.
-        stop: reason why the experiments ended.
-        model: model with the found effects; None where none was added.
+        stop: reason why the investigation ended.
+        model: model with the found effects; None if the robot's model is kept.
         ending: ending of an experiment that was stopped early; None otherwise.
-        place: present position of the gripper [m].
-        signal: number of the signal that ended it; None where none did.
+        place: position of the gripper at the end [m].
+        signal: number of the signal that ended the investigation; None for no signal.
     """
 
     stages: tuple[InvestigationStage, ...]
-    stop: Stop
+    stop: InvestigationEnd
     model: PendulumModel | None
-    ending: Ending | None = None
+    ending: TrialEnding | None = None
     place: float = 0.0
     signal: int | None = None
 
     @property
     def sentence(self) -> str:
-        """The investigation's result in one sentence."""
+        """Result of the investigation in one sentence."""
         count = len(self.stages)
         what = ", ".join(self.stages[-1].candidates) if self.stages else ""
         made = f"after {count} experiment{'s' if count != 1 else ''}"
@@ -142,7 +143,7 @@ class Investigation:
 
 def investigate(
     settings: ProtocolSettings,
-    swing: Swing,
+    swing: RunSwingExperiment,
     arm: urdf.Robot,
     table: LineTable,
     say: Callable[[str], None],
@@ -151,17 +152,17 @@ def investigate(
 
     Args:
         settings: settings of the trial that follows; `investigate` is the largest number of experiments.
-        swing: makes one experiment.
-        arm: arm that moves.
+        swing: function that makes one experiment.
+        arm: description of the arm.
         table: IK table of the arm's line.
-        say: called to report the progress.
+        say: called with a sentence on the progress.
 
     Raises:
         InputError: the number of experiments is below one.
     """
     if settings.investigate < 1:
         raise InputError(f"--investigate {settings.investigate}: allow at least one experiment")
-    model = model_in_question(settings)
+    model = investigated_model(settings)
     stages: list[InvestigationStage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
@@ -173,7 +174,9 @@ def investigate(
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
         if ending.stopped:
-            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.interrupted)
+            return Investigation(
+                tuple(stages), InvestigationEnd.INTERRUPTED, None, ending, place, experiment.interrupted
+            )
         run = experiment.recording(f"experiment {number}")
         say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
@@ -190,26 +193,26 @@ def investigate(
         stages.append(InvestigationStage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
         if stop is None and number >= settings.investigate:
-            stop = Stop.SPENT
+            stop = InvestigationEnd.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
-            proposal = designed_motion(rivals, MOTION_SECONDS, SWING_LIMITS, seed=number)
+            proposal = designed_motion(rivals, DESIGNED_MOTION_SECONDS, DESIGNED_MOTION_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
-                stop = Stop.INSEPARABLE
+                stop = InvestigationEnd.INSEPARABLE
             else:
                 motion = made.trajectory
         if stop is not None:
-            better = fitted_model(study, found.search.last) if stop in ENDS_WITH_MODEL else None
+            better = fitted_model(study, found.search.last) if stop in ENDS_WITH_BETTER_MODEL else None
             return Investigation(tuple(stages), stop, cast("PendulumModel | None", better), None, place)
 
 
 S = TypeVar("S", bound=ProtocolSettings)
 
 
-def settings_after(settings: S, found: Investigation) -> S:
-    """Settings of the trial that follows an investigation, with the found model."""
+def settings_after_investigation(settings: S, found: Investigation) -> S:
+    """Settings of the trial after an investigation: the given settings, with the model that was found."""
     settings = replace(settings, hangs_still=False)
     if found.model is None:
         return settings
@@ -219,46 +222,52 @@ def settings_after(settings: S, found: Investigation) -> S:
     return replace(settings, model=model, length_guess=length.value)
 
 
-def ending_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
-    """Ending of the trial where an earlier experiment was stopped early; None where the trial may go on."""
+def early_ending(experiment: Experiment, found: Investigation | None) -> TrialEnding | None:
+    """Ending of a trial whose investigation was stopped early; None if the trial may continue.
+
+    Args:
+        experiment: the trial after the investigation, not yet started.
+        found: result of the investigation; None for a trial without one.
+    """
     if found is None or found.ending is None:
         return None
     experiment.interrupted = found.signal
     return found.ending
 
 
-def model_in_question(settings: ProtocolSettings) -> PendulumModel:
-    """The model that is compared with the recordings: the robot's, with drag as a candidate, not as a nuisance.
+def investigated_model(settings: ProtocolSettings) -> PendulumModel:
+    """Model that an investigation compares with the recordings.
 
-    Its start is nearly at rest, and not held there: the robot may have left the load swaying.
+    It is the starting model of a trial without drag, which becomes a candidate effect. Start angle and rate are
+    parameters with small standard deviations, because the load may still sway.
     """
     model = replace(settings, hangs_still=False).starting_model()
-    for name in QUESTIONED_EFFECTS:
+    for name in NUISANCE_CANDIDATES:
         if settings.model is None or not settings.model.joints_with(name):
             model = model.without_effect(name)
     return model
 
 
-def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | None:
+def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> InvestigationEnd | None:
     if found.verdict is Verdict.EXPLAINED:
-        return Stop.EXPLAINED
+        return InvestigationEnd.EXPLAINED
     if rivals is not None:
         return None
     # A rival that has won is kept, even where the arm adds more residual than the load cell's noise.
     won = gap is not None and gap > TIE_CHI2
     nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
-    return Stop.UNKNOWN if nothing and not won else Stop.NAMED
+    return InvestigationEnd.UNKNOWN if nothing and not won else InvestigationEnd.NAMED
 
 
 def _promising(proposal: ProposedExperiment) -> bool:
     """Whether a motion may distinguish at least one pair of rivals."""
     return proposal.expected.probability > MIN_RIGHT_PROBABILITY or bool(
-        np.any(proposal.expected.chi2_increase > MIN_EXPECTED_GAP)
+        np.any(proposal.expected.chi2_increase > MIN_EXPECTED_CHI2_INCREASE)
     )
 
 
-MIN_EXPECTED_GAP = 12.0
-"""Least expected rise of chi2 of a motion that is made: twice the margin of a tie."""
+MIN_EXPECTED_CHI2_INCREASE = 12.0
+"""Smallest expected increase of χ² for which a designed motion is made: twice that which separates two effects."""
 
 
 def _names(rivals: Rivals, study: Study) -> list[tuple[str, ...]]:

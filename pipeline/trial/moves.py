@@ -1,4 +1,4 @@
-"""Slow motions of a real arm before the experiment: to the start posture, and the rehearsal along the line."""
+"""Slow motions of a real arm before a trial: to the start posture, and a rehearsal along its line."""
 
 from collections.abc import Callable, Iterable
 from functools import reduce
@@ -15,61 +15,64 @@ from pipeline.motion.gate import PERIOD
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import RobotInterface, Vector
-from pipeline.trial.ending import sentence_of_signal
+from pipeline.trial.ending import signal_sentence
 
-JOINT_SPEED = 0.2
-"""Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""
-LINE_SPEED = 0.1
-"""Largest speed in the rehearsal [m/s]."""
+MAX_APPROACH_SPEED = 0.2
+"""Largest joint speed of the motion to the start posture [rad/s], slow enough for a person to step back."""
+MAX_REHEARSAL_SPEED = 0.1
+"""Largest speed of the rehearsal along the line [m/s]."""
 MIN_MOVE_SECONDS = 2.0
-"""Least time of one such motion [s]: the load shall not begin to swing."""
-CHECK_SPACING = 0.02
-"""Largest distance of the checked postures along the line [m]; the check interpolates between them."""
-PEAK_SPEED_RATIO = 1.875
-"""Largest speed of a minimum-jerk motion over its mean speed."""
-MAX_BACKWARD = 0.2
-"""Largest distance by which a trial moves away from the box while it learns and swings back [m]."""
+"""Shortest duration of a slow motion [s], so that the load does not begin to swing."""
+MAX_CHECK_SPACING = 0.02
+"""Largest distance between two checked postures along the line [m]; the check interpolates between them."""
+MINIMUM_JERK_PEAK_RATIO = 1.875
+"""Ratio of the largest to the mean speed of a minimum-jerk motion."""
+MAX_BACKWARD_DISTANCE = 0.2
+"""Largest distance by which a trial moves from the start away from the box [m]."""
 
-Posture = tuple[Vector, Vector, Vector]
-"""Positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
-
-
-def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
-    """Smooth motion of all joints together from one posture (n,) [rad] to another."""
-    return JointTrajectory(*_slow_move(start, goal, JOINT_SPEED, PERIOD), arm.joint_names)
+JointReference = tuple[Vector, Vector, Vector]
+"""Joint positions, velocities and accelerations (n,) each [rad, rad/s, rad/s^2]."""
 
 
-def sweep(table: LineTable) -> LineTrajectory:
-    """Postures of a slow motion from one end of the line to the other, at most `CHECK_SPACING` apart."""
+def approach_motion(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
+    """Slow minimum-jerk motion of an arm from one posture (n,) [rad] to another."""
+    return JointTrajectory(*_slow_move(start, goal, MAX_APPROACH_SPEED, PERIOD), arm.joint_names)
+
+
+def line_sweep(table: LineTable) -> LineTrajectory:
+    """Slow motion from one end of the line to the other, sampled for a feasibility check."""
     begin, end = float(table.s[0]), float(table.s[-1])
-    return LineTrajectory(*_slow_move(begin, end, LINE_SPEED, CHECK_SPACING / LINE_SPEED))
+    return LineTrajectory(*_slow_move(begin, end, MAX_REHEARSAL_SPEED, MAX_CHECK_SPACING / MAX_REHEARSAL_SPEED))
 
 
-def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
-    """Slow motion along the whole stretch that a trial uses, and back to its middle.
+def rehearsal_motion(table: LineTable, finish: float) -> LineTrajectory:
+    """Slow motion along the part of the line that a trial uses, from its start and back to it.
 
     Args:
         table: IK table of the line.
         finish: position over the box at which a trial ends [m].
     """
-    stops = (0.0, max(-MAX_BACKWARD, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
-    parts = [LineTrajectory(*_slow_move(first, last, LINE_SPEED, PERIOD)) for first, last in pairwise(stops)]
+    stops = (0.0, max(-MAX_BACKWARD_DISTANCE, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
+    parts = [LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, PERIOD)) for first, last in pairwise(stops)]
     return reduce(LineTrajectory.then, parts)
 
 
-def play(
-    robot: RobotInterface, motion: Iterable[Posture], total: float, progress: Callable[[float], None] | None = None
+def play_motion(
+    robot: RobotInterface,
+    motion: Iterable[JointReference],
+    total: float,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Command a checked motion, cycle by cycle; a late cycle makes the motion longer, never faster.
+    """Command a motion cycle by cycle; a late cycle makes the motion longer, and never faster.
 
     Args:
         robot: robot that moves.
-        motion: a posture per cycle.
+        motion: joint reference of each cycle; the motion was checked before.
         total: duration of the motion [s].
-        progress: called with the share that is done.
+        progress: called with the finished share.
 
     Raises:
-        TaskFailedError: the motion was interrupted, or the robot refused; the arm is brought to rest.
+        TaskFailedError: the motion was interrupted or a command was refused; the arm is brought to rest.
     """
     signals: list[int] = []
     with noted_signals(signals.append):
@@ -77,7 +80,7 @@ def play(
         try:
             for posture in motion:
                 if signals:
-                    raise TaskFailedError(f"{sentence_of_signal(signals[0])}: the arm was brought to rest")
+                    raise TaskFailedError(f"{signal_sentence(signals[0])}: the arm was brought to rest")
                 robot.command(*posture)
                 due = max(due + PERIOD, robot.time)
                 robot.advance(due - robot.time)
@@ -88,8 +91,8 @@ def play(
             raise
 
 
-def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture]:
-    """The arm's postures during a motion along the line."""
+def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[JointReference]:
+    """Joint references of an arm for a motion along its line, one for each sample of the motion."""
     for state in motion:
         joints = table.joint_motion(state.s, state.v, state.a)
         yield joints.q, joints.v, joints.a
@@ -104,7 +107,7 @@ def _slow_move(
         Times (m,) [s], a `step` apart [s], positions, velocities and accelerations, (m,) or (m, n).
     """
     way = np.subtract(end, begin)
-    duration = max(MIN_MOVE_SECONDS, PEAK_SPEED_RATIO * float(np.max(np.abs(way))) / max_speed)
+    duration = max(MIN_MOVE_SECONDS, MINIMUM_JERK_PEAK_RATIO * float(np.max(np.abs(way))) / max_speed)
     number = np.arange(np.ceil(duration / step) + 1)
     time = step * number
     share, speed, acceleration = (np.multiply.outer(x, way) for x in minimum_jerk(number / number[-1], float(time[-1])))

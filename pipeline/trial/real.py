@@ -1,4 +1,4 @@
-"""A trial on a real arm: check everything, ask the operator, move to the start posture, and run the protocol."""
+"""A trial on a real arm: check load cell and motions, ask the operator, go to the start posture, run the protocol."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -17,26 +17,26 @@ from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.processes import ask_for_real_time
-from pipeline.robot.drivers import Connect
+from pipeline.robot.drivers import ConnectFunction
 from pipeline.robot.link import LinkStatistics
 from pipeline.robot.protocol import RealRobot
-from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import Progress
-from pipeline.trial.flow import Trial, perform
-from pipeline.trial.moves import Posture, approach, play, postures_along, rehearsal
+from pipeline.trial.ending import TrialEnding
+from pipeline.trial.experiment import ProgressCallback
+from pipeline.trial.flow import Trial, perform_trial
+from pipeline.trial.moves import JointReference, approach_motion, play_motion, postures_along, rehearsal_motion
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 MAX_START_DISTANCE = 5e-3
 """Largest distance of a joint from the start posture at which no motion to it is needed [rad]."""
 MAX_WEIGHT_ERROR = 0.2
-"""Largest relative error of the load cell at rest: a larger one means another load, or calibration."""
-CALM_NOISE_FACTOR = 2.0
-"""Largest standard deviation of the force of a calm load, over that of one sample."""
-CALM_SECONDS, CALM_PATIENCE = 2.0, 60.0
-"""Time for which the load must hang still, and longest time to wait for that [s]."""
-CELL_PATIENCE = 6.0
-"""Longest time to the first sample of the load cell [s]: most boards restart when their port is opened."""
+"""Largest relative difference between measured force at rest and weight of the load."""
+MAX_STILL_NOISE_RATIO = 2.0
+"""Largest standard deviation of the force of a load at rest, divided by the noise of one sample."""
+STILL_LOAD_SECONDS, STILL_LOAD_TIMEOUT_SECONDS = 2.0, 60.0
+"""Time for which the load must hang still before a motion, and longest waiting time for that [s]."""
+FIRST_SAMPLE_TIMEOUT_SECONDS = 6.0
+"""Longest waiting time for the load cell's first sample [s]; most boards restart when their port is opened."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class RobotLink:
         address: address of the robot.
         connect: function that connects to the robot.
         arm: description of the arm.
-        port: serial port of the load cell; None where there is none.
-        calibration: calibration of the load cell; None where there is none.
+        port: serial port of the load cell; None for no load cell.
+        calibration: calibration of the load cell; None for no load cell.
     """
 
     address: str
-    connect: Connect
+    connect: ConnectFunction
     arm: urdf.Robot
     port: str | None = None
     calibration: Calibration | None = None
@@ -60,12 +60,12 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class OperatorPrompts:
-    """Messages and questions to the operator.
+    """Functions that show messages and questions to the operator of a real robot.
 
     Attributes:
         tell: shows a sentence.
-        may_move: asks whether the arm may move now; the sentence describes the motion.
-        landed: asks whether the load came to rest in the box.
+        may_move: shows a sentence on a motion, and returns whether the operator allows it.
+        landed: returns whether the load came to rest in the box, as the operator answers.
     """
 
     tell: Callable[[str], None]
@@ -78,17 +78,17 @@ RealTrial = Trial[RealRobot]
 
 @dataclass(frozen=True)
 class _OperatorHooks:
-    """`RigHooks` of a real robot: its operator tells whether the load landed, once the arm holds its posture."""
+    """`RigHooks` of a real robot, whose operator is asked at the end whether the load is in the box."""
 
     robot: RealRobot
     settings: ProtocolSettings
     prompts: OperatorPrompts
-    progress: Progress
+    progress: ProgressCallback
 
     def landed(self) -> bool:
         return True
 
-    def judged(self, ending: Ending) -> Ending:
+    def judged(self, ending: TrialEnding) -> TrialEnding:
         if ending.stopped:
             return ending
         success = self.prompts.landed()
@@ -102,14 +102,21 @@ class _OperatorHooks:
         self.robot.announce(what)
 
 
-def run_real(
-    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, out: Path | None, progress: Progress
+def run_real_trial(
+    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, out: Path | None, progress: ProgressCallback
 ) -> RealTrial:
     """Run one whole trial on a real robot.
 
+    Args:
+        settings: settings of the protocol.
+        link: connection to robot and load cell.
+        prompts: messages and questions to the operator.
+        out: directory for recordings and model; None to write no files.
+        progress: called to report the progress.
+
     Raises:
-        InputError: something is not in order before the first motion.
-        TaskFailedError: the operator said no, or the arm did not reach the start posture.
+        InputError: a check before the first motion failed.
+        TaskFailedError: the operator did not allow a motion, or the arm did not reach the start posture.
     """
     if link.port is None or link.calibration is None:
         raise InputError("a trial needs the load cell: give --loadcell PORT, or rehearse without it (--rehearse)")
@@ -123,43 +130,49 @@ def run_real(
         about = f"{link.arm.name} and a load on a string"
         limits = link.calibration.force_limits
         rig = Rig(robot, True, link.arm, table, limits, about, hooks, recorder=robot.recorder)
-        experiment, result = perform(rig, c, out, progress)
+        experiment, result = perform_trial(rig, c, out, progress)
         subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
         return Trial(subtitle, experiment, result, robot)
 
 
 def rehearse(
-    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, progress: Progress
+    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, progress: ProgressCallback
 ) -> tuple[LinkStatistics, float]:
-    """Move slowly along the whole line without the load, as a rehearsal; nothing is learnt.
+    """Move the arm slowly along its line without the load, to rehearse a trial.
+
+    Args:
+        settings: settings of the trial to rehearse.
+        link: connection to the robot.
+        prompts: messages and questions to the operator.
+        progress: called to report the progress.
 
     Returns:
-        Statistics of the connection, and the largest distance of a joint from its command [rad].
+        Delays of the connection, and the largest difference between a commanded and a measured joint position [rad].
 
     Raises:
-        InputError: something is not in order before the first motion.
-        TaskFailedError: the operator said no, or the arm did not follow.
+        InputError: a check before the first motion failed.
+        TaskFailedError: the operator did not allow the motion, or the arm did not follow.
     """
     table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
-    motion = rehearsal(table, settings.task.finish_x)
+    motion = rehearsal_motion(table, settings.task.finish_x)
     check_line(table, link.arm, motion, CheckSettings()).require_feasible("the rehearsal")
     total, farthest = float(motion.time[-1]), 0.0
     with _connected(link, prompts) as robot:
         _go_to_start(robot, link.arm, table, settings, prompts, progress, "moves slowly along its whole line")
 
-        def watched() -> Iterator[Posture]:
+        def watched() -> Iterator[JointReference]:
             nonlocal farthest
             for posture in postures_along(table, motion):
                 farthest = max(farthest, float(np.max(np.abs(robot.newest_state().q - posture[0]))))
                 yield posture
 
-        play(robot, watched(), total, lambda share: progress("rehearsal", share))
+        play_motion(robot, watched(), total, lambda share: progress("rehearsal", share))
         return robot.statistics, farthest
 
 
 @contextmanager
 def _connected(link: RobotLink, prompts: OperatorPrompts) -> Iterator[RealRobot]:
-    """Connect the robot and its load cell, if any, with one clock, until the block ends."""
+    """Connect robot and load cell, if any, with a common clock, until the ``with`` block ends."""
     begun = monotonic()
 
     def clock() -> float:
@@ -180,9 +193,9 @@ def _connected(link: RobotLink, prompts: OperatorPrompts) -> Iterator[RealRobot]
 
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
-    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_SECONDS, CELL_PATIENCE)
+    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, STILL_LOAD_SECONDS, FIRST_SAMPLE_TIMEOUT_SECONDS)
     if not len(seen):
-        raise InputError(f"load cell: no sample within {CELL_PATIENCE:g} s: check cable and port")
+        raise InputError(f"load cell: no sample within {FIRST_SAMPLE_TIMEOUT_SECONDS:g} s: check cable and port")
     shown = float(np.median(seen))
     if abs(shown - weight) > MAX_WEIGHT_ERROR * weight:
         raise InputError(
@@ -210,13 +223,13 @@ def _go_to_start(
     table: ik.LineTable,
     c: ProtocolSettings,
     prompts: OperatorPrompts,
-    say: Progress,
+    say: ProgressCallback,
     then: str = "swings the load",
 ) -> None:
     """Ask the operator, enable the arm, and move it from its present posture to the start posture."""
     here, goal = robot.newest_state().q, table.posture(0.0).q
     away = float(np.max(np.abs(goal - here)))
-    motion = approach(arm, here, goal)
+    motion = approach_motion(arm, here, goal)
     obstacles = box_and_table(arm.line, c.task.box)
     if away > MAX_START_DISTANCE:
         checked = check_joints(arm, motion, CheckSettings(load_mass=c.mass, obstacles=obstacles))
@@ -232,24 +245,26 @@ def _go_to_start(
     here = robot.newest_state().q
     if np.max(np.abs(goal - here)) <= MAX_START_DISTANCE:
         return
-    motion = approach(arm, here, goal)
+    motion = approach_motion(arm, here, goal)
     total = float(motion.time[-1])
-    play(robot, zip(motion.q, motion.v, motion.a, strict=True), total, lambda share: say("to the start", 0.05 * share))
+    play_motion(
+        robot, zip(motion.q, motion.v, motion.a, strict=True), total, lambda share: say("to the start", 0.05 * share)
+    )
     robot.stop()
     robot.advance(0.5)
 
 
-def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> None:
-    """Wait until the load hangs still, before anything is learnt from its motion."""
-    end = robot.time + CALM_PATIENCE
+def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: ProgressCallback) -> None:
+    """Wait until the load hangs still."""
+    end = robot.time + STILL_LOAD_TIMEOUT_SECONDS
     spread = np.inf
     while robot.time < end:
         say("waiting for the load to hang still", 0.0)
-        seen = _forces(robot, CALM_SECONDS, CALM_SECONDS)
+        seen = _forces(robot, STILL_LOAD_SECONDS, STILL_LOAD_SECONDS)
         if not len(seen):
             break
         spread = float(np.std(seen))
-        if spread <= CALM_NOISE_FACTOR * c.force_noise:
+        if spread <= MAX_STILL_NOISE_RATIO * c.force_noise:
             return
     raise TaskFailedError(
         f"the load does not hang still: the force varies by {1e3 * spread:.0f} mN, its noise is "

@@ -1,4 +1,4 @@
-"""The report of one trial: what was learnt, how well the arm followed, how the load swung, and the verdict."""
+"""Report of one trial: outcome, swing of the load, estimated length, forces, and the arm's motion within its limits."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from armdyn.document import Document, KeyFigure, Level, NextStep, Section
 from armdyn.recording.channels import FloatArray
-from pipeline.report.feasibility import joint_sections, margin_section
+from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.next_experiment import investigation_section
-from pipeline.report.theme import number, percent
+from pipeline.report.theme import number_text, percent_text
 from pipeline.report.trial import (
     SwingTrace,
     estimate_section,
@@ -21,14 +21,14 @@ from pipeline.trial.experiment import Experiment
 from pipeline.trial.result import TrialResult
 
 
-def report_of(experiment: Experiment, result: TrialResult, subtitle: str, executed: SwingTrace | None) -> Document:
-    """The report of a finished trial; phases that a stopped trial did not reach are left out.
+def trial_report(experiment: Experiment, result: TrialResult, subtitle: str, executed: SwingTrace | None) -> Document:
+    """Report of a finished trial; for a stopped trial it lacks the sections of phases that were not reached.
 
     Args:
-        experiment: the finished protocol.
+        experiment: finished protocol.
         result: outcome of the trial.
         subtitle: description of the trial.
-        executed: the swing that was observed; None where it was not observed.
+        executed: true motion of the swing; None if it is unknown.
     """
     sections: list[Section] = []
     figures = _estimate_figures(result)
@@ -46,22 +46,22 @@ def report_of(experiment: Experiment, result: TrialResult, subtitle: str, execut
         sections.append(force_section(force.time, force.value, _predicted(experiment), settings.force_noise, phases))
         least = float(np.nanmin(force.value))
         taut = "taut" if least > 0.0 else "the string went slack"
-        figures.append(KeyFigure("Least tension", number(least, "N"), taut))
+        figures.append(KeyFigure("Least tension", number_text(least, "N"), taut))
     reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
     if len(reference) and len(actual):  # otherwise the phase ended before it began
         wanted = np.interp(actual.time, reference.time, reference.value)
         sections.append(gripper_section(actual.time, wanted, actual.value, phases))
         error = float(np.sqrt(np.nanmean((actual.value - wanted) ** 2)))
-        figures.append(KeyFigure("Gripper error", number(error, "m", 2), "rms along the line"))
+        figures.append(KeyFigure("Gripper error", number_text(error, "m", 2), "rms along the line"))
     names, limits = experiment.description.joint_names, experiment.description.limits
     time = experiment.channel(f"q.{names[0]}").time
     if len(time):
         q, v = (np.column_stack([experiment.channel(f"{kind}.{name}").value for name in names]) for kind in "qv")
-        sections += joint_sections(names, time, q, v, limits)
+        sections += joint_motion_sections(names, time, q, v, limits)
     if experiment.task.feasibility and (margins := experiment.task.feasibility.margins):
-        sections.append(margin_section(margins))
+        sections.append(limit_margin_section(margins))
         tightest = max(margins, key=lambda margin: margin.used)
-        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.joint}"))
+        figures.append(KeyFigure("Tightest limit", percent_text(tightest.used), f"{tightest.limit}, {tightest.joint}"))
     if result.timing:
         sections.append(timing_section(list(result.timing.values())))
     return Document(
@@ -96,11 +96,11 @@ def _estimate_figures(result: TrialResult) -> list[KeyFigure]:
     if not result.estimates:
         return []
     last, truth = result.estimates[-1], result.true_length
-    note = f"± {number(last.std, 'm', 2)}, from a guess of {number(result.length_guess, 'm')}"
+    note = f"± {number_text(last.std, 'm', 2)}, from a guess of {number_text(result.length_guess, 'm')}"
     figures = [KeyFigure("Estimated length", f"{last.value:.4f} m", note)]
     if truth is not None:
         apart = f"{abs(last.value - truth) / last.std:.1f} reported standard deviations" if last.std > 0 else ""
-        figures.append(KeyFigure("Error", number(last.value - truth, "m", 2), apart))
+        figures.append(KeyFigure("Error", number_text(last.value - truth, "m", 2), apart))
     return figures
 
 

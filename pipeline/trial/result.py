@@ -1,4 +1,4 @@
-"""The outcome of a trial: its numbers, the recording, and the model that the robot had."""
+"""Outcome of a trial: its numbers, the recording, and the robot's model."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -20,7 +20,7 @@ from pipeline.fields import fields
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.record import Recorder
-from pipeline.trial.ending import Ending
+from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import Experiment, Phase, PhaseSpan, recorded_channels
 from pipeline.trial.investigation import Investigation
 from pipeline.trial.rig import Rig
@@ -28,28 +28,28 @@ from pipeline.trial.settings import ProtocolSettings
 
 
 @dataclass(frozen=True)
-class TrialResult(Ending):
-    """The outcome of one trial: how it ended, and its numbers.
+class TrialResult(TrialEnding):
+    """Outcome of one trial: its ending, and its numbers.
 
     Attributes:
-        length_guess: length at the start [m].
-        true_length: true length [m]; None where it is unknown.
-        length_estimate: length used for the plan [m].
-        length_std: standard deviation of the length [m]; 0 where nothing was estimated.
+        length_guess: length of the string that was assumed at the start [m].
+        true_length: true length [m]; None if it is unknown.
+        length_estimate: length with which the swing was planned [m].
+        length_std: standard deviation of the length [m]; 0 if it was not estimated.
         estimates: every update of the estimator.
-        peak: largest magnitudes while the length was learnt, or during the swing where it was not: "x", "v" and "a" of
-            the gripper [m, m/s, m/s^2], "swing_angle" of the model along the measured path [rad]; None where unknown.
-        minimum_tension: smallest measured force before the swing ended [N]; None where none was measured.
-        feasible: whether the plan passed the check; None where there was no plan.
-        swing: the plan; None where there was none.
+        peak: largest magnitudes during the estimation of the length, or during the swing for a trial without it: "x",
+            "v" and "a" of the gripper [m, m/s, m/s^2], "swing_angle" of the model [rad]; None if unknown.
+        minimum_tension: smallest measured force before the end of the swing [N]; None if no force was measured.
+        feasible: whether the planned swing passed the feasibility check; None for no plan.
+        swing: planned swing; None for no plan.
         model: model with the last estimate.
         timing: computing times of the nodes.
-        cycle_seconds: mean time that SAC took to predict the state and choose an action.
-        recording: the MCAP file; None where nothing was kept.
-        signal: number of the signal that ended the trial; None where none did.
-        missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
-        notes: sentences on readings that were left out and on missed cycles; empty in a healthy trial.
-        investigation: result of the investigation before the trial; None where there was none.
+        cycle_seconds: mean time in which SAC predicts the state and chooses an action [s].
+        recording: MCAP file; None if no file was kept.
+        signal: number of the signal that ended the trial; None for no signal.
+        missed_cycles: number of cycles that the control loop left out because it was late; 0 with a simulated clock.
+        notes: sentences on left-out readings and missed cycles; empty for none.
+        investigation: result of the investigation before the trial; None for no investigation.
     """
 
     length_guess: float
@@ -72,14 +72,14 @@ class TrialResult(Ending):
 
     @property
     def repair_command(self) -> str | None:
-        """Text of the command that finds what the model lacks; None after success, an interruption, or without data."""
+        """Command line that repairs the model after a failed trial; None after success or a signal, or without data."""
         if self.success or not self.estimates or self.recording is None or self.signal is not None:
             return None
         kept = self.recording.parent
         return command_text("repair", kept / "model.toml", kept / "trial.csv", "--output", "repaired.toml")
 
     def as_json(self) -> dict[str, Any]:
-        """JSON ``armdyn.trial/1`` of the outcome."""
+        """The outcome as JSON ``armdyn.trial/1``."""
         updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
@@ -106,21 +106,21 @@ class TrialResult(Ending):
         }  # fmt: skip
 
 
-def result_of(
+def trial_result(
     experiment: Experiment,
-    ending: Ending,
+    ending: TrialEnding,
     true_length: float | None,
     recording: Path | None,
     investigation: Investigation | None = None,
 ) -> TrialResult:
-    """The outcome of a finished experiment.
+    """Outcome of a finished trial.
 
     Args:
-        experiment: the finished protocol.
-        ending: how the experiment ended.
-        true_length: true length [m]; None where it is unknown.
-        recording: the MCAP file; None where nothing was kept.
-        investigation: result of the investigation before the trial; None where there was none.
+        experiment: finished protocol.
+        ending: ending of the protocol.
+        true_length: true length of the string [m]; None if it is unknown.
+        recording: MCAP file; None if no file was kept.
+        investigation: result of the investigation before the trial; None for no investigation.
     """
     history, report, cycles = experiment.estimator.history, experiment.task.feasibility, experiment.sac.seconds
     force = experiment.channel("load_force").value
@@ -181,12 +181,12 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
 
 @contextmanager
 def open_recording(rig: Rig, folder: Path, settings: ProtocolSettings, name: str = "trial") -> Iterator[Recorder]:
-    """The recorder of a trial; the recording is completed even where the block raises an exception.
+    """Recorder of a trial for a ``with`` block; after an exception in the block the recording is completed, too.
 
     Args:
-        rig: the robot.
+        rig: robot with its description.
         folder: folder of the recording.
-        settings: settings with the noise and the mass that the recording states.
+        settings: settings with noise and mass, which the recording contains.
         name: name of the file, without its ending.
     """
     recorder = rig.recorder(
@@ -204,8 +204,18 @@ def open_recording(rig: Rig, folder: Path, settings: ProtocolSettings, name: str
         raise
 
 
-def finish_recording(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
-    """Complete the recording and write the model; files that cannot be written are reported in the trial's ending."""
+def finish_recording(experiment: Experiment, ending: TrialEnding, recorder: Recorder, folder: Path) -> TrialEnding:
+    """Complete the recording of a trial, and write the model to ``model.toml``.
+
+    Args:
+        experiment: finished protocol.
+        ending: ending of the protocol.
+        recorder: recorder to close.
+        folder: folder of the model file.
+
+    Returns:
+        The ending; its message also contains failures to write.
+    """
     problems = []
     try:
         recorder.close()

@@ -1,4 +1,4 @@
-"""A robot that is ready for a trial, with its description, table and load cell."""
+"""A robot that is ready for a trial, with its description, IK table and load cell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,40 +9,40 @@ from ik import LineTable
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
-from pipeline.trial.ending import Ending
+from pipeline.trial.ending import TrialEnding
 
 
 class RigHooks(Protocol):
-    """What a trial asks of its surroundings: the simulation, or the operator of a real robot."""
+    """Functions of a trial that differ between a simulated robot and a real one with an operator."""
 
     def landed(self) -> bool:
-        """Whether the load is at rest in the box; asked once, at the end of the protocol."""
+        """Whether the load is at rest in the box at the end of the protocol."""
 
-    def judged(self, ending: Ending) -> Ending:
-        """The ending of a trial, with the operator's verdict; the arm holds its posture."""
+    def judged(self, ending: TrialEnding) -> TrialEnding:
+        """The ending of a trial, corrected by the operator's answer whether the load is in the box."""
 
     def wait_until_calm(self) -> None:
         """Wait between two experiments until the load hangs still."""
 
     def announce(self, what: str) -> None:
-        """Publish the progress for others."""
+        """Publish the name of the trial's phase for observers."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot, simulated or real, at the start posture with its load at rest.
+    """A robot, simulated or real, at the start posture of a trial with its load at rest.
 
     Attributes:
-        robot: interface that moves and measures; the nodes of an experiment run on its clock.
-        real: whether time, and with it the arm, goes on while this program computes. Then long computations run in
-            another process, and a watchdog stops an arm whose loop hangs.
+        robot: interface to the robot; the nodes of the control loop run on its clock.
+        real: whether the arm moves on while this program computes. Then long computations run in another process, and
+            a watchdog stops the arm if the control loop hangs.
         arm: description of the arm.
-        table: IK table of its line.
+        table: IK table of the arm's line.
         cell: limits of plausible readings of the load cell.
-        description: a line about the robot, for the recordings.
-        hooks: simulation, or operator.
-        true_length: true length of the string [m]; None where it is unknown.
-        recorder: makes a recorder.
+        description: description of the robot in one line, for the recordings.
+        hooks: functions that differ between simulated and real robots.
+        true_length: true length of the string [m]; None if it is unknown.
+        recorder: function that makes a recorder.
     """
 
     robot: RobotInterface

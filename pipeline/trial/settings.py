@@ -1,4 +1,4 @@
-"""Settings of a trial's protocol and of its simulation, and the model with which the robot starts."""
+"""Settings of a trial: of its protocol and of its simulation, and the model with which the robot starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,42 +17,42 @@ from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
 MIN_STRING_LENGTH, MAX_STRING_LENGTH = 0.05, 2.0
-"""Lengths that are possible [m]: Baxter's line is 0.85 m long and 1.0 m above the floor."""
+"""Shortest and longest possible string [m]; Baxter's line is 0.85 m long and 1.0 m above the floor."""
 
-NUISANCES: dict[str, tuple[str, float, float]] = {
+NUISANCE_EFFECTS: dict[str, tuple[str, float, float]] = {
     "linear_drag": ("linear_drag.coefficient", 0.0, 0.01),
     "sensor_bias": ("sensor_bias.force", 0.0, 0.02),
     "sensor_delay": ("sensor_delay.time", 0.01, 0.01),
 }
-"""Effects that every estimate of the length must allow for: parameter, prior mean and standard deviation.
+"""Effects that are estimated together with the length: parameter, prior mean and standard deviation, by effect.
 
-Ignoring them costs millimetres: 0.25 mm per ms of delay, 1 mm per 0.01 N of bias, 1 mm per 1 % of mass.
+Without them the length would be wrong: by 0.25 mm per ms of delay, by 1 mm per 0.01 N of bias.
 """
 
-MIN_LEAN, LEAN_STD = 1e-3, 0.05
-"""Swing angle [rad] of a load at rest above which its start angle is uncertain, and its standard deviation [rad]."""
-SWAY_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
-"""Standard deviations [rad, rad/s] at the start, for a load that was brought to rest with an incomplete model."""
+MIN_UNCERTAIN_REST_ANGLE, REST_ANGLE_STD = 1e-3, 0.05
+"""Rest angle of the load from which its start angle is estimated, and the prior's standard deviation [rad]."""
+START_STD_AFTER_SWINGS = {"initial_angle": 0.05, "initial_rate": 0.2}
+"""Standard deviations of start angle and rate [rad, rad/s] of a load that was brought to rest after earlier swings."""
 
 
 @dataclass(frozen=True)
 class ProtocolSettings:
-    """Settings of the protocol, for a trial on any robot.
+    """Settings of the protocol of a trial on any robot.
 
     Attributes:
-        length_guess: first guess of the length from pivot to the load's centre [m].
+        length_guess: first guess of the string's length, from pivot to the load's centre [m].
         mass: weighed mass of the load [kg].
         mass_std: standard deviation of the weighing [kg].
         load_radius: radius of the load [m].
         force_noise: standard deviation of one sample of the load cell [N].
-        estimate: whether to learn the length before the swing.
-        estimation_time: duration of the motion that SAC chooses [s].
-        certain_enough: the largest standard deviation of the length with which the swing is tried [m].
-        model: equations and parameters used by estimator, SAC and planner; the default one when not given.
-        task: the swing.
-        motion: motion along the line, a sample per cycle, that replaces SAC's choice for learning the length.
-        hangs_still: whether the load hangs at rest at first; after other swings it only nearly does.
-        investigate: largest number of experiments by which the robot first finds what its model lacks; 0 for none.
+        estimate: whether the length is estimated before the swing.
+        estimation_time: duration of the motion for the estimate that SAC chooses [s].
+        certain_enough: largest standard deviation of the length with which the swing is tried [m].
+        model: model of estimator, SAC and planner; None for the default one.
+        task: settings of the swing.
+        motion: motion along the line for the estimate, one sample per cycle; None for a motion that SAC chooses.
+        hangs_still: whether the load is at rest at the start; after other swings it may still sway.
+        investigate: largest number of experiments that identify the model's missing effects first; 0 for none.
     """
 
     length_guess: float = 0.328
@@ -78,10 +78,9 @@ class ProtocolSettings:
             raise InputError(f"the motion has no sample every {PERIOD:g} s: write it at the rate of the robot's cycle")
 
     def starting_model(self) -> PendulumModel:
-        """The given model, or the bare pendulum, with the nuisances, the weighed mass and the guessed length.
+        """The given model, or a pendulum, with the nuisance effects, the weighed mass and the guessed length.
 
-        The effects of a given model keep their values; what was fitted there becomes a prior, and stays fixed where no
-        standard deviation is known.
+        A fitted parameter of the given model's effects becomes a prior; without a standard deviation it stays fixed.
         """
         given = self.model or pendulum_model(self.length_guess, self.mass)
         model = given
@@ -89,7 +88,7 @@ class ProtocolSettings:
             for p in effect.parameters():
                 fitted = given.parameters[p.name]
                 model = model.with_prior(p.name, fitted.value, fitted.std) if fitted.std else model.with_fixed(p.name)
-        for name, (parameter, mean, std) in NUISANCES.items():
+        for name, (parameter, mean, std) in NUISANCE_EFFECTS.items():
             if all(effect.name != name for effect in given.named_effects):
                 model = model.with_effect(CATALOGUE[name]).with_prior(parameter, mean, std)
         model = model.with_prior("mass", self.mass, self.mass_std)
@@ -99,11 +98,11 @@ class ProtocolSettings:
         model = model.with_values({"initial_angle": rest, "initial_rate": 0.0})
         if not self.hangs_still:
             for name, at in (("initial_angle", rest), ("initial_rate", 0.0)):
-                model = model.with_prior(name, at, SWAY_STD[name])
+                model = model.with_prior(name, at, START_STD_AFTER_SWINGS[name])
             return model
         model = model.with_fixed("initial_rate")
-        if abs(rest) > MIN_LEAN:
-            return model.with_prior("initial_angle", rest, LEAN_STD)
+        if abs(rest) > MIN_UNCERTAIN_REST_ANGLE:
+            return model.with_prior("initial_angle", rest, REST_ANGLE_STD)
         return model.with_fixed("initial_angle")
 
 
@@ -112,11 +111,11 @@ class TrialSettings(ProtocolSettings):
     """Settings of a trial on the simulated robot.
 
     Attributes:
-        true_length: true length in the simulation [m].
-        hidden: effects of the simulated robot that the model does not know, None for their typical size.
-        seed: of everything random in the simulation.
-        plant: the simulated robot; its length, mass and load come from here.
-        out: directory for the recording and the model that the robot had; None keeps nothing.
+        true_length: true length of the string in the simulation [m].
+        hidden: size of each effect of the simulated robot that the model lacks, by name; None for its typical size.
+        seed: seed of all random values of the simulation.
+        plant: settings of the simulated robot; length, mass and radius of the load are taken from these settings.
+        out: directory for recording and model; None to write no files.
     """
 
     true_length: float = 0.368

@@ -8,9 +8,9 @@ import urdf
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.simulated import SimulatedRobot
-from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import Progress
-from pipeline.trial.flow import Trial, perform
+from pipeline.trial.ending import TrialEnding
+from pipeline.trial.experiment import ProgressCallback
+from pipeline.trial.flow import Trial, perform_trial
 from pipeline.trial.result import TrialResult
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import TrialSettings
@@ -20,14 +20,14 @@ SimulatedTrial = Trial[SimulatedRobot]
 
 @dataclass(frozen=True)
 class _SimulationHooks:
-    """`RigHooks` of a simulation, which knows where the load is; nobody watches, and the load need not calm down."""
+    """`RigHooks` of a simulation, which knows the load's true position."""
 
     simulation: SimulatedRobot
 
     def landed(self) -> bool:
         return self.simulation.load_in_box()
 
-    def judged(self, ending: Ending) -> Ending:
+    def judged(self, ending: TrialEnding) -> TrialEnding:
         return ending
 
     def wait_until_calm(self) -> None: ...
@@ -35,23 +35,23 @@ class _SimulationHooks:
     def announce(self, what: str) -> None: ...
 
 
-def simulate(
+def simulate_trial(
     settings: TrialSettings,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     through: Callable[[SimulatedRobot], RobotInterface] = lambda robot: robot,
     real: bool = False,
 ) -> SimulatedTrial:
-    """Run one whole trial on the simulated robot; recording and model are written where the settings name a folder.
+    """Run one whole trial on the simulated robot, and write recording and model to the settings' folder, if any.
 
     Args:
         settings: settings of protocol and simulation.
         progress: called to report the progress.
-        through: wraps the robot, for example to simulate a fault.
-        real: whether the protocol treats the robot as one that moves on by itself, see `Rig`.
+        through: function that wraps the robot, for example to simulate a fault.
+        real: whether the protocol treats the robot as a real one, see `Rig`.
 
     Raises:
         InputError: settings that cannot be used.
-        UnknownNameError: a hidden effect that the simulated robot does not have.
+        UnknownNameError: the simulated robot has no hidden effect of this name.
     """
     c, say = settings, progress or (lambda _what, _share: None)
     description = urdf.load("baxter")
@@ -62,7 +62,7 @@ def simulate(
     limits = FaultLimits.of(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
     about = f"simulated Baxter, load on a string, seed {c.seed}"
     rig = Rig(through(robot), real, description, table, limits, about, _SimulationHooks(robot), c.true_length)
-    experiment, result = perform(rig, c, c.out, say)
+    experiment, result = perform_trial(rig, c, c.out, say)
     hidden = ", ".join(f"{name} {value:g}" for name, value in robot.truth.hidden.items())
     subtitle = (
         f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.true_length:g} m, seed {c.seed}, "
@@ -71,6 +71,6 @@ def simulate(
     return Trial(subtitle, experiment, result, robot, robot.history)
 
 
-def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
-    """Run one whole trial on the simulated robot, and return its outcome; see `simulate`."""
-    return simulate(settings, progress).result
+def run_trial(settings: TrialSettings, progress: ProgressCallback | None = None) -> TrialResult:
+    """Run one whole trial on the simulated robot, and return its outcome; see `simulate_trial` for the arguments."""
+    return simulate_trial(settings, progress).result

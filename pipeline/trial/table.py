@@ -1,4 +1,4 @@
-"""The paper's Table I: nine guesses of the length, with and without estimation, over seeds."""
+"""Table I of the paper: trials with nine guesses of the string's length, with and without estimation, by seed."""
 
 import os
 from collections.abc import Callable
@@ -14,21 +14,21 @@ from ik.children import worker_pool
 from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
 
-GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
-"""First guesses of the paper [m], whose string is 0.368 m long."""
-PAPER_WITHOUT = (0.368, 0.388)
-"""Guesses that succeed without estimation in the paper [m]; with estimation all nine do."""
+LENGTH_GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
+"""First guesses of the string's length in the paper's Table I [m]; the true length is 0.368 m."""
+PAPER_SUCCESSES_WITHOUT_ESTIMATION = (0.368, 0.388)
+"""Guesses of the length with which trials without estimation succeed in the paper [m]; with estimation all succeed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TableOne:
-    """The paper's Table I for the 9 `GUESSES` and n seeds.
+    """Results for Table I of the paper: trials with the 9 `LENGTH_GUESSES` and n random seeds.
 
     Attributes:
-        true_length: true length [m].
-        succeeded: (9, 2, n) whether each trial without and with estimation succeeded.
-        estimates: (9, n) length of every trial with estimation [m].
-        stds: (9, n) reported standard deviations [m].
+        true_length: true length of the string [m].
+        succeeded: whether each trial succeeded, without and with estimation (9, 2, n).
+        estimates: estimated lengths of the trials with estimation (9, n) [m].
+        stds: their reported standard deviations (9, n) [m].
     """
 
     true_length: float
@@ -38,32 +38,32 @@ class TableOne:
 
     @property
     def seeds(self) -> int:
-        """Number of trials per guess, with and without estimation each."""
+        """Number of random seeds: trials per guess without estimation, and likewise with estimation."""
         return self.succeeded.shape[2]
 
     @property
     def shares(self) -> np.ndarray:
-        """(2, 9) share of the seeds that succeed, without and with estimation."""
+        """Share of successful trials for each guess, without and with estimation (2, 9)."""
         return np.asarray(self.succeeded.mean(axis=2).T)
 
     @property
     def errors(self) -> np.ndarray:
-        """(9, n) estimate minus truth [m]."""
+        """Estimated minus true length for each guess and seed (9, n) [m]."""
         return self.estimates - self.true_length
 
     @property
     def in_paper(self) -> np.ndarray:
-        """(9,) whether a guess succeeds without estimation in the paper."""
-        return np.isin(GUESSES, PAPER_WITHOUT)
+        """Whether the paper's trials without estimation succeed, for each guess (9,)."""
+        return np.isin(LENGTH_GUESSES, PAPER_SUCCESSES_WITHOUT_ESTIMATION)
 
     @property
     def covered(self) -> float:
-        """Share of the trials whose truth is within three reported standard deviations."""
+        """Share of trials in which the true length is within three reported standard deviations of the estimate."""
         return float(np.mean(np.abs(self.errors) <= 3 * self.stds))
 
     def as_json(self) -> dict[str, Any]:
-        """JSON ``armdyn.table/1`` of the table."""
-        rows = zip(GUESSES, *self.shares.tolist(), self.estimates.tolist(), strict=True)
+        """The table as JSON ``armdyn.table/1``."""
+        rows = zip(LENGTH_GUESSES, *self.shares.tolist(), self.estimates.tolist(), strict=True)
         names = "length_guess", "without", "with", "length_estimates"
         as_in_paper = (self.succeeded[:, 0] == self.in_paper[:, None]).all(axis=0)
         return {
@@ -77,12 +77,12 @@ class TableOne:
         }
 
 
-def run_table(seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None) -> TableOne:
-    """Run every guess with and without estimation for `seeds` seeds, in parallel processes.
+def run_table_one(seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None) -> TableOne:
+    """Run the trials of Table I of the paper in parallel processes: every guess, with and without estimation.
 
     Args:
-        seeds: trials per guess and way.
-        first_seed: the seeds are first_seed, first_seed + 1, ...
+        seeds: number of random seeds.
+        first_seed: first seed; the others follow it, in steps of 1.
         progress: called with the number of trials done and their total.
 
     Raises:
@@ -90,13 +90,13 @@ def run_table(seeds: int, first_seed: int = 0, progress: Callable[[int, int], No
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds: give at least 1")
-    keys = list(product(GUESSES, (False, True), range(first_seed, first_seed + seeds)))
+    keys = list(product(LENGTH_GUESSES, (False, True), range(first_seed, first_seed + seeds)))
     with worker_pool(os.cpu_count() or 1) as pool:
         futures = [pool.submit(_outcome, TrialSettings(length_guess=g, estimate=e, seed=s)) for g, e, s in keys]
         for done, _ in enumerate(as_completed(futures), start=1):
             if progress is not None:
                 progress(done, len(futures))
-    outcomes = np.array([future.result() for future in futures]).reshape(len(GUESSES), 2, seeds, 3)
+    outcomes = np.array([future.result() for future in futures]).reshape(len(LENGTH_GUESSES), 2, seeds, 3)
     return TableOne(TrialSettings().true_length, outcomes[..., 0] > 0.0, outcomes[:, 1, :, 1], outcomes[:, 1, :, 2])
 
 

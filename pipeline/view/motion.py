@@ -1,4 +1,4 @@
-"""Scenes of motions: an arm from its joints, a load from gripper and string angle, and both for a trial."""
+"""3-D scenes of motions: an arm from its joint positions, a load on a string from gripper and angle, or both."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,36 +13,36 @@ from armdyn.run import Run
 from pipeline.box import LOAD_RADIUS, Box
 from pipeline.view.scene import (
     BODY_DARK,
-    STEEL,
-    WOOD,
-    Mark,
+    STEEL_COLOUR,
+    WOOD_COLOUR,
     Mesh,
     Scene,
     SceneBody,
-    ball,
-    block,
-    frames,
-    moved,
-    standing,
+    TimeMark,
+    ball_mesh,
+    block_mesh,
+    fixed_pose,
+    frame_times,
+    translated_poses,
 )
-from pipeline.view.shapes import Links
+from pipeline.view.shapes import ArmShapes
 from urdf import Line, Robot
 
 DEFAULT_STRING_LENGTH = 0.35
-"""m; of a string whose length nobody knows."""
-UP = np.array([0.0, 0.0, 1.0])
+"""Drawn length of a string of unknown length [m]."""
+VERTICAL_DIRECTION = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class LoadSwing:
-    """Motion of a load on a string.
+    """Motion of a load on a string below a gripper.
 
     Attributes:
-        gripper: position of the string's upper end along its line; None where it does not move.
-        angle: angle of the string, 0 hanging [rad].
+        gripper: position of the string's upper end along its line [m]; None if it does not move.
+        angle: swing angle of the string, 0 for a hanging load [rad].
         length: length of the string [m].
-        height: height of the string's upper end; None where it is constant.
-        note: where angle and length come from; empty where both were recorded.
+        height: height of the string's upper end [m]; None if it is constant.
+        note: sentences on an angle or a length that was not recorded; empty if both were.
     """
 
     gripper: Channel | None
@@ -53,20 +53,26 @@ class LoadSwing:
 
 
 def arm_scene(
-    title: str, kind: str, links: Links, time: FloatArray, q: FloatArray, marks: Sequence[Mark] = (), note: str = ""
+    title: str,
+    kind: str,
+    links: ArmShapes,
+    time: FloatArray,
+    q: FloatArray,
+    marks: Sequence[TimeMark] = (),
+    note: str = "",
 ) -> Scene:
-    """Scene of a moving arm.
+    """3-D scene of a moving arm.
 
     Args:
-        title: title of the view.
-        kind: see `Scene`.
-        links: shapes of the links to draw.
-        time: (n,) [s].
-        q: (n, joints) [rad or m].
-        marks: see `Scene`.
-        note: see `Scene`.
+        title: title of the page.
+        kind: kind of the scene, see `Scene`.
+        links: shapes of the arm's links.
+        time: times of the samples (n,) [s].
+        q: joint positions (n, joints) [rad or m].
+        marks: marked intervals of time.
+        note: sentences for the viewer.
     """
-    at = frames(float(time[0]), float(time[-1]))
+    at = frame_times(float(time[0]), float(time[-1]))
     postures = _at(at, time, q)
     return Scene(
         title, kind, at, links.bodies(postures), trail=links.tool(postures), marks=marks,
@@ -75,10 +81,13 @@ def arm_scene(
 
 
 def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """(n,) times and (n, joints) positions of an arm's joints; a joint that was not recorded stays at home.
+    """Recorded joint positions of an arm; a joint that was not recorded stays at its home position.
+
+    Returns:
+        Times (n,) [s] and joint positions (n, joints) [rad or m].
 
     Raises:
-        InputError: no joint was recorded.
+        InputError: no joint of this arm was recorded.
     """
     known = [f"q.{joint}" for joint in robot.joint_names if f"q.{joint}" in run.channels]
     if not known:
@@ -95,39 +104,53 @@ def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 def swing_scene(title: str, kind: str, swing: LoadSwing) -> Scene:
-    """Scene of a load on a string below a gripper that moves along a line, from left to right."""
+    """3-D scene of a load on a string below a gripper on a rail.
+
+    Args:
+        title: title of the page.
+        kind: kind of the scene, see `Scene`.
+        swing: motion of gripper and load.
+    """
     at = _frames_of(swing)
     pivot = np.column_stack([_follow(at, swing.gripper), np.zeros(len(at)), _follow(at, swing.height)])
     load = pivot + swing.length * _hanging(at, swing, np.array([1.0, 0.0, 0.0]))
     low, high = float(pivot[:, 0].min()) - 0.15, float(pivot[:, 0].max()) + 0.15
-    rail = SceneBody("rail", [block((high - low, 0.012, 0.012), STEEL)],
-                standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
-    bodies = [rail, SceneBody("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
-              SceneBody("load", [ball(LOAD_RADIUS)], moved(load))]  # fmt: skip
+    rail = SceneBody("rail", [block_mesh((high - low, 0.012, 0.012), STEEL_COLOUR)],
+                fixed_pose((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
+    bodies = [rail, SceneBody("gripper", [block_mesh((0.05, 0.035, 0.03), BODY_DARK)], translated_poses(pivot)),
+              SceneBody("load", [ball_mesh(LOAD_RADIUS)], translated_poses(load))]  # fmt: skip
     return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 
 
-def trial_scene(title: str, links: Links, run: Run, swing: LoadSwing, box: Box | None) -> Scene:
-    """Scene of an arm that swings a load along its line into a box."""
+def trial_scene(title: str, links: ArmShapes, run: Run, swing: LoadSwing, box: Box | None) -> Scene:
+    """3-D scene of a trial: an arm that swings a load along its line into a box.
+
+    Args:
+        title: title of the page.
+        links: shapes of the arm's links.
+        run: recording of the trial.
+        swing: motion of the load.
+        box: the box; None for no box.
+    """
     robot, at = links.robot, _frames_of(swing)
     postures = _at(at, *joint_motion(run, robot))
     line = robot.line
     pivot = links.tool(postures)
     load = pivot + swing.length * _hanging(at, swing, line.direction)
-    bodies = [*links.bodies(postures), SceneBody("load", [ball(LOAD_RADIUS)], moved(load))]
+    bodies = [*links.bodies(postures), SceneBody("load", [ball_mesh(LOAD_RADIUS)], translated_poses(load))]
     if box is not None:
-        bodies.append(SceneBody("box", _walls(line, box), standing(line.origin)))
+        bodies.append(SceneBody("box", _walls(line, box), fixed_pose(line.origin)))
     cords = [np.stack([pivot, load], axis=1)]
     return Scene(title, "trial", at, bodies, cords, load, note=" ".join(filter(None, (swing.note, links.note))))
 
 
-def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwing:
-    """Motion of a run's load: the measured angle, or a model's prediction where none was measured.
+def load_swing(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwing:
+    """Motion of a recorded load, with its measured swing angle, or else with a model's prediction.
 
     Args:
         run: the recording.
-        model: model that gives the length, and the angle where none was measured; None for no model.
-        fit: fit of that model to runs that include this one; it is computed where it is needed and not given.
+        model: model that gives the length, and the angle if it was not measured; None for no model.
+        fit: fit of this model to recordings that include this one; None to fit the model where a fit is needed.
 
     Raises:
         InputError: the angle was not measured, and no model predicts it.
@@ -169,13 +192,13 @@ def _frames_of(swing: LoadSwing) -> FloatArray:
     start, end = float(swing.angle.time[0]), float(swing.angle.time[-1])
     if swing.gripper is not None:
         start, end = max(start, float(swing.gripper.time[0])), min(end, float(swing.gripper.time[-1]))
-    return frames(start, end)
+    return frame_times(start, end)
 
 
 def _hanging(at: FloatArray, swing: LoadSwing, along: FloatArray) -> FloatArray:
-    """(k, 3) unit vectors from the upper end of the string to the load."""
+    """Unit vectors from the upper end of the string to the load (k, 3)."""
     angle = _follow(at, swing.angle)
-    return -np.sin(angle)[:, None] * along - np.cos(angle)[:, None] * UP
+    return -np.sin(angle)[:, None] * along - np.cos(angle)[:, None] * VERTICAL_DIRECTION
 
 
 def _follow(at: FloatArray, channel: Channel | None) -> FloatArray:
@@ -189,8 +212,8 @@ def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
 def _walls(line: Line, box: Box) -> list[Mesh]:
     walls = []
     for plate in box.plates(line):
-        wall = block(
-            (2.0 * plate.half).tolist(), WOOD, opacity=0.35 if plate.name in ("front", "back", "near") else 0.8
+        wall = block_mesh(
+            (2.0 * plate.half).tolist(), WOOD_COLOUR, opacity=0.35 if plate.name in ("front", "back", "near") else 0.8
         )
         walls.append(Mesh(wall.vertices @ line.axes.T + plate.centre - line.origin, wall.faces, wall.colour,
                                 wall.opacity))  # fmt: skip

@@ -1,4 +1,4 @@
-"""The scene of a file: a recording, a trajectory, a table of postures, a trial."""
+"""3-D scene of the motion in a file: a recording, a trajectory, an IK table or a trial."""
 
 from pathlib import Path
 
@@ -11,27 +11,27 @@ from armdyn.recording.channels import FloatArray
 from armdyn.run import Run, read_run
 from pipeline.box import Box
 from pipeline.motion.feasibility.read import is_line_csv
-from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene, trial_scene
-from pipeline.view.scene import Mark, Scene
-from pipeline.view.shapes import links_of
+from pipeline.view.motion import arm_scene, joint_motion, load_swing, swing_scene, trial_scene
+from pipeline.view.scene import Scene, TimeMark
+from pipeline.view.shapes import arm_shapes
 
-MAX_MARKS = 200
-"""Moments at which a checked trajectory passes a limit."""
-TABLE_SPEED = 0.15
-"""m/s; the speed at which a table is shown."""
+MAX_VIOLATION_MARKS = 200
+"""Largest number of marked violations of limits in the scene of a trajectory."""
+TABLE_VIEW_SPEED = 0.15
+"""Speed at which the scene of an IK table follows the path [m/s]."""
 
 
-def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = None) -> Scene:
-    """The scene of a file's motion.
+def scene_of_file(path: Path, model: Model | None = None, robot: urdf.Robot | None = None) -> Scene:
+    """3-D scene of the motion in a file.
 
     Args:
-        path: a run (CSV, MCAP), a trajectory of joints or along a robot's line (CSV), a table (npz), or the folder or
-            MCAP file of a trial.
-        model: model of the load, or of the arm whose joints were recorded.
-        robot: robot with these joints; by default that of the arm's model, or the known robot that has these joints.
+        path: recording (CSV, MCAP), trajectory of joints or along a robot's line (CSV), IK table (npz), or the folder
+            or MCAP file of a trial.
+        model: model of the load, or of the arm whose joints were recorded; None for no model.
+        robot: description of the robot; None for that of the model, or for a known robot with the recorded joints.
 
     Raises:
-        InputError: the file cannot be read, or does not name what moves.
+        InputError: the file cannot be read, or the moving robot or load is unknown.
     """
     if path.is_dir():
         path = _trial_in(path)
@@ -45,15 +45,15 @@ def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = 
     if (model is None and not run.joints) or "gripper_x" in run.channels:
         model = _model_beside(path, model)
     if not run.joints:
-        return swing_scene(path.name, "run", swing_of(run, model))
+        return swing_scene(path.name, "run", load_swing(run, model))
     robot = robot or _robot_of(run)
     if {"gripper_x", "load_force"} <= set(run.channels):
         if robot.given_line is not None:
-            swing = swing_of(run, None if model is None or model.robot is not None else model)
-            return trial_scene(path.parent.name or path.name, links_of(robot), run, swing, Box())
+            swing = load_swing(run, None if model is None or model.robot is not None else model)
+            return trial_scene(path.parent.name or path.name, arm_shapes(robot), run, swing, Box())
     elif not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
         return _trajectory(path, robot)
-    return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
+    return arm_scene(path.name, "run", arm_shapes(robot), *joint_motion(run, robot))
 
 
 def _trial_in(folder: Path) -> Path:
@@ -64,7 +64,7 @@ def _trial_in(folder: Path) -> Path:
 
 
 def _model_beside(path: Path, model: Model | None) -> Model | None:
-    """The given model, or else the one that a trial wrote beside its recording."""
+    """The given model, or else the model that a trial wrote beside its recording."""
     beside = path.parent / "model.toml"
     if model is not None or not beside.is_file():
         return model
@@ -94,11 +94,13 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
     else:
         found, q = check_joints(robot, motion, settings), motion.q
     marks = [
-        Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
-        for v in found.violations[:MAX_MARKS]
+        TimeMark(
+            v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}"
+        )
+        for v in found.violations[:MAX_VIOLATION_MARKS]
     ]
     note = f"{found.sentence} Collisions are not checked here: 'armdyn check' does."
-    return arm_scene(path.name, "trajectory", links_of(robot), motion.time, q, marks, note)
+    return arm_scene(path.name, "trajectory", arm_shapes(robot), motion.time, q, marks, note)
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:
@@ -109,9 +111,9 @@ def _table(path: Path, robot: urdf.Robot | None) -> Scene:
         robot = _known(table.robot_name)
     s = np.concatenate([table.s, table.s[-2::-1]])
     q: FloatArray = np.concatenate([table.q, table.q[-2::-1]])
-    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / TABLE_SPEED
-    note = f"The path of the table at {TABLE_SPEED} m/s, there and back."
-    return arm_scene(path.name, "table", links_of(robot), time, q, note=note)
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / TABLE_VIEW_SPEED
+    note = f"The path of the table at {TABLE_VIEW_SPEED} m/s, there and back."
+    return arm_scene(path.name, "table", arm_shapes(robot), time, q, note=note)
 
 
 def _known(name: str) -> urdf.Robot:

@@ -1,4 +1,4 @@
-"""The shape of an arm: meshes of its URDF, made coarse where they are heavy; else a rod for every link."""
+"""Shapes of an arm's links for 3-D scenes: simplified meshes of its URDF, or rods where the meshes are missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,31 +11,31 @@ import trimesh
 import yourdfpy
 
 from armdyn.recording.channels import FloatArray
-from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Mesh, SceneBody, capsule
+from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL_COLOUR, Mesh, SceneBody, capsule_mesh
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import captured_output
 
 MAX_TRIANGLES = 40_000
-"""Largest number of triangles of an arm: the page then has about 1 MB, and a small computer turns it smoothly."""
+"""Largest number of triangles of an arm, for a page of about 1 MB that a small computer can rotate smoothly."""
 RESTING_TRIANGLE_SHARE = 0.3
-"""Share of these triangles for links that do not move, such as a torso."""
+"""Share of `MAX_TRIANGLES` for links that do not move, such as a torso."""
 MIN_CELL_EDGE, MAX_CELL_EDGE, CELL_GROWTH = 0.003, 0.06, 1.4
-"""Edge of the cells within which vertices of heavy meshes become one [m], and its growth from one try to the next."""
+"""Smallest and largest edge of the cells in which a mesh's vertices are merged [m], and growth from try to try."""
 MAX_MESH_BYTES = 20e6
-"""bytes; a mesh beyond it takes longer to read than a person waits for a view."""
+"""Largest size of a mesh file that is read [bytes]; larger ones take too long."""
 ROD_RADIUS_RATIO, MIN_ROD_RADIUS, MAX_ROD_RADIUS = 0.15, 0.012, 0.06
-"""Radius of a rod that stands for a link: over its length, and its bounds [m]."""
+"""Radius of a rod that is drawn for a link, divided by the longest link's length; and bounds of the radius [m]."""
 
 
 @dataclass(frozen=True, eq=False)
-class Links:
-    """Shapes of an arm's links for drawing.
+class ArmShapes:
+    """Shapes of an arm's links for 3-D scenes.
 
     Attributes:
-        robot: robot of the links.
-        meshes: per joint of the reduced model, the world first: meshes that it moves, in the frame of that joint.
-        note: what was left out; empty where nothing was.
+        robot: description of the arm.
+        meshes: meshes that each joint of the arm's model moves, in the frame of the joint; first those of the base.
+        note: sentence on missing meshes; empty if none is missing.
     """
 
     robot: Robot
@@ -43,7 +43,7 @@ class Links:
     note: str = ""
 
     def bodies(self, q: FloatArray) -> list[SceneBody]:
-        """Bodies of the links at postures q, (k, n) [rad or m]."""
+        """Bodies of a scene for the links, with poses at the joint positions `q` of each frame (k, n) [rad or m]."""
         model = self.robot.model
         data, poses = model.createData(), np.empty((len(q), model.njoints, 7))
         for i, posture in enumerate(q):
@@ -57,18 +57,18 @@ class Links:
         ]
 
     def tool(self, q: FloatArray) -> FloatArray:
-        """(k, 3) the tool point at postures q, (k, n), in the world [m]."""
+        """Positions of the tool point in the world (k, 3) [m], at joint positions `q` (k, n) [rad or m]."""
         return np.array([self.robot.tool_pose(posture).translation for posture in q])
 
 
-def links_of(robot: Robot) -> Links:
-    """Meshes of an arm where its URDF has readable ones, otherwise rods."""
+def arm_shapes(robot: Robot) -> ArmShapes:
+    """Shapes of an arm's links: readable meshes of its URDF, or else rods."""
     found, missing = _visuals(robot)
     if not any(found[1:]):
-        return Links(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
+        return ArmShapes(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
     still = round(RESTING_TRIANGLE_SHARE * MAX_TRIANGLES)
-    return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MAX_TRIANGLES - still)], note)
+    return ArmShapes(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MAX_TRIANGLES - still)], note)
 
 
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
@@ -163,7 +163,7 @@ def _rods(robot: Robot) -> list[list[Mesh]]:
     radius = float(np.clip(ROD_RADIUS_RATIO * longest, MIN_ROD_RADIUS, MAX_ROD_RADIUS))
     found = []
     for j, of_joint in enumerate(ends):
-        colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL
-        own = [capsule(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
-        found.append(own or [capsule(origin, origin, radius, colour)])
+        colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL_COLOUR
+        own = [capsule_mesh(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
+        found.append(own or [capsule_mesh(origin, origin, radius, colour)])
     return found

@@ -1,4 +1,4 @@
-"""Log of the samples as recordings; a new file starts at each change, so that a repair can use what follows."""
+"""Log of a watch's samples as recordings, with a new file after each change of the arm, for a repair of the model."""
 
 from pathlib import Path
 from typing import TextIO
@@ -10,15 +10,15 @@ from armdyn.errors import InputError
 from armdyn.watch.fault_free import JointSample
 
 
-class Log:
-    """Writes samples as they arrive; each line is flushed at once, and later files never overwrite a file.
+class SampleLog:
+    """Writes an arm's samples to recordings in CSV; every line is flushed, and existing later files are kept.
 
     Args:
         file: first recording; ``run_2.csv`` follows ``run.csv``.
-        model: the arm.
+        model: model of the arm, which names the columns.
 
     Attributes:
-        file: the recording that is being written.
+        file: recording to which samples are written at present.
 
     Raises:
         InputError: the file cannot be written.
@@ -46,13 +46,13 @@ class Log:
         return stream
 
     def write(self, sample: JointSample) -> None:
-        """Write a sample; missing values are empty cells."""
+        """Write a sample as one line; a missing value (nan) becomes an empty cell."""
         stamp, q, tau = sample
         cells = ("" if np.isnan(value) else repr(float(value)) for value in (stamp, *q, *tau[self._asked]))
         self._stream.write(",".join(cells) + "\n")
 
     def next_file(self) -> None:
-        """Start a new file, with the next number that is free."""
+        """Close the present file, and start the file with the next unused number."""
         self.close()
         while self.file.exists():
             self._count += 1

@@ -1,4 +1,4 @@
-"""Live web page of a watch: residuals with their bands, and events; accessible from this computer only."""
+"""Live web page of a watch: torque residuals with their bounds, and detected events; for this computer only."""
 
 import json
 import threading
@@ -15,18 +15,20 @@ from armdyn.watch.event import WatchEvent
 from armdyn.watch.watch import Watch
 from pipeline.processes import Closing
 
-HOST = "127.0.0.1"
-POINT_SECONDS, CURVE_SECONDS, MAX_EVENTS = 0.05, 30.0, 200
-"""Time between points, s; length of a curve, s; number of listed events."""
-PAGE = Path(__file__).parent / "templates" / "watch.html"
+LOCAL_HOST = "127.0.0.1"
+POINT_SECONDS, CURVE_SECONDS = 0.05, 30.0
+"""Time between two drawn points, and duration that a curve shows [s]."""
+MAX_EVENTS = 200
+"""Largest number of events that the page lists."""
+PAGE_FILE = Path(__file__).parent / "templates" / "watch.html"
 
 
 class LivePage(Closing):
-    """Serves the page while a watch runs.
+    """Serves a web page that shows a running watch.
 
     Args:
-        watch: the watch to show.
-        port: TCP port; None: any free one.
+        watch: watch to show.
+        port: TCP port; None for any free port.
 
     Raises:
         InputError: the port is not available.
@@ -38,15 +40,15 @@ class LivePage(Closing):
         self._events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self._lock = threading.Lock()
         try:
-            self._server = ThreadingHTTPServer((HOST, port or 0), self._handler())
+            self._server = ThreadingHTTPServer((LOCAL_HOST, port or 0), self._handler())
         except OSError as error:
             raise InputError(f"--port {port}: {error.strerror}; choose another one, or leave it out") from error
-        self.address = f"http://{HOST}:{self._server.server_port}/"
+        self.address = f"http://{LOCAL_HOST}:{self._server.server_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="watch page")
         self._thread.start()
 
     def take(self, events: Sequence[WatchEvent]) -> None:
-        """Add the watch's latest sample, and these events."""
+        """Add the watch's latest sample and the events that it has just found."""
         step = self._watch.latest
         if step is None:
             return
@@ -58,7 +60,7 @@ class LivePage(Closing):
                 self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])
 
     def state(self) -> bytes:
-        """Curves and events for the page, as JSON."""
+        """Curves and events as JSON, for the page's script."""
         with self._lock:
             state = {
                 "joints": list(self._watch.model.arm.joints), "points": list(self._points),
@@ -83,10 +85,10 @@ class LivePage(Closing):
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 host = self.headers.get("Host", "").rpartition(":")[0]
-                if host not in (HOST, "localhost"):  # DNS rebinding by another web page
+                if host not in (LOCAL_HOST, "localhost"):  # DNS rebinding by another web page
                     return self.send_error(403)
                 if self.path == "/":
-                    return self._answer(PAGE.read_bytes(), "text/html; charset=utf-8")
+                    return self._answer(PAGE_FILE.read_bytes(), "text/html; charset=utf-8")
                 if self.path == "/state":
                     return self._answer(page.state(), "application/json")
                 return self.send_error(404)

@@ -1,4 +1,4 @@
-"""Sources of an arm's samples: recordings, lines of CSV on standard input, or the ROS topics of a robot."""
+"""Sources of an arm's samples (time, positions, torques): recordings, CSV lines on standard input, or ROS topics."""
 
 import math
 import queue
@@ -18,17 +18,17 @@ from armdyn.run import Run, read_run
 from armdyn.watch.fault_free import JointSample, samples_of
 from pipeline.interrupts import noted_signals
 from pipeline.ros.bridge import Bridge, Message
-from pipeline.ros.states import FIRST_STATE, JointStates
+from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStates, missing_state_error
 
-RECORDINGS = (".csv", ".mcap")
+RECORDING_SUFFIXES = (".csv", ".mcap")
 QUEUE_SIZE = 2000
-"""States that are buffered while the computer is busy, 2 s at 1 kHz; then the oldest are dropped."""
+"""Largest number of buffered joint states, 2 s at 1 kHz; a new state then replaces the oldest one."""
 RECONNECT_SECONDS = 1.0
-"""Time between attempts to reconnect to a lost bridge, s."""
+"""Time between attempts to connect to a lost bridge again [s]."""
 
 
 def recordings_in(paths: Sequence[Path]) -> list[Path]:
-    """The files among `paths`, and the recordings in its folders, sorted by name.
+    """All files of `paths`, where a folder stands for the recordings in it, sorted by name.
 
     Raises:
         InputError: a folder contains no recording.
@@ -36,32 +36,37 @@ def recordings_in(paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = sorted(file for file in path.iterdir() if file.suffix in RECORDINGS)
+            inside = sorted(file for file in path.iterdir() if file.suffix in RECORDING_SUFFIXES)
             if not inside:
-                raise InputError(f"{path}: holds no recording, {' or '.join(RECORDINGS)}")
+                raise InputError(f"{path}: holds no recording, {' or '.join(RECORDING_SUFFIXES)}")
             found += inside
         else:
             found.append(path)
     return found
 
 
-def runs_of(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
-    """Recordings of the model's arm, with torques of servos computed from their position or velocity errors."""
+def read_arm_runs(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
+    """Read recordings of the model's arm; for servo motors torques are computed from position or velocity errors."""
     return [model.reading(read_run(path)) for path in paths]
 
 
 def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:
-    """One function per run; each call returns all samples of the run."""
+    """One function for each run, whose call returns an iterator over all samples of the run."""
     return [partial(samples_of, run, model) for run in runs]
 
 
-def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample]:
-    """Samples from lines of CSV; the first line is a recording's header: ``time [s],q.elbow [rad],...``.
+def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample]:
+    """Samples from lines of CSV, whose first line names the columns: ``time [s],q.elbow [rad],...``.
 
-    A line that is malformed or lacks a value is skipped.
+    Lines that are malformed or lack a value are skipped.
+
+    Args:
+        stream: the lines.
+        model: model of the arm, which names the joints.
+        name: name of the stream for error messages.
 
     Raises:
-        InputError: the header lacks the time, a position or a torque.
+        InputError: the first line lacks the time, a position or a torque.
     """
     heads = [name_and_unit(cell) for cell in stream.readline().strip().split(",")]
     index = {head: i for i, (head, _) in enumerate(heads)}
@@ -86,10 +91,10 @@ def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> I
         yield value["time"], q, np.array([value.get(f"tau.{joint}", 0.0) for joint in joints])
 
 
-class RosStates:
-    """Joint states of a robot behind rosbridge; nothing is sent to the robot.
+class RosSampleSource:
+    """Source of samples from the joint states of a robot behind rosbridge; it sends nothing to the robot.
 
-    A lost bridge is reconnected; its missing samples are a gap.
+    After a lost connection it connects again; the samples between are missing.
 
     Args:
         uri: address of the bridge.
@@ -103,10 +108,10 @@ class RosStates:
         self._ended = False
 
     def samples(self) -> Iterator[JointSample]:
-        """Samples until a signal (SIGINT, SIGTERM); times on this computer's clock, s since the first.
+        """Samples until a signal (SIGINT, SIGTERM) arrives, with times since the first sample on this computer's clock.
 
         Raises:
-            InputError: no connection, or no states of these joints, or states without torques.
+            InputError: no connection, no states of these joints, or states without torques.
         """
         with ExitStack() as stack:
             stack.enter_context(noted_signals(lambda _: setattr(self, "_ended", True)))
@@ -118,14 +123,11 @@ class RosStates:
                 except queue.Empty:
                     if bridge.failure is not None:
                         bridge = self._reconnected(stack) or bridge
-                    elif start is None and time.monotonic() - begun > FIRST_STATE:
-                        raise InputError(
-                            f"{self._topic}: no state of {', '.join(self._names)} within {FIRST_STATE:g} s: is the "
-                            "robot on, and is this its topic?"
-                        ) from None
+                    elif start is None and time.monotonic() - begun > FIRST_STATE_TIMEOUT_SECONDS:
+                        raise missing_state_error(self._topic, self._names) from None
                     continue
                 torques = torques or bool(np.isfinite(tau).all())
-                if not torques and time.monotonic() - begun > FIRST_STATE:
+                if not torques and time.monotonic() - begun > FIRST_STATE_TIMEOUT_SECONDS:
                     raise InputError(f"{self._topic}: no efforts are sent: a watch needs the torques of the joints")
                 start = stamp if start is None else start
                 yield stamp - start, q, tau

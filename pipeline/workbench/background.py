@@ -1,4 +1,4 @@
-"""Background work of the page: a thread that reads, fits and writes for opened files, and a process for a search."""
+"""Background computations of the workbench: a thread that reads and fits opened files, and a process for searches."""
 
 import asyncio
 import os
@@ -17,13 +17,17 @@ from pipeline.workbench.bench import Workbench
 
 _T = TypeVar("_T")
 SearchWork = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
-"""Function from files, labels of effects that the model gets first, and a receiver of progress, to an answer."""
-Tell = Callable[[str, Any], None]
-"""Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
+"""A search: function from input files, labels of effects to add first, and a progress function, to a JSON answer."""
+SearchListener = Callable[[str, Any], None]
+"""Function called from another thread with "progress" or "failed" and a sentence, or with "done" and the answer."""
 
 
-class Session:
-    """A model and runs that are read in a thread of their own, which goes on to compute with them one by one."""
+class ComputingSession:
+    """A thread that reads the files of a model and its recordings, and then computes with them, one task at a time.
+
+    Args:
+        inputs: the files.
+    """
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
@@ -33,7 +37,7 @@ class Session:
         self._ready = self._thread.submit(lambda: bench.result().expansion)
 
     async def opened(self) -> tuple[CheckedStudy, Workbench]:
-        """Inputs and workbench, as soon as the given model can be shown.
+        """Wait until the model as given is fitted; return the read files and the workbench.
 
         Raises:
             InputError: a file cannot be used.
@@ -41,11 +45,11 @@ class Session:
         return await asyncio.wrap_future(self._given), await asyncio.wrap_future(self._bench)
 
     async def ready(self) -> None:
-        """Wait until the change by an effect can be predicted."""
+        """Wait until the change of the error by an effect can be predicted."""
         await asyncio.wrap_future(self._ready)
 
     async def do(self, work: Callable[[], _T]) -> _T:
-        """Run a slow function in the session's thread, and return its answer."""
+        """Run a slow function in this thread, and return its result."""
         return await asyncio.wrap_future(self._thread.submit(work))
 
 
@@ -55,8 +59,8 @@ def _first_look(given: Future[CheckedStudy]) -> Workbench:
     return bench
 
 
-def key_of(inputs: Inputs) -> tuple[object, ...]:
-    """Key of input files that changes with their contents."""
+def inputs_key(inputs: Inputs) -> tuple[object, ...]:
+    """Key of a set of input files, which changes when a file is written again."""
     roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
              ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
     return inputs.trust_data, *(
@@ -65,16 +69,16 @@ def key_of(inputs: Inputs) -> tuple[object, ...]:
 
 
 class SearchProcess:
-    """One search in a separate process; it takes from a second to minutes.
+    """A search in a separate process; it takes from one second to minutes.
 
     Args:
-        work: the search, `diagnosed` or `discovered`.
-        inputs: files of model and runs.
+        work: the search, `run_diagnosis` or `run_discovery`.
+        inputs: files of model and recordings.
         effects: labels of effects that are added to the model first.
-        tell: see `Tell`; the answer is that of `work`.
+        tell: function that is called with progress, failure or answer of the search.
     """
 
-    def __init__(self, work: SearchWork, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
+    def __init__(self, work: SearchWork, inputs: Inputs, effects: Sequence[str], tell: SearchListener) -> None:
         # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
@@ -90,7 +94,7 @@ class SearchProcess:
         self._stopped = True
         self._process.kill()
 
-    def _listen(self, answers: Connection, tell: Tell) -> None:
+    def _listen(self, answers: Connection, tell: SearchListener) -> None:
         kind = "progress"
         while kind == "progress":
             try:
@@ -111,11 +115,19 @@ def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers:
         answers.send(("failed", sentence_of(error, "The search failed")))
 
 
-def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """JSON of `armdyn diagnose` for a model with some added effects, whose labels are in ``beside``.
+def run_diagnosis(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """Diagnose a model with some added effects.
+
+    Args:
+        inputs: files of model and recordings.
+        effects: labels of the effects that are added first.
+        say: called with a sentence on the progress.
+
+    Returns:
+        JSON of the command `armdyn diagnose`, with the labels of the added effects as ``beside``.
 
     Raises:
-        InputError: something cannot be used.
+        InputError: a file or a label cannot be used.
     """
     from pipeline.answers import diagnosis_answer
 
@@ -123,11 +135,19 @@ def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]
     return {**diagnosis_answer(given.study, given.diagnose(say)), "beside": list(effects)}
 
 
-def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """Laws found by `armdyn discover` beside some effects: a ``sentence``, ``labels`` to tick, ``text`` of their file.
+def run_discovery(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """Discover laws that a model with some added effects lacks, like the command `armdyn discover`.
+
+    Args:
+        inputs: files of model and recordings.
+        effects: labels of the effects that are added first.
+        say: called with a sentence on the progress.
+
+    Returns:
+        A ``sentence``, ``labels`` of the found effects, and ``text`` of a Python file that defines them.
 
     Raises:
-        InputError: something cannot be used.
+        InputError: a file or a label cannot be used.
     """
     found = inputs.read().with_effects(effects).discover(say)
     labels = [one.label for one in found.findings]

@@ -1,4 +1,4 @@
-"""State of the workbench's page: a model compared with runs, with effects that are added and removed."""
+"""State of the workbench: a model that is compared with recordings, while the user adds and removes effects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,21 +20,21 @@ from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.recording.channels import FloatArray
-from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
+from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, study_overlays
 
-AS_GIVEN, NOW = "as given", "now"
-Residuals = Mapping[tuple[str, str], FloatArray]
-"""By run and channel: (n,) measured minus predicted, in the channel's unit."""
+AS_GIVEN, WITH_TICKED_EFFECTS = "as given", "now"
+ResidualsByChannel = Mapping[tuple[str, str], FloatArray]
+"""Measured minus predicted values (n,), in the channel's unit, by run and channel."""
 
 
 @dataclass(frozen=True)
-class Knob:
-    """A parameter with a slider.
+class ParameterSlider:
+    """Slider with which the user sets a parameter of the model.
 
     Attributes:
-        parameter: parameter with unit, bounds, its present value, and its standard deviation where it is known.
-        low: lowest value of the slider.
-        high: highest value of the slider.
+        parameter: parameter with unit, bounds, present value, and standard deviation if it is known.
+        low: lowest value of the slider, in the parameter's unit.
+        high: highest value of the slider, in the parameter's unit.
     """
 
     parameter: Parameter
@@ -44,35 +44,38 @@ class Knob:
 
 @dataclass(frozen=True, eq=False)
 class TickedModel:
-    """The model with the ticked effects.
+    """The model with the effects that the user has ticked, and its curves and errors.
 
     Attributes:
         effects: labels of the ticked effects, in the order of ticking.
-        how: "predicted" (from sums), "fitted", or "by hand".
-        curves: every training and held-out run and channel, as given and now.
-        stale: whether runs that were not fitted still show the given model.
-        knobs: parameters with sliders.
-        others: error by channel on runs outside the fit; empty where it is not known yet.
-        places: where the model fails, the worst first; empty where unknown, or where the residual is only noise.
+        how: source of the parameters: "predicted" (linearised), "fitted", or "by hand" (from sliders).
+        curves: signals of every training and held-out run, with residuals of the given and of this model.
+        stale: whether the curves of held-out runs still show the given model.
+        knobs: sliders of the parameters, by parameter.
+        others: error by channel on runs outside the fit; empty while it is unknown.
+        places: intervals in which the model fails, the worst first; empty while unknown, or if only noise remains.
     """
 
     effects: tuple[str, ...]
     how: str
     curves: tuple[Overlay, ...]
     stale: bool
-    knobs: Mapping[str, Knob]
+    knobs: Mapping[str, ParameterSlider]
     others: Mapping[str, float]
     places: tuple[Place, ...] = ()
 
 
 class Workbench:
-    """A model, runs and a catalogue of effects that a page has opened.
+    """A model, recordings and a catalogue of effects, with the results of adding effects.
+
+    Args:
+        study: model, recordings and catalogue.
 
     Attributes:
-        study: model, runs and catalogue.
+        study: model, recordings and catalogue.
         first: fit of the given model.
-        candidates: effects that can be ticked, one for each joint, by label.
-        present: effects of the given model, likewise.
+        candidates: effects that the user can tick, by label, separately for each joint.
+        present: effects of the given model, by label, separately for each joint.
     """
 
     def __init__(self, study: Study) -> None:
@@ -84,37 +87,40 @@ class Workbench:
         self._places = localise(self.first)
         self._given = [
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
-            for curve in overlays(study, [self.first], self._places)
+            for curve in study_overlays(study, [self.first], self._places)
             if curve.kind in (FITTED, HELD_OUT)
         ]
 
     @cached_property
     def expansion(self) -> LinearScorer | None:
-        """Sums at the fit of a given arm, which predict the result of any set of effects at once; None for others.
+        """Linearisation of an arm's fit, which predicts the result of any set of effects at once; None for a pendulum.
 
-        Predictions are exact for linear effects. Sums are computed at the first use, after the given model is shown.
+        Predictions are exact for effects that are linear in their parameters.
         """
         return self.study.scorer(self.first)
 
     @cached_property
     def opening(self) -> TickedModel:
-        """The state with the given model and no ticked effect."""
+        """Curves and errors of the given model, without ticked effects."""
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
 
     def effects_of(self, effects: Sequence[str]) -> list[Effect]:
-        """Effects in the form of `repair.add`: the joints of one effect are together.
+        """Effects of some labels, with all joints of one effect together, as `repair.add` expects them.
 
         Raises:
-            UnknownNameError: one of them cannot be ticked.
+            UnknownNameError: a label is not one of `candidates`.
         """
         return [self.study.effects[c.effect].on(*c.joints) for c in group_by_effect(self._candidates_of(effects))]
 
     def predict(self, effects: Sequence[str]) -> TickedModel:
-        """Predict the result of adding effects, at once.
+        """Predict the result of adding effects from a linearisation, without a fit.
+
+        Args:
+            effects: labels of the effects.
 
         Raises:
-            UnknownNameError: one of them cannot be ticked.
+            UnknownNameError: a label is not one of `candidates`.
         """
         if not effects:
             return self.opening
@@ -139,10 +145,13 @@ class Workbench:
         return self._state(effects, "predicted", residuals, self._knobs_at(values, known))
 
     def refit(self, effects: Sequence[str]) -> TickedModel:
-        """The result of adding effects, fitted to all samples; it takes 0.1 s to several seconds.
+        """The result of adding effects, fitted to all samples in 0.1 s to several seconds.
+
+        Args:
+            effects: labels of the effects.
 
         Raises:
-            UnknownNameError: one of them cannot be ticked.
+            UnknownNameError: a label is not one of `candidates`.
         """
         fit = self.fit(effects)
         held_out = self.study.held_out_blocks(fit) if self.study.held_out else []
@@ -151,7 +160,7 @@ class Workbench:
         return replace(state, places=localise(fit))
 
     def fit(self, effects: Sequence[str]) -> Fit:
-        """The cached fit with these effects; for an arm it starts from the nearest fit and the sums' prediction."""
+        """Fit of the model with added effects, by their labels; earlier fits are kept."""
         key = frozenset(effects)
         if key not in self._fits:
             study, chosen = self.study, self._candidates_of(effects)
@@ -163,10 +172,14 @@ class Workbench:
         return self._fits[key]
 
     def with_values(self, effects: Sequence[str], values: Mapping[str, float]) -> TickedModel:
-        """The prediction with some parameters at values (in their units), nothing fitted.
+        """Prediction of the fitted model with some parameters at other values.
+
+        Args:
+            effects: labels of the added effects.
+            values: value of each changed parameter in its unit, by name.
 
         Raises:
-            UnknownNameError: the model has no such parameter.
+            UnknownNameError: the model has no parameter of this name.
         """
         fit = self.fit(effects)
         lean, knobs, at = self.study.without_unused_effects(fit), dict(self._knobs(fit)), {}
@@ -184,7 +197,7 @@ class Workbench:
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
     def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
-        """Missing force of the given model; where known, that of the ticked model, and what its effects explain."""
+        """Missing force of the given model and, if known, of the model with ticked effects."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
             if not state.effects or state.how != "fitted":
@@ -200,7 +213,7 @@ class Workbench:
         )
 
     def motion(self, effects: Sequence[str]) -> tuple[RollOut, ...]:
-        """Motion of an arm with fitted effects under the recorded commands or torques; empty for other models."""
+        """Simulated motion of an arm with added effects under recorded commands or torques; empty for a pendulum."""
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
         values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}
@@ -220,8 +233,8 @@ class Workbench:
         self,
         effects: Sequence[str],
         how: str,
-        residuals: Residuals,
-        knobs: Mapping[str, Knob],
+        residuals: ResidualsByChannel,
+        knobs: Mapping[str, ParameterSlider],
         others: Mapping[str, float] | None = None,
     ) -> TickedModel:
         shown, stale = [], False
@@ -235,11 +248,11 @@ class Workbench:
         """Error by channel on held-out runs, or else of every run predicted from the others."""
         return channel_rmse(self.study.held_out_blocks(fit))
 
-    def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
+    def _knobs(self, fit: Fit) -> Mapping[str, ParameterSlider]:
         described = fitted_parameters(self.study, fit)
         return self._knobs_at(fit.values, {name: p.std for name, p in described.items()})
 
-    def _knobs_at(self, values: FloatArray, stds: Mapping[str, float | None]) -> Mapping[str, Knob]:
+    def _knobs_at(self, values: FloatArray, stds: Mapping[str, float | None]) -> Mapping[str, ParameterSlider]:
         """Sliders of the model's parameters that `stds` names, at `values` (P,) of the study's unknowns."""
         found = {}
         for column, value in zip(self.study.problem.columns, values.tolist(), strict=True):
@@ -247,7 +260,7 @@ class Workbench:
                 parameter = replace(column.parameter, value=value, std=stds[column.name])
                 reach = max(5.0 * (parameter.std or 0.0), 0.5 * abs(value), 0.5 * parameter.typical)
                 ends = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
-                found[column.name] = Knob(parameter, *ends)
+                found[column.name] = ParameterSlider(parameter, *ends)
         return found
 
 

@@ -1,7 +1,6 @@
-"""Files of a page: files that are dropped onto it, and files that a user saves from it.
+"""Files of the workbench's page: files that the user drops onto it, and files that the user saves from it.
 
-A dropped file goes through the same door as on the command line; kept are the model file, a report, and the model for
-other tools.
+Dropped files are read like files on the command line. Saved are the model, a report, and the model for other tools.
 """
 
 import hashlib
@@ -25,33 +24,33 @@ from ik.children import is_running
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 
-PREFIX = "armdyn-page-"
+PAGE_FOLDER_PREFIX = "armdyn-page-"
 
 
-def new_folder() -> tempfile.TemporaryDirectory[str]:
-    """New folder for the files of one page while it is open."""
-    return tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-", ignore_cleanup_errors=True)
+def new_page_folder() -> tempfile.TemporaryDirectory[str]:
+    """New temporary folder for the files of one browser tab while it is open."""
+    return tempfile.TemporaryDirectory(prefix=f"{PAGE_FOLDER_PREFIX}{os.getpid()}-", ignore_cleanup_errors=True)
 
 
-def remove_folders() -> None:
-    """Remove the folders of all pages of this process."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}{os.getpid()}-*"):
+def remove_page_folders() -> None:
+    """Remove the temporary folders of all browser tabs of this process."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PAGE_FOLDER_PREFIX}{os.getpid()}-*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def remove_abandoned() -> None:
-    """Remove the folders of workbenches that were killed."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
-        number = folder.name.removeprefix(PREFIX).partition("-")[0]
+def remove_abandoned_page_folders() -> None:
+    """Remove temporary folders of workbench processes that no longer run."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PAGE_FOLDER_PREFIX}*-*"):
+        number = folder.name.removeprefix(PAGE_FOLDER_PREFIX).partition("-")[0]
         if number.isdecimal() and not is_running(int(number)):
             shutil.rmtree(folder, ignore_errors=True)
 
 
-class Writable:
-    """Places where pages may write: below the folder in which the workbench was started, and over their own files.
+class WritablePlaces:
+    """Check of files that pages want to write: new files in the workbench's folder, and files that pages have written.
 
     Args:
-        folder: folder in which the workbench was started.
+        folder: folder in which the workbench was started; its subfolders are included.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -66,7 +65,7 @@ class Writable:
             over: whether a file that a page has written may be replaced.
 
         Raises:
-            InputError: the file is elsewhere, exists already, or was changed since a page wrote it.
+            InputError: the file is outside the folder, exists already, or was changed since a page wrote it.
         """
         target = file.resolve()
         if not target.is_relative_to(self._folder):
@@ -82,7 +81,7 @@ class Writable:
         may_replace(target)
 
     def note(self, file: Path) -> None:
-        """Remember that a page has written this file."""
+        """Register a file that a page has written, with its present contents."""
         self._written[file.resolve()] = _digest(file)
 
 
@@ -91,18 +90,18 @@ def _digest(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def is_temporary(file: Path) -> bool:
-    """Whether a file lies in the folder of a page, which is removed with it."""
-    return any(parent.name.startswith(PREFIX) for parent in file.resolve().parents)
+def is_in_page_folder(file: Path) -> bool:
+    """Whether a file is in the temporary folder of a browser tab."""
+    return any(parent.name.startswith(PAGE_FOLDER_PREFIX) for parent in file.resolve().parents)
 
 
-class Dropped(NamedTuple):
-    """A dropped file and its kind.
+class DroppedFile(NamedTuple):
+    """A file that was dropped onto the page, and its kind.
 
     Attributes:
-        kind: "run", "model" or "sidecar".
-        path: file that is used from now on.
-        said: sentence for a person.
+        kind: "run" (a recording), "model", or "sidecar" (a TOML file beside a recording).
+        path: file to use, which may be a converted one.
+        said: sentence for the user.
     """
 
     kind: str
@@ -110,11 +109,11 @@ class Dropped(NamedTuple):
     said: str
 
 
-def place_for(folder: Path, name: str) -> Path:
-    """Path of a dropped file: its own name, without parts that would lead to another folder.
+def dropped_file_path(folder: Path, name: str) -> Path:
+    """Path in a folder for a dropped file, with its name but without parts that lead to another folder.
 
     Raises:
-        InputError: the name is empty after that.
+        InputError: no usable name remains.
     """
     plain = re.sub(r"[^\w .+()-]", "_", Path(name.replace("\\", "/")).name).strip(" .")
     if not plain:
@@ -122,12 +121,12 @@ def place_for(folder: Path, name: str) -> Path:
     return folder / plain
 
 
-def read_dropped(path: Path, joints: Sequence[str] = ()) -> Dropped:
-    """Read a dropped file, and determine its kind.
+def read_dropped(path: Path, joints: Sequence[str] = ()) -> DroppedFile:
+    """Read a dropped file, determine its kind, and convert it if necessary.
 
     Args:
-        path: place of the file.
-        joints: names of the arm's joints, where there is one, for columns that are only numbered.
+        path: path of the file.
+        joints: names of the arm's joints, for columns that are only numbered; empty for no arm.
 
     Raises:
         InputError: the file cannot be used; the message is one sentence.
@@ -140,13 +139,13 @@ def read_dropped(path: Path, joints: Sequence[str] = ()) -> Dropped:
     return _recording(path, joints)
 
 
-def pendulum(folder: Path, mass: str, length: str) -> Path:
+def write_pendulum_model(folder: Path, mass: str, length: str) -> Path:
     """Write the model file of a new pendulum.
 
     Args:
-        folder: folder of the page.
-        mass: mass, such as "80 g +/- 0.4 g"; empty where it is not known.
-        length: length, such as "0.368 m +/- 1 mm"; empty where it is not known.
+        folder: folder to write to.
+        mass: mass of the load, such as "80 g +/- 0.4 g"; empty if it is unknown.
+        length: length of the pendulum, such as "0.368 m +/- 1 mm"; empty if it is unknown.
 
     Raises:
         InputError: a value or unit cannot be read.
@@ -155,8 +154,8 @@ def pendulum(folder: Path, mass: str, length: str) -> Path:
     return _write_model(folder / "pendulum.toml", ModelFile(base_pendulum(known), {}))
 
 
-def known_arm(folder: Path, robot: str) -> Path:
-    """Write the model file of an arm that is known by name.
+def write_known_arm_model(folder: Path, robot: str) -> Path:
+    """Write the model file of an arm that is known by name, such as ``baxter``.
 
     Raises:
         InputError: no arm has this name.
@@ -167,7 +166,7 @@ def known_arm(folder: Path, robot: str) -> Path:
     return _write_model(folder / f"{robot}.toml", ModelFile(made, {"robot": robot, "joints": list(made.joints)}))
 
 
-def _arm_of(path: Path) -> Dropped:
+def _arm_of(path: Path) -> DroppedFile:
     from armdyn.arm.described import with_described_effects
     from armdyn.arm.model import arm_model
 
@@ -175,10 +174,10 @@ def _arm_of(path: Path) -> Dropped:
     said = [f"{path.name}: an arm with the joints {', '.join(made.joints)}"]
     said += [*made.arm.robot.warnings, *made.arm.robot.notes]
     model = _write_model(path.with_suffix(".toml"), ModelFile(made, {"joints": list(made.joints)}))
-    return Dropped("model", model, ". ".join(said))
+    return DroppedFile("model", model, ". ".join(said))
 
 
-def _toml(path: Path) -> Dropped:
+def _toml(path: Path) -> DroppedFile:
     from armdyn.recording.sidecar import read_sidecar
     from armdyn.toml_file import read_toml
 
@@ -186,32 +185,32 @@ def _toml(path: Path) -> Dropped:
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.named_effects)
-        return Dropped(
+        return DroppedFile(
             "model", path, f"{path.name}: a model of base '{model.base}'" + (f" with {effects}" * bool(effects))
         )
     read_sidecar(path)
-    return Dropped("sidecar", path, f"{path.name}: describes the recording of the same name")
+    return DroppedFile("sidecar", path, f"{path.name}: describes the recording of the same name")
 
 
-def _recording(path: Path, joints: Sequence[str]) -> Dropped:
-    """A run as it is, or one made of foreign columns whose names, units and ranges suggest their meaning."""
+def _recording(path: Path, joints: Sequence[str]) -> DroppedFile:
+    """A recording in armdyn's format, or one converted from columns whose names, units and ranges suggest a meaning."""
     try:
         run = read_run(path)
-        return Dropped("run", path, f"{path.name}: {_contents(run)}")
+        return DroppedFile("run", path, f"{path.name}: {_contents(run)}")
     except InputError as error:
         own = error
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import imported
+    from pipeline.imports.conversion import run_from_recording
     from pipeline.imports.guess import guess_map, known_columns
-    from pipeline.imports.joints import Joints
+    from pipeline.imports.joints import RobotJoints
 
     try:
         foreign = read_foreign(path)[0]
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guess_map([foreign], Joints(tuple(joints)))
-        run = imported(foreign, mapping).run
+            mapping = guess_map([foreign], RobotJoints(tuple(joints)))
+        run = run_from_recording(foreign, mapping).run
     except InputError as error:
         # For a run of our own the message says what is wrong; for another format it says what is missing.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error
@@ -221,7 +220,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     more = f" and {len(mapping.entries) - 4} more" if len(mapping.entries) > 4 else ""
     doubts = list(mapping.asked.values())
     asked = f"; not sure of {len(doubts)}, such as {doubts[0]}" if doubts else ""
-    return Dropped("run", target, f"{path.name}: taken as {_contents(run)}, with {columns}{more}{asked}")
+    return DroppedFile("run", target, f"{path.name}: taken as {_contents(run)}, with {columns}{more}{asked}")
 
 
 def _contents(run: Run) -> str:
@@ -236,13 +235,13 @@ def _write_model(path: Path, file: ModelFile) -> Path:
     return path
 
 
-def add_laws(folder: Path, own: Path | None, text: str) -> Path:
-    """Write a file of effects with discovered laws, after the effects of the user's file, if any.
+def write_discovered_laws(folder: Path, own: Path | None, text: str) -> Path:
+    """Write a Python file that defines the effects of the user's file, if any, and those of discovered laws.
 
     Args:
-        folder: folder of the page.
-        own: the user's file; None for none.
-        text: text of a file of effects.
+        folder: folder to write to.
+        own: the user's file of effects; None for none.
+        text: Python text that defines the discovered laws.
     """
     before = "" if own is None else own.read_text(encoding="utf-8") + "\n\n"
     target = folder / "discovered.py"
@@ -250,14 +249,14 @@ def add_laws(folder: Path, own: Path | None, text: str) -> Path:
     return target
 
 
-class Kept(NamedTuple):
+class SavedFiles(NamedTuple):
     """Files that were saved from a page.
 
     Attributes:
-        files: in the order in which they were written.
-        sentence: sentence on the repair, with its error.
-        notes: what a format cannot hold, and whether it is therefore not written.
-        next_step: text of a useful command.
+        files: written files, in the order of writing.
+        sentence: sentence on the repaired model and its error.
+        notes: sentences on parts of the model that a format cannot express, and on a file that was not written.
+        next_step: command line of a useful next step.
     """
 
     files: tuple[Path, ...]
@@ -266,7 +265,7 @@ class Kept(NamedTuple):
     next_step: str
 
 
-def keep(
+def save_model(
     opened: Inputs,
     given: CheckedStudy,
     bench: Workbench,
@@ -275,20 +274,20 @@ def keep(
     report: Path | None = None,
     exported: Path | None = None,
     *,
-    writable: Writable,
+    writable: WritablePlaces,
     over: bool = False,
-) -> Kept:
-    """Refit with effects one after the other, and write the files that `add` and `export` would write.
+) -> SavedFiles:
+    """Add effects to the model one after the other, and write the files of the commands `add` and `export`.
 
     Args:
         opened: opened input files.
-        given: model file and catalogue.
-        bench: the study and the effects that can be ticked.
+        given: model and recordings as they were read.
+        bench: workbench of these files.
         effects: labels of the ticked effects.
         model: model file to write.
         report: report to write; None for none.
         exported: file for another tool, whose ending gives the format; None for none.
-        writable: places where files may be written.
+        writable: check of the files to write.
         over: whether files that a page has written may be replaced.
 
     Raises:
@@ -312,7 +311,7 @@ def keep(
             writable.check(target, over)
     found = require_found(given.add(bench.effects_of(effects)))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
-    if opened.effects is not None and is_temporary(opened.effects):
+    if opened.effects is not None and is_in_page_folder(opened.effects):
         laws = model.with_name(f"{model.stem}_effects.py")
         copied += _copied(opened.effects, laws, writable, over)
         opened = replace(opened, effects=laws)
@@ -335,21 +334,21 @@ def keep(
             files.append(exported)
     for one in files:
         writable.note(one)
-    return Kept(tuple(files), found.sentence, tuple(notes), command)
+    return SavedFiles(tuple(files), found.sentence, tuple(notes), command)
 
 
-def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:
+def _with_its_urdf(found: Model, model: Path, writable: WritablePlaces, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a dropped URDF copied beside its file, because a page's folder is temporary."""
     arm = found.as_arm()
-    if arm is None or arm.arm.file is None or not is_temporary(arm.arm.file):
+    if arm is None or arm.arm.file is None or not is_in_page_folder(arm.arm.file):
         return found, []
     target = model.parent / arm.arm.file.name
     copied = _copied(arm.arm.file, target, writable, over)
     return replace(arm, arm=replace(arm.arm, file=target.resolve())), copied
 
 
-def _copied(file: Path, target: Path, writable: Writable, over: bool) -> list[Path]:
-    """Copy of a page's file beside the model; an existing equal copy is kept."""
+def _copied(file: Path, target: Path, writable: WritablePlaces, over: bool) -> list[Path]:
+    """Copy a file, unless an equal copy exists."""
     if not target.exists() or target.read_bytes() != file.read_bytes():
         writable.check(target, over)
         shutil.copyfile(file, target)

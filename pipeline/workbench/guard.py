@@ -1,8 +1,9 @@
-"""Access control: only the browser that opened the address with its token may use the page, and no other page in it.
+"""Access control of the workbench: only a browser that opened the address with the secret token may send requests.
 
-A page of elsewhere can make a browser send requests here. It does not know the token, its cookie is not sent with such
-requests (``SameSite=Strict``), it cannot hide where it comes from (``Origin``), and a name of its own that it points to
-this computer is no name of ours (``Host``; DNS rebinding).
+Another web page in the same browser could send requests to this server too. They are refused: such a page does not know
+the token, the browser does not send the cookie with its requests (``SameSite=Strict``) and names the page's address
+(``Origin``). A host name that another page directs to this computer (DNS rebinding) is not among the allowed ones
+(``Host``).
 """
 
 import ipaddress
@@ -15,48 +16,48 @@ from urllib.parse import parse_qs, urlsplit
 from urdf.bounds import LARGEST_UPLOAD
 
 AsgiMessage = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[AsgiMessage]]
-Send = Callable[[AsgiMessage], Awaitable[None]]
-Application = Callable[[AsgiMessage, Receive, Send], Awaitable[None]]
+ReceiveFunction = Callable[[], Awaitable[AsgiMessage]]
+SendFunction = Callable[[AsgiMessage], Awaitable[None]]
+AsgiApplication = Callable[[AsgiMessage, ReceiveFunction, SendFunction], Awaitable[None]]
 
-FIELD = "token"
-"""Of the address."""
-FORBIDDEN, TOO_LARGE = 403, 413
-REFUSED = 1008
-"""Code with which a socket is closed to whoever breaks a rule (RFC 6455, 7.4.1)."""
+TOKEN_FIELD = "token"
+"""Name of the token in the query of the page's address."""
+HTTP_FORBIDDEN, HTTP_TOO_LARGE = 403, 413
+WEBSOCKET_POLICY_VIOLATION = 1008
+"""Code with which a refused websocket is closed: policy violation (RFC 6455, section 7.4.1)."""
 
 
-class Guard:
-    """Lets requests and sockets through to an application, or refuses them.
+class AccessGuard:
+    """ASGI application that passes allowed requests and websockets to another application, and refuses all others.
 
     Args:
-        application: guarded ASGI application.
+        application: protected ASGI application.
         port: port on which the server listens.
-        names: host names of this server; a numeric address is always allowed, because it contains no foreign name.
+        names: allowed host names of this server; numeric addresses are always allowed.
 
     Attributes:
         token: secret that the address must contain.
     """
 
-    def __init__(self, application: Application, port: int, names: Collection[str]) -> None:
+    def __init__(self, application: AsgiApplication, port: int, names: Collection[str]) -> None:
         self._application, self._names = application, frozenset(name.lower() for name in names)
         self.token = secrets.token_urlsafe(24)
         self._cookie = f"armdyn-{port}"  # cookies are shared by all ports of a host
 
-    async def __call__(self, scope: AsgiMessage, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: AsgiMessage, receive: ReceiveFunction, send: SendFunction) -> None:
         """Handle one ASGI connection: pass it to the application, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._application(scope, receive, send)
             return
         headers = [(name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]]
         sent = dict(headers)
-        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(FIELD, [""])[0]
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(TOKEN_FIELD, [""])[0]
         why = self._refusal(sent, asked)
         size = sent.get("content-length", "0")
         if why is not None:
-            await self._refuse(scope, receive, send, FORBIDDEN, why)
+            await self._refuse(scope, receive, send, HTTP_FORBIDDEN, why)
         elif not size.isdecimal() or int(size) > LARGEST_UPLOAD:
-            await self._refuse(scope, receive, send, TOO_LARGE, f"at most {LARGEST_UPLOAD / 2**20:g} MiB")
+            await self._refuse(scope, receive, send, HTTP_TOO_LARGE, f"at most {LARGEST_UPLOAD / 2**20:g} MiB")
         else:
             await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
 
@@ -89,7 +90,7 @@ class Guard:
             return name.lower() in self._names
         return True
 
-    def _with_cookie(self, send: Send) -> Send:
+    def _with_cookie(self, send: SendFunction) -> SendFunction:
         async def sending(message: AsgiMessage) -> None:
             if message["type"] == "http.response.start":
                 cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
@@ -100,10 +101,10 @@ class Guard:
         return sending
 
     @staticmethod
-    async def _refuse(scope: AsgiMessage, receive: Receive, send: Send, status: int, why: str) -> None:
+    async def _refuse(scope: AsgiMessage, receive: ReceiveFunction, send: SendFunction, status: int, why: str) -> None:
         if scope["type"] == "websocket":
             await receive()
-            await send({"type": "websocket.close", "code": REFUSED, "reason": why})
+            await send({"type": "websocket.close", "code": WEBSOCKET_POLICY_VIOLATION, "reason": why})
             return
         said = f"armdyn workbench: {why}\n".encode()
         headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
@@ -111,8 +112,8 @@ class Guard:
         await send({"type": "http.response.body", "body": said})
 
 
-def _bounded(receive: Receive) -> Receive:
-    """Receiver of a client's data, which disconnects a client that sends more than its limit."""
+def _bounded(receive: ReceiveFunction) -> ReceiveFunction:
+    """ASGI receive function that disconnects a client that sends more than `LARGEST_UPLOAD` bytes."""
     left = LARGEST_UPLOAD
 
     async def receiving() -> AsgiMessage:

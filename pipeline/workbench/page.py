@@ -1,4 +1,4 @@
-"""The page's buttons, boxes and sliders, and the actions that they start."""
+"""Controls of the workbench's page (buttons, check boxes, sliders), and the actions that they start."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -11,22 +11,29 @@ from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
-from pipeline.report.page import template
+from pipeline.report.page import template_text
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import SearchProcess, SearchWork, Session, diagnosed, discovered
-from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
+from pipeline.workbench.background import ComputingSession, SearchProcess, SearchWork, run_diagnosis, run_discovery
+from pipeline.workbench.tab import BrowserTab, OpenSession, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
 
 CLICK_PAUSE_SECONDS = 0.25
-"""s without another click before a refit begins: it takes time from the answers to the clicks."""
+"""Time without another click after which a refit begins [s], because a refit delays the answers to clicks."""
 
 
-class Page(Tab):
-    """A browser tab with its controls; see `Tab` for the arguments, `Writable` for the last."""
+class WorkbenchPage(BrowserTab):
+    """A browser tab of the workbench with its controls.
+
+    Args:
+        client: NiceGUI's connection to the tab.
+        inputs: files that the command named; None for none.
+        open_session: function that returns the computing thread for some files.
+        writable: check of the files that the user saves.
+    """
 
     def __init__(
-        self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.Writable
+        self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.WritablePlaces
     ) -> None:
         super().__init__(client, inputs, open_session)
         self._writable = writable
@@ -34,9 +41,9 @@ class Page(Tab):
         self._build()
 
     def _build(self) -> None:
-        skeleton = Template(template("workbench", "workbench.html"))
+        skeleton = Template(template_text("workbench", "workbench.html"))
         robots = "".join(f"<option>{name}</option>" for name in known_robots())
-        ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
+        ui.html(skeleton.substitute(robots=robots, kinds=panels.export_options_html()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
             label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
@@ -56,7 +63,7 @@ class Page(Tab):
             ui.on(name, self._guarded_event(handler))
 
     async def begin(self) -> None:
-        """Show the files that the command named, as soon as the browser is connected."""
+        """Show the files that the command named, after the browser has connected."""
         self._client.run_javascript(
             "document.querySelector('section[aria-label=Files]').append(document.getElementById('drop'))"
         )
@@ -111,10 +118,10 @@ class Page(Tab):
         await self._show_missing_force(state)
 
     async def _look(self, _: dict[str, Any]) -> None:
-        self._begin(diagnosed, self._ranked)
+        self._begin(run_diagnosis, self._ranked)
 
     async def _discover(self, _: dict[str, Any]) -> None:
-        self._begin(discovered, self._proposed)
+        self._begin(run_discovery, self._proposed)
         self._call("panel", "proposal", "Looking for a formula; the progress is under 'What is missing'.")
 
     def _begin(self, work: SearchWork, done: Callable[[Any], Awaitable[None]]) -> None:
@@ -132,7 +139,9 @@ class Page(Tab):
         labels = [effect.label for effect in bench.effects_of(self._ticked)]
         self._search = SearchProcess(work, session.inputs, labels, tell)
 
-    async def _heard(self, asked: Session, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]) -> None:
+    async def _heard(
+        self, asked: ComputingSession, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]
+    ) -> None:
         if asked is not self._session:
             return
         if kind == "progress":
@@ -151,7 +160,9 @@ class Page(Tab):
     async def _proposed(self, answer: Mapping[str, Any]) -> None:
         ticked = self._ticked
         if answer["text"]:
-            self._own_effects = files.add_laws(Path(self._folder.name), self._own_effects, str(answer["text"]))
+            self._own_effects = files.write_discovered_laws(
+                Path(self._folder.name), self._own_effects, str(answer["text"])
+            )
             await self._reopen()
             self._ticked = ticked
         sentence = escape(answer["sentence"])
@@ -183,12 +194,12 @@ class Page(Tab):
         await self._reopen()
 
     async def _pendulum(self, args: dict[str, Any]) -> None:
-        self._model = files.pendulum(Path(self._folder.name), str(args["mass"]), str(args["length"]))
+        self._model = files.write_pendulum_model(Path(self._folder.name), str(args["mass"]), str(args["length"]))
         await self._reopen()
 
     async def _arm(self, args: dict[str, Any]) -> None:
         folder, robot = Path(self._folder.name), str(args["robot"])
-        self._model = await asyncio.to_thread(files.known_arm, folder, robot)
+        self._model = await asyncio.to_thread(files.write_known_arm_model, folder, robot)
         await self._reopen()
 
     async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
@@ -197,7 +208,7 @@ class Page(Tab):
         # Models come first: their joints name the columns of recordings.
         for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
             try:
-                path = files.place_for(Path(self._folder.name), file.name)
+                path = files.dropped_file_path(Path(self._folder.name), file.name)
                 await file.save(path)
                 found = await asyncio.to_thread(files.read_dropped, path, joints)
             except InputError as error:
@@ -225,7 +236,7 @@ class Page(Tab):
         ticked, over = self._ticked, bool(args["over"])
         kept = await self._working(
             "fitting and writing",
-            lambda: files.keep(
+            lambda: files.save_model(
                 session.inputs, given, bench, ticked, model, report, exported, writable=self._writable, over=over
             ),
         )

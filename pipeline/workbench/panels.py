@@ -1,4 +1,4 @@
-"""The page's panels as HTML, made from the state; every text is escaped."""
+"""HTML of the panels of the workbench's page; every text is escaped."""
 
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
@@ -9,25 +9,32 @@ from armdyn.identify.sentence import totals
 from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
 from pipeline.report.inspection import checks_section
-from pipeline.report.overlay import FITTED, HELD_OUT, quality
-from pipeline.report.page import bar, key_html, table_html
-from pipeline.report.theme import full_name, number
-from pipeline.workbench.bench import Knob, TickedModel, Workbench
+from pipeline.report.overlay import FITTED, HELD_OUT, prediction_quality
+from pipeline.report.page import bar_cell_html, key_figure_html, table_html
+from pipeline.report.theme import channel_full_name, number_text
+from pipeline.workbench.bench import ParameterSlider, TickedModel, Workbench
 
-HOW = {
+STATE_WORDS = {
     "predicted": "predicted from one linearisation; the refit is running",
     "fitted": "fitted to all samples",
     "by hand": "parameters by hand, nothing fitted",
 }
+"""Sentence on the source of the shown parameters, by `TickedModel.how`."""
 MAX_LISTED_JOINTS = 2
+"""Number of joints up to which an effect's joints are listed by name."""
 MAX_NAMED_PLACES = 2
-"""Places where a model fails that are named; the curves show the others."""
+"""Largest number of intervals in which the model fails that are named."""
 
 
 def effects_panel(bench: Workbench, ticked: Collection[str]) -> str:
-    """Panel of effects: a line per effect with a box per joint; effects of the given model cannot be unticked."""
+    """HTML panel of effects: one line per effect, with a check box per joint.
+
+    Args:
+        bench: workbench; effects of its given model cannot be removed.
+        ticked: labels of the ticked effects.
+    """
     every = [*bench.present.values(), *bench.candidates.values()]
-    short = short_joints([joint for one in every for joint in one.joints])
+    short = short_joint_names([joint for one in every for joint in one.joints])
     rows = []
     for effect in dict.fromkeys(one.effect for one in every):
         boxes, free = "", 0
@@ -51,8 +58,8 @@ def effects_panel(bench: Workbench, ticked: Collection[str]) -> str:
     return "".join(rows)
 
 
-def short_joints(joints: Sequence[str]) -> dict[str, str]:
-    """Short names without the common beginning or ending of all names: ``s0`` for ``right_s0``."""
+def short_joint_names(joints: Sequence[str]) -> dict[str, str]:
+    """Short names of joints, without a beginning or ending that all names share: ``s0`` for ``right_s0``."""
     words = {name: name.split("_") for name in joints}
     for side in (0, -1):
         while (
@@ -63,7 +70,7 @@ def short_joints(joints: Sequence[str]) -> dict[str, str]:
 
 
 def errors_panel(state: TickedModel) -> str:
-    """Panel of errors before and after on every kind of run, in the channels' unit."""
+    """HTML panel of the errors of the given and the changed model, on fitted runs and on other runs."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
     for kind in (FITTED, HELD_OUT):
@@ -71,24 +78,24 @@ def errors_panel(state: TickedModel) -> str:
         if not mine or (kind == HELD_OUT and state.stale):
             continue
         for unit in dict.fromkeys(units.values()):
-            before, after = (quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
-            note = f"as given {number(before, unit)}"
+            before, after = (prediction_quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
+            note = f"as given {number_text(before, unit)}"
             if before and after != before:
                 note += f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
             value = f" data-value='{after!r}'"
-            figures.append(key_html(f"Error, {kind} runs", number(after, unit), note, value))
+            figures.append(key_figure_html(f"Error, {kind} runs", number_text(after, unit), note, value))
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
             text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
-            figures.append(key_html(text, number(error, unit), "", value))
-    how = f"<p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
+            figures.append(key_figure_html(text, number_text(error, unit), "", value))
+    how = f"<p class='how {state.how.replace(' ', '-')}'>{STATE_WORDS[state.how]}</p>"
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
 
 def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     worst: dict[tuple[str, str], str] = {}
     for place in state.places:
-        name = full_name(place.channel, units[place.channel])
+        name = channel_full_name(place.channel, units[place.channel])
         within = f" in {place.run}" if place.run else ""
         span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
         worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
@@ -97,13 +104,13 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MAX_NAMED_PLACES]))}.</p>"
 
 
-def knobs_panel(state: TickedModel) -> str:
-    """Panel with a slider for every parameter of the model."""
+def sliders_panel(state: TickedModel) -> str:
+    """HTML panel with a slider for every parameter of the model."""
     none = "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
     return "".join(_slider(name, knob) for name, knob in state.knobs.items()) or none
 
 
-def _slider(name: str, knob: Knob) -> str:
+def _slider(name: str, knob: ParameterSlider) -> str:
     value, unit = knob.parameter.value, knob.parameter.unit
     spread = f" ± {knob.parameter.std:.2g}" if knob.parameter.std is not None else ""
     return (
@@ -115,10 +122,10 @@ def _slider(name: str, knob: Knob) -> str:
 
 
 def ranking_panel(answer: Mapping[str, Any]) -> str:
-    """Panel of candidates, best first, each with its error, its ties and a button that ticks it.
+    """HTML panel of candidate effects, the best first, each with its remaining error and a button that adds it.
 
     Args:
-        answer: JSON of `diagnose`, and ``beside``, labels of the effects that the model had besides.
+        answer: JSON of `run_diagnosis`.
     """
     beside = f" Beside {', '.join(answer['beside'])}." if answer["beside"] else ""
     said = f"<p class='sentence'>{escape(answer['sentence'] + beside)}</p>"
@@ -135,9 +142,9 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
         places = f" on {listed}" if joints else ""
         label = f"{effect}:{','.join(joints)}" if joints else effect
         tie = f"<br><span class='tie'>these runs cannot tell it from {escape(ties)}</span>" if ties else ""
-        left = ", ".join(number(error, unit) for unit, error in after.items())
+        left = ", ".join(number_text(error, unit) for unit, error in after.items())
         rows.append(
-            f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar(left, share, judged=False)}"
+            f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar_cell_html(left, share, judged=False)}"
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
         )
     remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(answer['remedies']))}.</p>"
@@ -147,11 +154,11 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
 
 
 def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Sequence[str]) -> str:
-    """Panel of the page's files; a recording can be fitted, held out, or left out.
+    """HTML panel of the opened files, in which the user chooses to fit, hold out or leave out each recording.
 
     Args:
-        model: file of the model; None where there is none yet.
-        runs: recordings, each with whether it is held out.
+        model: file of the model; None for no model yet.
+        runs: file of each recording, and whether it is held out.
         said: sentences on dropped files.
     """
     rows = [f"<tr><td>model</td><td>{escape(model.name) if model else 'none yet'}</td><td></td></tr>"]
@@ -166,13 +173,13 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
 
 
 def checks_panel(found: Inspection) -> str:
-    """Panel of the inspection's findings, the worst first."""
+    """HTML panel with the findings of an inspection of the recordings."""
     tables = checks_section(found.checks).tables
     return f"<p class='sentence'>{escape(found.sentence)}</p>{''.join(map(table_html, tables))}"
 
 
-def kinds_of_export() -> str:
-    """Options of formats in which a model can be exported."""
+def export_options_html() -> str:
+    """HTML options of the formats in which a model can be exported."""
     options = "".join(
         f"<option value='{ending}'>{escape(made.kind)} ({ending})</option>" for ending, made in formats().items()
     )

@@ -1,4 +1,4 @@
-"""Server of the workbench, for this computer only by default; it runs until a signal comes."""
+"""Web server of the workbench, by default for this computer only; it runs until a signal arrives."""
 
 import signal
 import socket
@@ -19,29 +19,33 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.interrupts import Interrupt, leave, noted_signals
 from pipeline.processes import SWITCH_SECONDS
-from pipeline.report.page import template
-from pipeline.view.scene import three_js
+from pipeline.report.page import template_text
+from pipeline.view.scene import three_js_source
 from pipeline.workbench import files
-from pipeline.workbench.background import Session, key_of
-from pipeline.workbench.guard import FIELD, Guard
-from pipeline.workbench.page import Page
+from pipeline.workbench.background import ComputingSession, inputs_key
+from pipeline.workbench.guard import TOKEN_FIELD, AccessGuard
+from pipeline.workbench.page import WorkbenchPage
 
 LOOPBACK = "127.0.0.1"
-USUAL_PORT = 8080
-ASSETS = "/armdyn"
-DAY_CACHE = {"Cache-Control": "max-age=86400"}
+DEFAULT_PORT = 8080
+ASSETS_PATH = "/armdyn"
+ONE_DAY_CACHE_HEADER = {"Cache-Control": "max-age=86400"}
 GRACEFUL_END_SECONDS, FORCED_END_SECONDS = 0.3, 0.7
-"""s after a signal for which answers that are under way are waited for, and after which the program ends as it is: what
-reads an upload, in a thread, cannot be stopped."""
+"""Time after a signal for which started answers may be finished, and time after which the program ends in any case,
+because a thread that reads an upload cannot be stopped [s]."""
 
 
-def listening(port: int | None, host: str = LOOPBACK) -> socket.socket:
-    """A listening socket on the requested port, or by default on the usual port or any free one.
+def listening_socket(port: int | None, host: str = LOOPBACK) -> socket.socket:
+    """A socket that is bound to an address of this computer.
+
+    Args:
+        port: TCP port; None for the default port, or any free port if that one is in use.
+        host: name or address of this computer.
 
     Raises:
-        InputError: the port is in use, or the host is no address of this computer.
+        InputError: the port is in use, or the host is not an address of this computer.
     """
-    for wanted in (USUAL_PORT, 0) if port is None else (port,):
+    for wanted in (DEFAULT_PORT, 0) if port is None else (port,):
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, wanted, type=socket.SOCK_STREAM)[0]
         except (OSError, UnicodeError) as error:
@@ -54,36 +58,36 @@ def listening(port: int | None, host: str = LOOPBACK) -> socket.socket:
         except (OSError, OverflowError) as error:
             found.close()
             problem = error
-    raise InputError(f"--host {host} --port {port or USUAL_PORT}: {problem}; choose another one, or leave it out")
+    raise InputError(f"--host {host} --port {port or DEFAULT_PORT}: {problem}; choose another one, or leave it out")
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this computer can reach a server on this host."""
+    """Whether a server on this host name or address can be reached from this computer only."""
     return host in ("localhost", "::1") or host.startswith("127.")
 
 
-def serve(
+def serve_workbench(
     inputs: Inputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
 ) -> NoReturn:
-    """Serve until a signal comes, and end this process; Ctrl-C is the usual end.
+    """Serve the workbench until a signal such as Ctrl-C arrives, then end this process.
 
     Args:
         inputs: files that the page opens; None for none.
-        listen: listening socket.
-        host: host as the user gave it.
-        started: called with the address, which contains the token.
+        listen: bound socket.
+        host: host name or address as the user gave it.
+        started: called with the page's address, which contains the secret token.
         closed: called at the end.
     """
-    files.remove_abandoned()
-    writable = files.Writable(Path.cwd())
-    sessions: WeakValueDictionary[tuple[object, ...], Session] = WeakValueDictionary()
-    first: list[Session] = []
+    files.remove_abandoned_page_folders()
+    writable = files.WritablePlaces(Path.cwd())
+    sessions: WeakValueDictionary[tuple[object, ...], ComputingSession] = WeakValueDictionary()
+    first: list[ComputingSession] = []
 
-    def open_session(wanted: Inputs) -> Session:
-        key = key_of(wanted)
+    def open_session(wanted: Inputs) -> ComputingSession:
+        key = inputs_key(wanted)
         session = sessions.get(key)
         if session is None:
-            session = sessions[key] = Session(wanted)
+            session = sessions[key] = ComputingSession(wanted)
         return session
 
     def begun(address: str) -> None:
@@ -95,7 +99,7 @@ def serve(
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
-        own = Page(client, inputs, open_session, writable)
+        own = WorkbenchPage(client, inputs, open_session, writable)
         client.on_delete(own.close)
         await client.connected()
         await own.begin()
@@ -104,9 +108,9 @@ def serve(
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
-    guard = Guard(_application(), port, mine)
+    guard = AccessGuard(_application(), port, mine)
     shown = host if host not in ("0.0.0.0", "::") else socket.gethostname()
-    address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?{FIELD}={guard.token}"
+    address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?{TOKEN_FIELD}={guard.token}"
     _run(guard, listen, lambda: begun(address), closed)
 
 
@@ -117,33 +121,33 @@ def _application() -> FastAPI:
     own = (("report", "draw.js"), ("report", "overlay.js"), ("view", "scene.js"), ("workbench", "workbench.js"))
     texts = {
         "plotly.js": get_plotlyjs(),
-        "three.js": three_js(),
-        "workbench.js": "\n".join(template(*name) for name in own),
+        "three.js": three_js_source(),
+        "workbench.js": "\n".join(template_text(*name) for name in own),
     }
 
     def asset(version: str, name: str) -> Response:
         del version  # in the address so that the browser's cache does not return another version of armdyn
         if name not in texts:
             return Response(status_code=404)
-        return Response(texts[name], media_type="text/javascript", headers=DAY_CACHE)
+        return Response(texts[name], media_type="text/javascript", headers=ONE_DAY_CACHE_HEADER)
 
-    application.get(ASSETS + "/{version}/{name}")(asset)
+    application.get(ASSETS_PATH + "/{version}/{name}")(asset)
     ui.run_with(application, title="armdyn workbench", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None)  # fmt: skip
     return application
 
 
 def _head() -> str:
-    script = f"<script defer src='{ASSETS}/{__version__}/workbench.js'></script>"
+    script = f"<script defer src='{ASSETS_PATH}/{__version__}/workbench.js'></script>"
     styles = (("report", "style.css"), ("view", "scene.css"), ("workbench", "workbench.css"))
-    style = "\n".join(template(*name) for name in styles)
+    style = "\n".join(template_text(*name) for name in styles)
     return f"<meta name='color-scheme' content='light dark'><style>{style}</style>{script}"
 
 
 def _run(
-    application: Guard, listen: socket.socket, started: Callable[[], None], closed: Callable[[], None]
+    application: AccessGuard, listen: socket.socket, started: Callable[[], None], closed: Callable[[], None]
 ) -> NoReturn:
-    """Serve until a signal comes; end orderly, or at once where that takes too long."""
+    """Serve until a signal arrives; then end in order, or at once if that takes too long."""
     server = uvicorn.Server(uvicorn.Config(application, log_level="critical", timeout_graceful_shutdown=0))
     server.config.timeout_graceful_shutdown = GRACEFUL_END_SECONDS
     usual, received = server.startup, signal.SIGINT
@@ -156,7 +160,7 @@ def _run(
     def end(delay: float = 0.0) -> NoReturn:
         time.sleep(delay)
         with ending:  # kept until the process ends
-            files.remove_folders()
+            files.remove_page_folders()
             closed()
             if received != signal.SIGINT:
                 print(f"armdyn: {Interrupt(received)}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""One browser tab: its open files, what it shows, and the motion of a run in three dimensions."""
+"""One browser tab of the workbench: its open files, its figures and panels, and the 3-D scene of a recording."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -15,55 +15,56 @@ from armdyn.quoting import script_json
 from pipeline.console.inputs import Inputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
-from pipeline.report.overlay import Overlays, changed
-from pipeline.report.page import FIGURE_LOOK, tabs_html, widget_html
-from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
+from pipeline.report.overlay import Overlays, updated_curve
+from pipeline.report.page import PLOTLY_LOOK, tabs_html, widget_html
+from pipeline.view.motion import arm_scene, joint_motion, load_swing, swing_scene
 from pipeline.view.scene import Scene
-from pipeline.view.shapes import Links, links_of
+from pipeline.view.shapes import ArmShapes, arm_shapes
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import SearchProcess, Session
-from pipeline.workbench.bench import AS_GIVEN, NOW, TickedModel, Workbench
+from pipeline.workbench.background import ComputingSession, SearchProcess
+from pipeline.workbench.bench import AS_GIVEN, WITH_TICKED_EFFECTS, TickedModel, Workbench
 
-AS_TICKED = "as ticked"
-CURVES_ALONE_SECONDS = 0.05
-"""s in which the curves that answer a click leave before anything else is computed."""
-OpenSession = Callable[[Inputs], Session]
+TICKED_LABEL = "as ticked"
+CURVES_FIRST_SECONDS = 0.05
+"""Pause after a click in which the new curves are sent before other figures are computed [s]."""
+OpenSession = Callable[[Inputs], ComputingSession]
+"""Function that returns the computing thread for some files; tabs with the same files share it."""
 
 
-class Opened(NamedTuple):
-    """Open files of a tab.
+class OpenedFiles(NamedTuple):
+    """Open files of a browser tab.
 
     Attributes:
-        session: session that computes with the files.
-        given: model and runs as they were read.
-        bench: study and effects that can be ticked.
+        session: thread that computes with the files.
+        given: model and recordings as they were read.
+        bench: workbench of these files.
     """
 
-    session: Session
+    session: ComputingSession
     given: CheckedStudy
     bench: Workbench
 
 
-class Tab:
-    """One browser tab.
+class BrowserTab:
+    """One browser tab of the workbench.
 
     Args:
         client: NiceGUI's connection to the tab.
         inputs: files that the command named; None for none.
-        open_session: returns the session of some files; tabs with the same files share a session.
+        open_session: function that returns the computing thread for some files.
     """
 
     def __init__(self, client: Client, inputs: Inputs | None, open_session: OpenSession) -> None:
         self._client, self._open_desk = client, open_session
-        self._folder = files.new_folder()
+        self._folder = files.new_page_folder()
         self._model = inputs.model if inputs else None
         self._own_effects = inputs.effects if inputs else None
         self._runs = [(path, False) for path in inputs.runs] if inputs else []
         self._runs += [(path, True) for path in (inputs.held_out or ())] if inputs else []
         self._trust = inputs.trust_data if inputs else False
         self._said: list[str] = []
-        self._session: Session | None = None
-        self._open: Opened | None = None
+        self._session: ComputingSession | None = None
+        self._open: OpenedFiles | None = None
         self._ticked: tuple[str, ...] = ()
         self._values: dict[str, float] = {}
         self._asked = 0  # number of the newest request
@@ -71,7 +72,7 @@ class Tab:
         self._search: SearchProcess | None = None
 
     def close(self) -> None:
-        """Clean up after the browser has closed the tab."""
+        """Stop the tab's search and remove its temporary files, after the browser has closed the tab."""
         self._stop_search()
         self._folder.cleanup()
 
@@ -103,7 +104,7 @@ class Tab:
             given, bench = await session.opened()
             if session is not self._session:
                 return  # the user chose other files meanwhile
-            self._open = Opened(session, given, bench)
+            self._open = OpenedFiles(session, given, bench)
             self._call("panel", "checks", panels.checks_panel(given.inspection))
             names = ", ".join(run.name for run in bench.study.runs)
             said = ". ".join([f"{self._model.name} with {names}", *given.set_aside])
@@ -122,30 +123,30 @@ class Tab:
             self._call("busy", "")
 
     async def _show_first(self, state: TickedModel) -> None:
-        overlays = Overlays(state.curves, (AS_GIVEN, NOW))
+        overlays = Overlays(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS))
         self._points = overlays.points
         widget = overlays.widget()
         html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget_html(widget)}</form>"
-        self._call("open", {"html": html, "data": widget.data, "look": FIGURE_LOOK})
+        self._call("open", {"html": html, "data": widget.data, "look": PLOTLY_LOOK})
         self._call("panel", "errors", panels.errors_panel(state))
-        self._call("panel", "knobs", panels.knobs_panel(state))
+        self._call("panel", "knobs", panels.sliders_panel(state))
         await self._show_missing_force(state)
 
     def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
-        totals = Overlays(state.curves, (AS_GIVEN, NOW)).totals()
-        new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": totals}
+        totals = Overlays(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS)).totals()
+        new = {"changed": [updated_curve(curve, self._points) for curve in state.curves], "totals": totals}
         self._call("update", new)
         self._call("panel", "errors", panels.errors_panel(state))
         self._call("show", "refit", state.how == "by hand")
         if knobs:
-            self._call("panel", "knobs", panels.knobs_panel(state))
+            self._call("panel", "knobs", panels.sliders_panel(state))
 
     async def _show_missing_force(self, state: TickedModel) -> None:
         bench = self._opened().bench
         asked = self._asked
-        await asyncio.sleep(CURVES_ALONE_SECONDS)
+        await asyncio.sleep(CURVES_FIRST_SECONDS)
         if asked == self._asked:
-            await self._show_charts("missing", lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
+            await self._show_charts("missing", lambda: missing_force_charts(bench.missing_force(state), TICKED_LABEL))
 
     async def _show_motion(self, effects: Sequence[str]) -> None:
         """Show the fitted motion, last, because an arm's simulator is compiled for it."""
@@ -153,13 +154,13 @@ class Tab:
         await self._show_charts("motion", lambda: motion_charts(bench.motion(effects)))
 
     async def _show_charts(self, function: str, make: Callable[[], Sequence[Chart]]) -> None:
-        """Make figures beside the page, and show them unless a newer request came meanwhile."""
+        """Make figures in another thread, and show them unless a newer request has arrived."""
         asked = self._asked
         charts = await asyncio.to_thread(make)
         if asked == self._asked:
             self._call(function, {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
 
-    def _opened(self) -> Opened:
+    def _opened(self) -> OpenedFiles:
         if self._open is None:
             raise InputError("nothing is opened yet: drop a model and recordings first")
         return self._open
@@ -192,27 +193,27 @@ class Tab:
         self._client.run_javascript(f"armdynBench.{function}({', '.join(map(script_json, arguments))})")
 
 
-_links: dict[str, Links] = {}
-"""Of arms that were drawn already, by fingerprint: meshes take a second or two to read."""
+_links: dict[str, ArmShapes] = {}
+"""Shapes of arms that were read before, by fingerprint of the arm; reading meshes takes a second or two."""
 
 
 def scene_of_run(bench: Workbench, effects: Sequence[str], name: str | None) -> Scene:
-    """Scene of a run; a load whose angle was not measured swings as the model with some effects predicts.
+    """3-D scene of a recording; a swing angle that was not measured is predicted by the model with added effects.
 
     Args:
-        bench: model and runs.
-        effects: ticked effects.
-        name: name of the run; None for the first one.
+        bench: model and recordings.
+        effects: labels of the added effects.
+        name: name of the recording; None for the first one.
 
     Raises:
-        InputError: the run does not contain a motion.
+        InputError: the recording does not contain a motion.
     """
     study, model = bench.study, bench.study.model
     run = next((run for run in (*study.runs, *study.held_out) if run.name == name), study.runs[0])
     robot = model.robot
     if robot is None:
         fit = bench.fit(effects) if run in study.runs else None
-        return swing_scene(run.name, "run", swing_of(run, model, fit))
+        return swing_scene(run.name, "run", load_swing(run, model, fit))
     if robot.fingerprint not in _links:
-        _links[robot.fingerprint] = links_of(robot)
+        _links[robot.fingerprint] = arm_shapes(robot)
     return arm_scene(run.name, "run", _links[robot.fingerprint], *joint_motion(run.recording, robot))

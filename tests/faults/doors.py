@@ -49,9 +49,9 @@ from ik.pathfile import read_path
 from pipeline.batch.run import Journal
 from pipeline.batch.spec import read_spec
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map, known_columns
-from pipeline.imports.joints import Joints
+from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import map_text, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
@@ -139,20 +139,20 @@ def compare_model(path):
 def guess_and_import(path):
     """What is guessed is written as a mapping, and that is what is read back."""
     for foreign in read_foreign(path):
-        mapping = guess_map([foreign], Joints(("j0", "j1", "j2")))
+        mapping = guess_map([foreign], RobotJoints(("j0", "j1", "j2")))
         (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
-        imported(foreign, read_map(path.parent / "guessed.toml")[""])
+        run_from_recording(foreign, read_map(path.parent / "guessed.toml")[""])
 
 
 def import_mapped(path):
     (foreign,) = read_foreign(path.parent / "foreign.csv")
     for mapping in read_map(path).values():
-        imported(foreign, mapping)
+        run_from_recording(foreign, mapping)
 
 
 def import_known(path):
     for foreign in read_foreign(path):
-        imported(foreign, known_columns(foreign))
+        run_from_recording(foreign, known_columns(foreign))
 
 
 def read_journal(path):

@@ -26,7 +26,7 @@ from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.nodes.task import TaskNode, TaskSettings
 from pipeline.record import Recorder
-from pipeline.trial import TrialSettings, simulate
+from pipeline.trial import TrialSettings, simulate_trial
 from pipeline.trial.experiment import Phase
 
 KICK, SAC, LEARNT = 0.75, 1.2, 1.5
@@ -186,7 +186,7 @@ def loaded_once():
 
 @pytest.fixture(scope="module")
 def healthy():
-    return simulate(LEARNING).result
+    return simulate_trial(LEARNING).result
 
 
 @pytest.mark.parametrize("case", [case.as_parameter for case in CASES])
@@ -194,7 +194,7 @@ def test_a_fault_while_learning_ends_at_rest_with_a_reason(case, tmp_path, monke
     robot = case.robot()
     if case.patch:
         spoil(monkeypatch, robot, *case.patch)
-    trial = simulate(replace(LEARNING, out=tmp_path), through=robot.around)
+    trial = simulate_trial(replace(LEARNING, out=tmp_path), through=robot.around)
     assert_at_rest_within_limits(trial, robot, case.by_itself)
     assert_told(trial, case.says or "did not converge", tmp_path)
     if case.says is None:
@@ -253,7 +253,7 @@ def test_a_fault_in_the_swing_ends_at_rest_with_a_reason(case, tmp_path, monkeyp
     monkeypatch.setattr(TaskPlanner, "plan", planned)
     if case.patch:
         spoil(monkeypatch, robot, *case.patch)
-    trial = simulate(replace(SWINGING, out=tmp_path), through=robot.around)
+    trial = simulate_trial(replace(SWINGING, out=tmp_path), through=robot.around)
     assert_at_rest_within_limits(trial, robot, case.by_itself)
     assert_told(trial, case.says, tmp_path)
 
@@ -266,7 +266,7 @@ def test_a_plan_that_is_not_a_number_never_moves_the_arm(tmp_path, monkeypatch, 
         return replace(plan, x=np.where(plan.time > 1.0, NAN, plan.x))
 
     monkeypatch.setattr(TaskPlanner, "plan", spoiled)
-    trial = simulate(replace(SWINGING, out=tmp_path), through=robot.around)
+    trial = simulate_trial(replace(SWINGING, out=tmp_path), through=robot.around)
     assert all(np.all(told[2] == 0.0) for told in robot.told if len(told) == 4)
     assert_told(trial, "plan holds a NaN", tmp_path)
 
@@ -276,7 +276,7 @@ def test_a_full_disk_ends_at_rest_and_leaves_what_was_written(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
     try:
-        trial = simulate(replace(LEARNING, out=tmp_path), through=robot.around)
+        trial = simulate_trial(replace(LEARNING, out=tmp_path), through=robot.around)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert_at_rest_within_limits(trial, robot)
@@ -293,7 +293,7 @@ def test_a_signal_ends_at_rest(number, at, tmp_path, request):
     before = signal.signal(number, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(number, before))
     handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    trial = simulate(replace(LEARNING, out=tmp_path), through=robot.around)
+    trial = simulate_trial(replace(LEARNING, out=tmp_path), through=robot.around)
     assert_at_rest_within_limits(trial, robot)
     assert_told(trial, f"(interrupted|ended) .* at {at:.2f}"[:-1], tmp_path)
     assert trial.robot.time < at + 0.5 + 0.3  # then it is watched for 0.3 s
@@ -303,7 +303,7 @@ def test_a_signal_ends_at_rest(number, at, tmp_path, request):
 def test_a_second_ctrl_c_stops_the_arm_at_once(tmp_path):
     robot = Signals(signal.SIGINT, SAC, times=2)
     with pytest.raises(KeyboardInterrupt):
-        simulate(replace(LEARNING, out=tmp_path), through=robot.around)
+        simulate_trial(replace(LEARNING, out=tmp_path), through=robot.around)
     assert len(robot.told[-1]) == 1
     robot.robot.advance(0.5)
     assert abs(gripper_truth(robot.robot).s_velocity) < 0.02

@@ -14,9 +14,9 @@ from faults.faulty import AT_REST, Hangs, InRealTime
 from armdyn.errors import InputError
 from armdyn.run import read_run
 from pipeline.nodes.scheduler import Watchdog
-from pipeline.trial import TrialSettings, simulate
+from pipeline.trial import TrialSettings, simulate_trial
 from pipeline.trial.experiment import Phase
-from pipeline.trial.folder import gather_files, own_folder
+from pipeline.trial.folder import locked_folder, temporary_output_folder
 
 
 def names(folder):
@@ -26,7 +26,7 @@ def names(folder):
 def test_what_is_there_stays_until_everything_new_is_there(tmp_path):
     (tmp_path / "trial.mcap").write_text("old")
     (tmp_path / "report.html").write_text("old")
-    with gather_files(tmp_path) as folder:
+    with temporary_output_folder(tmp_path) as folder:
         (folder / "trial.mcap").write_text("new")
         (folder / "model.toml").write_text("new")
         assert (tmp_path / "trial.mcap").read_text() == "old"
@@ -36,7 +36,7 @@ def test_what_is_there_stays_until_everything_new_is_there(tmp_path):
 
 def test_what_was_written_before_an_exception_is_kept(tmp_path):
     def fails():
-        with gather_files(tmp_path) as folder:
+        with temporary_output_folder(tmp_path) as folder:
             (folder / "trial.mcap").write_text("new")
             raise KeyboardInterrupt
 
@@ -51,7 +51,7 @@ def test_links_and_rights_stay(tmp_path):
     elsewhere.write_text("old")
     elsewhere.chmod(0o600)
     (out / "model.toml").symlink_to(elsewhere)
-    with gather_files(out) as folder:
+    with temporary_output_folder(out) as folder:
         (folder / "model.toml").write_text("new")
     assert (out / "model.toml").is_symlink()
     assert elsewhere.read_text() == "new"
@@ -62,8 +62,8 @@ def test_a_killed_trial_leaves_the_old_files_and_its_recording(tmp_path):
     (tmp_path / "trial.mcap").write_text("old")
     (tmp_path / "report.html").write_text("old")
     code = (
-        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import gather_files\n"
-        "with gather_files(Path(sys.argv[1])) as folder:\n"
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import temporary_output_folder\n"
+        "with temporary_output_folder(Path(sys.argv[1])) as folder:\n"
         "    (folder / 'trial.mcap').write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
@@ -75,36 +75,37 @@ def test_a_killed_trial_leaves_the_old_files_and_its_recording(tmp_path):
 def test_a_second_trial_takes_a_folder_of_its_own(tmp_path, complains):
     usual = tmp_path / "out" / "trial"
     with ExitStack() as running:
-        taken = [running.enter_context(own_folder(None, usual)).name for _ in range(3)]
+        taken = [running.enter_context(locked_folder(None, usual)).name for _ in range(3)]
         assert taken == ["trial", "trial-2", "trial-3"]
-        with complains(InputError), own_folder(usual, usual):
+        with complains(InputError), locked_folder(usual, usual):
             pass
-    with own_folder(None, usual) as folder:
+    with locked_folder(None, usual) as folder:
         assert folder == usual
 
 
 def test_the_folder_of_a_killed_trial_is_free_again(tmp_path):
     code = (
-        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import own_folder\n"
-        "with own_folder(Path(sys.argv[1]), Path('x')): os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import locked_folder\n"
+        "with locked_folder(Path(sys.argv[1]), Path('x')): os.kill(os.getpid(), signal.SIGKILL)"
     )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
-    with own_folder(tmp_path, tmp_path) as folder:
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    with locked_folder(tmp_path, tmp_path) as folder:
         assert folder == tmp_path
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_without_rights_is_one_line(tmp_path):
     tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match="choose another directory"), own_folder(tmp_path / "out", tmp_path):
+    with pytest.raises(InputError, match="choose another directory"), locked_folder(tmp_path / "out", tmp_path):
         pass
 
 
 def test_a_file_in_place_of_the_folder_is_one_line(tmp_path, complains):
     (tmp_path / "out").write_text("")
-    with complains(InputError), own_folder(tmp_path / "out", tmp_path):
+    with complains(InputError), locked_folder(tmp_path / "out", tmp_path):
         pass
-    with complains(InputError), gather_files(tmp_path / "out"):
+    with complains(InputError), temporary_output_folder(tmp_path / "out"):
         pass
 
 
@@ -119,7 +120,7 @@ def stands(robot, patience=5.0):
 def test_a_watchdog_stops_an_arm_whose_loop_hangs(tmp_path):
     for _ in range(5):
         robot = Hangs(0.7)
-        trial = simulate(TrialSettings(estimation_time=2.0, out=tmp_path), through=robot.around, real=True)
+        trial = simulate_trial(TrialSettings(estimation_time=2.0, out=tmp_path), through=robot.around, real=True)
         assert stands(robot)
         robot.leave()
         assert trial.result.stopped
@@ -152,7 +153,7 @@ class TripsOnce(Watchdog):
 def test_what_the_watchdog_stopped_does_not_go_on(monkeypatch):
     """Time is simulated, so that nothing else is late."""
     monkeypatch.setattr("pipeline.trial.experiment.Watchdog", TripsOnce)
-    trial = simulate(TrialSettings(estimation_time=5.0), real=True)
+    trial = simulate_trial(TrialSettings(estimation_time=5.0), real=True)
     assert trial.result.message == "the watchdog stopped the arm"
     assert trial.experiment.span(Phase.LEARN).end < 1.5
 
@@ -161,7 +162,7 @@ def test_what_the_watchdog_stopped_does_not_go_on(monkeypatch):
 def test_a_whole_trial_on_a_real_clock_lands_or_says_why_not(tmp_path):
     for _ in range(3):
         robot = InRealTime()
-        trial = simulate(TrialSettings(out=tmp_path), through=robot.around, real=True)
+        trial = simulate_trial(TrialSettings(out=tmp_path), through=robot.around, real=True)
         assert stands(robot)
         robot.leave()
         if not trial.result.stopped:

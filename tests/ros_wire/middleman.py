@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.sync.server import serve
 
-from pipeline.ros.telemetry import PHASE
+from pipeline.ros.telemetry import PHASE_TOPIC
 from pipeline.trial.experiment import Phase
 
 STOP = Phase.STOP.value
@@ -64,7 +64,7 @@ class Middleman:
     def _spoiled(self, text, held):
         """What becomes of a message: messages with the time by which each is late [s]."""
         message = json.loads(text)
-        if message.get("topic") == PHASE and message.get("op") == "publish" and message["msg"]["data"] == STOP:
+        if message.get("topic") == PHASE_TOPIC and message.get("op") == "publish" and message["msg"]["data"] == STOP:
             self.stopping = self.stopping or time.monotonic()
         if self.fault is None or message.get("op") != "publish":
             return [(0.0, text)]

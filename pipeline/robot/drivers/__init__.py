@@ -1,4 +1,4 @@
-"""Real robots by name: each file here that has a `DRIVER` is one; nothing else lists them."""
+"""Drivers of real robots by name: every module of this package that defines `DRIVER` is found automatically."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,43 +11,47 @@ from armdyn.errors import InputError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import RealRobot
 
-Connect = Callable[[LoadCell | None, Callable[[], float]], RealRobot]
-"""Connects to a robot: with its load cell, where there is one, and with our clock [s], on which the cell is read."""
+ConnectFunction = Callable[[LoadCell | None, Callable[[], float]], RealRobot]
+"""Function that connects to a robot, from its load cell (None for none) and the clock of this program [s]."""
 
 
 @dataclass(frozen=True)
 class Driver:
-    """How robots of one kind are reached.
+    """Driver for one kind of robot, such as robots behind rosbridge.
 
     Attributes:
-        name: of the kind, for ``--robot NAME:ADDRESS``.
-        address: what is given as the address, for help.
-        reach: from address, arm (a known name or a settings file) and its description to what connects; what the
-            settings lack is an `InputError` here, before anything is connected.
+        name: name of the kind, for ``--robot NAME:ADDRESS``.
+        address: form of the address, for help texts.
+        reach: function from address, arm (known name or settings file) and description of the arm to a function that
+            connects; it raises an `InputError` for incomplete settings, before any connection.
     """
 
     name: str
     address: str
-    reach: Callable[[str, str, urdf.Robot], Connect]
+    reach: Callable[[str, str, urdf.Robot], ConnectFunction]
 
 
 @cache
-def drivers() -> dict[str, Driver]:
-    """Every driver, by name."""
+def known_drivers() -> dict[str, Driver]:
+    """All drivers, by name."""
     modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return {module.DRIVER.name: module.DRIVER for module in modules if hasattr(module, "DRIVER")}
 
 
-def driver_at(robot: str, address: str | None = None) -> tuple[Driver, str]:
-    """The driver of ``NAME:ADDRESS``, and the address, where it is not given alone.
+def driver_and_address(robot: str, address: str | None = None) -> tuple[Driver, str]:
+    """The driver and the address that the option ``--robot NAME:ADDRESS`` names.
+
+    Args:
+        robot: value of the option; the address may be missing.
+        address: address that was given separately; None for the one in `robot`.
 
     Raises:
         InputError: there is no such driver, or no address.
     """
     name, _, behind = robot.partition(":")
-    driver, address = drivers().get(name), address or behind
+    driver, address = known_drivers().get(name), address or behind
     if driver is None:
-        known = " or ".join(f"'{one}'" for one in ("simulated", *drivers()))
+        known = " or ".join(f"'{one}'" for one in ("simulated", *known_drivers()))
         raise InputError(f"--robot {robot}: choose {known}")
     if not address:
         raise InputError(f"--robot {name}: say where it is: --robot {name}:ADDRESS, {driver.address}")

@@ -1,4 +1,4 @@
-"""An arm behind rosbridge as `RealRobot`: Baxter, or any that a settings file describes."""
+"""Driver for arms behind rosbridge: Baxter, or any arm that a settings file describes."""
 
 import threading
 import time
@@ -18,48 +18,62 @@ from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closing, PromptThread
 from pipeline.record import Recorder
-from pipeline.robot.drivers import Connect, Driver
+from pipeline.robot.drivers import ConnectFunction, Driver
 from pipeline.robot.link import LinkStatistics
 from pipeline.robot.protocol import ForceSample, JointState, Vector
-from pipeline.ros.baxter import Power
+from pipeline.ros.baxter import BaxterPower
 from pipeline.ros.bridge import Bridge
-from pipeline.ros.master import MasterWatch, round_trip
-from pipeline.ros.states import EvenTimes, JointStates
+from pipeline.ros.master import MasterWatch, round_trip_times
+from pipeline.ros.states import EvenReadingTimes, JointStates
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in, read_topics, settings_file
+from pipeline.ros.topics import (
+    RosTopics,
+    command_message,
+    commanded_positions,
+    read_topics,
+    settings_file,
+    trajectory_point_message,
+)
 
 READING_LAG_SECONDS = 0.01
-"""How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
+"""Time before the present for which joint states are read [s]: messages of that time have usually arrived."""
 ADVERTISE_SECONDS = 1.2
-"""For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
-STATE_TIMEOUT = 2 * PERIOD
-"""How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
-JUDGEMENT_SECONDS = 0.002
-"""From the end of that wait to the gate's verdict, at most [s]."""
+"""Time without motion after `advertise` [s], because rosbridge repeats messages to new subscribers for a second."""
+RECENT_STATE_TIMEOUT_SECONDS = 2 * PERIOD
+"""Longest time that a command waits for a recent joint state [s], below `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
+COMMAND_CHECK_SECONDS = 0.002
+"""Longest time from the end of the wait for a recent joint state to the end of the command's check [s]."""
 REMEMBERED_COMMANDS = 300
-"""Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
+"""Number of sent commands that are kept to recognise those of other programs: 3 s, longer than a bridge may stall."""
 HOLD_SECONDS = 0.3
-"""How long the last posture is still commanded after braking [s]."""
-SDK_TIMEOUT = 0.2
-"""Baxter's own command timeout, restored at the end [s]."""
+"""Time for which the last posture is commanded after braking [s]."""
+SDK_COMMAND_TIMEOUT_SECONDS = 0.2
+"""Command timeout that Baxter has without this program [s], restored at the end."""
 SDK_SPEED_RATIO = 0.3
-"""Baxter's own speed ratio, restored at the end."""
+"""Speed ratio that Baxter has without this program, restored at the end."""
 
 
 class RosRobot(Closing):
-    """An arm behind rosbridge, ``ws://HOST:9090``, with a load cell on a serial line; use it in a ``with`` block.
+    """An arm behind rosbridge, with an optional load cell on a serial line; use it in a ``with`` block.
 
-    Every command passes one gate (`StreamGate`); what it withholds ends the run: `fault` says why, `command` raises
-    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding. A load
-    cell is read on the same clock [s].
+    `StreamGate` checks every command. A command that it refuses ends the motion: `fault` gives the reason, `command`
+    raises an error, and only commands that bring the arm to rest are sent. At the end of the block the arm is enabled
+    and holds its posture.
+
+    Args:
+        uri: address of the bridge, such as ``ws://HOST:9090``.
+        description: description of the arm.
+        topics: topics of the arm.
+        cell: the load cell, which is read on the same clock; None for none.
+        clock: present time [s].
 
     Attributes:
         joint_names: names of the commanded joints.
-        statistics: what was measured.
-        telemetry: told what is commanded and measured, for others to see; None without a load cell.
+        statistics: measured delays of the connection.
+        telemetry: publishes commands and measurements for observers; None without a load cell.
 
     Raises:
-        InputError: no bridge, no joint states, or somebody else commands the arm.
+        InputError: no bridge, no joint states, or another program commands the arm.
     """
 
     def __init__(
@@ -82,7 +96,7 @@ class RosRobot(Closing):
         self._blend: Blend | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
-        self._reader = EvenTimes(PERIOD)
+        self._reader = EvenReadingTimes(PERIOD)
         self._brake_from: tuple[Vector, Vector, Vector] | None = None
         self._braking, self._closing = threading.Event(), threading.Event()
         self.bridge = Bridge(uri, clock=clock)
@@ -98,29 +112,31 @@ class RosRobot(Closing):
 
     @property
     def time(self) -> float:
-        """Our clock [s]."""
+        """Present time on this program's clock [s]."""
         return self._clock()
 
     @property
     def fault(self) -> str | None:
-        """Why nothing is commanded any more; None while all is well."""
+        """Reason why the arm cannot be commanded any more; None while it can be."""
         return self._ended or self._trouble() or self._master.trouble
 
     def prepare(self) -> None:
-        """See `RealRobot`; the arm's command timeout is set, too."""
+        """Enable the arm without a motion, and set its command timeout; see `RealRobot.prepare`."""
         if self._power is not None:
             self._power.enable()
         self._configure(self._topics.command_timeout, 1.0)
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """See `RobotInterface`: send one posture, a cycle after the last one at the earliest, if it passes the gate.
+        """Check and send one reference (see `RobotInterface.command`), at least one cycle after the last one.
 
         Raises:
-            TaskFailedError: it was withheld, or an earlier one was; the arm is brought to rest.
+            TaskFailedError: this reference or an earlier one was refused; the arm is brought to rest.
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
-            self._states.wait_for_younger(lambda: self.time - MAX_STATE_AGE_SECONDS + JUDGEMENT_SECONDS, STATE_TIMEOUT)
+            self._states.wait_for_younger(
+                lambda: self.time - MAX_STATE_AGE_SECONDS + COMMAND_CHECK_SECONDS, RECENT_STATE_TIMEOUT_SECONDS
+            )
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
                 self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
         with self._lock:
@@ -140,19 +156,19 @@ class RosRobot(Closing):
             raise TaskFailedError(self._ended)
 
     def stop(self) -> None:
-        """Brake within the limits, in a thread of its own, and hold; a second call does nothing."""
+        """Brake within the limits in another thread, then hold; a second call does nothing."""
         with self._lock:
             if self._sent is not None and not self._braking.is_set():
                 self._brake_from = self._sent
                 self._braking.set()
 
     def advance(self, duration: float) -> None:
-        """Wait."""
+        """Wait for `duration` [s]."""
         if duration > 0.0:
             time.sleep(duration)
 
     def joint_state(self) -> JointState:
-        """The joints at 100 Hz, evenly: read between the states that arrived, a little behind now.
+        """Joint state at evenly spaced times, 100 Hz, interpolated between the received states.
 
         Raises:
             TaskFailedError: no state has arrived.
@@ -165,17 +181,17 @@ class RosRobot(Closing):
         return state
 
     def newest_state(self) -> JointState:
-        """See `RealRobot`."""
+        """The newest received joint state; see `RealRobot.newest_state`."""
         newest = self._states.latest
         if newest is None:
             raise TaskFailedError("no joint state has arrived")
         return newest
 
     def load_cell(self) -> list[ForceSample]:
-        """Samples that arrived since the last call.
+        """Samples of the load cell that arrived since the last call, oldest first.
 
         Raises:
-            TaskFailedError: the cell's serial port is gone.
+            TaskFailedError: the serial port of the load cell is disconnected.
         """
         if self._cell is None:
             return []
@@ -187,17 +203,17 @@ class RosRobot(Closing):
         return samples
 
     def announce(self, phase: str) -> None:
-        """See `RealRobot.announce`."""
+        """Publish the name of the trial's phase for observers."""
         if self.telemetry is not None:
             self.telemetry.phase(phase)
 
     @property
     def recorder(self) -> Callable[..., Recorder]:
-        """See `RealRobot.recorder`."""
+        """Class of a trial's recorder, which publishes estimates where there is telemetry; see `RealRobot.recorder`."""
         return Recorder if self.telemetry is None else partial(PublishingRecorder, telemetry=self.telemetry)
 
     def close(self) -> None:
-        """Stop, wait until the arm stands, restore the robot's own settings, and end the connection."""
+        """Brake, wait until the arm is at rest, restore the robot's settings, and end the connection."""
         if self.bridge.failure is None:
             self.stop()
             end = self.time + 2.0
@@ -209,7 +225,7 @@ class RosRobot(Closing):
         self._master.close()
         self._braker.join(1.0)
         with suppress(ArmdynError):
-            self._configure(SDK_TIMEOUT, SDK_SPEED_RATIO)
+            self._configure(SDK_COMMAND_TIMEOUT_SECONDS, SDK_SPEED_RATIO)
         self.bridge.close()
 
     def _configure(self, timeout: float, speed_ratio: float) -> None:
@@ -230,16 +246,16 @@ class RosRobot(Closing):
             if topic is not None:
                 bridge.advertise(topic, kind)
         advertised = self.time
-        self._power = None if topics.enabling is None else Power(bridge, topics.enabling)
+        self._power = None if topics.enabling is None else BaxterPower(bridge, topics.enabling)
         self._states.first(topics.joint_states)
         self._master = MasterWatch(bridge)
-        self.statistics.round_trip = round_trip(bridge)
+        self.statistics.round_trip = round_trip_times(bridge)
         self.advance(advertised + ADVERTISE_SECONDS - self.time)
         if self._foreign:
             raise InputError(f"another program sends commands on {topics.command}: end it first")
 
     def _trouble(self) -> str | None:
-        """What outside this program keeps commands from being followed; None where nothing does."""
+        """Reason outside this program why the arm does not follow commands; None where there is none."""
         if self.bridge.failure is not None:
             return self.bridge.failure
         if self._foreign:
@@ -247,7 +263,7 @@ class RosRobot(Closing):
         return None if self._power is None else self._power.trouble
 
     def _send(self, q: Vector, v: Vector, a: Vector, state: JointState | None) -> str | None:
-        """Send one posture; a sentence where it was withheld."""
+        """Send one posture, and return None; if it was not sent, return a sentence with the reason."""
         trouble = self._trouble()
         if trouble is not None:
             return trouble
@@ -258,7 +274,7 @@ class RosRobot(Closing):
         assert state is not None, "the gate asks for a state"
         try:
             if self._topics.feed_forward is not None:
-                self.bridge.publish(self._topics.feed_forward, point_message(q, v, a))
+                self.bridge.publish(self._topics.feed_forward, trajectory_point_message(q, v, a))
             self._ours.append((tuple(q.tolist()), now))
             self.bridge.publish(self._topics.command, command_message(self._topics, self.joint_names, q, v, a))
         except ArmdynError as error:
@@ -274,7 +290,7 @@ class RosRobot(Closing):
 
     def _take_echo(self, message: Any, now: float) -> None:
         """A command on its topic: ours, or somebody else's."""
-        positions = positions_in(message, self._topics.type)
+        positions = commanded_positions(message, self._topics.type)
         for ours, sent_at in tuple(self._ours)[::-1]:
             if ours == positions:
                 self.statistics.echoes.append(now - sent_at)
@@ -309,7 +325,7 @@ class RosRobot(Closing):
                     return
 
 
-def _reach(address: str, arm: str, description: urdf.Robot) -> Connect:
+def _reach(address: str, arm: str, description: urdf.Robot) -> ConnectFunction:
     topics = read_topics(settings_file(arm))
     return lambda cell, clock: RosRobot(address, description, topics, cell, clock)
 

@@ -17,7 +17,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.codegen import compiler
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.run import Run
-from pipeline.exports.functions import c_text, functions_of, python_text
+from pipeline.exports.functions import c_text, exported_functions, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
@@ -155,7 +155,7 @@ def test_an_exported_function_holds_what_a_drive_does(arm, name):
     model = driven(arm).with_effect(find(name))
     model = model.with_values({f"{name}.{short}[{joint}]": v for short, v in truth.items() for joint in JOINTS})
     scope: dict = {}
-    exec(python_text(functions_of(model)[0], ["test"]), scope)
+    exec(python_text(exported_functions(model)[0], ["test"]), scope)
     q, v, v_cmd = np.array([[0.01, -0.5], [-0.3, 0.0]]), np.array([[0.4, -0.2], [0.0, 1.0]]), np.array([0.1, 0.3])
     expected = law(GAIN * (0.0 - q), v=v, v_cmd=v_cmd, on=1.0)
     assert scope["servo_torque"](q, v, np.zeros(2), v_cmd) == pytest.approx(expected)
@@ -169,7 +169,7 @@ def test_the_c_function_gives_the_torque_of_the_python_one_with_all_that_its_dri
         model = model.with_effect(find(name)).with_values(
             {f"{name}.{short}[{joint}]": v for short, v in LAWS[name][0].items() for joint in JOINTS}
         )
-    functions, scope = functions_of(model)[0], dict[str, Any]()
+    functions, scope = exported_functions(model)[0], dict[str, Any]()
     exec(python_text(functions, ["test"]), scope)
     (tmp_path / "m.c").write_text(c_text(functions, ["test"]))
     subprocess.run([compiler(), "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=tmp_path)

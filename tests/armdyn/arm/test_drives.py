@@ -18,7 +18,7 @@ from armdyn.parameter import Parameter
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.answers import repair_answer
-from pipeline.exports.functions import functions_of, python_text
+from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
@@ -112,7 +112,7 @@ def test_the_exported_python_function_holds_the_servos_law(arm):
     model = arm.with_drives(drives).with_effect(find("torque_offset:swing"))
     model = model.with_values({"torque_offset.torque[swing]": 0.7})
     scope: dict = {}
-    exec(python_text(functions_of(model)[0], ["test"]), scope)
+    exec(python_text(exported_functions(model)[0], ["test"]), scope)
     q, v, q_cmd, v_cmd = (
         np.array([[0.1, 0.2], [0.0, 1.0]]),
         np.array([[0.3, -0.2], [0.0, 0.5]]),

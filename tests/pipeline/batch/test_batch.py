@@ -11,7 +11,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.run import Channel, read_run, write_run_csv
 from pipeline.batch.run import JOURNAL
 from pipeline.batch.work import Job, work
-from pipeline.trial.folder import own_folder
+from pipeline.trial.folder import locked_folder
 
 from .conftest import BATCH, FEW
 
@@ -118,7 +118,7 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
 
 @pytest.mark.usefixtures("lab")
 def test_another_batch_in_the_same_folder_is_refused(refused, complains):
-    with own_folder(Path("out"), Path("out")):
+    with locked_folder(Path("out"), Path("out")):
         complains.line(refused(*BATCH))
 
 

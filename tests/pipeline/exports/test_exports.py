@@ -25,10 +25,10 @@ from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCES, Observer
-from pipeline.exports.functions import functions_of, python_text
+from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD
+from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 from pipeline.exports.urdf_file import urdf_text
 
 from .conftest import by_formulas, states, with_effects
@@ -36,7 +36,7 @@ from .conftest import by_formulas, states, with_effects
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
 """Effects of arms that say what their drives are told; see test_drives."""
-IN_MUJOCO = sorted(HELD["mujoco"] - {"joint_asymmetric_friction", *DRIVES})
+IN_MUJOCO = sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", *DRIVES})
 
 
 def mujoco_torques(model, q, v, a):
@@ -65,7 +65,7 @@ def test_mujocos_inverse_dynamics_is_the_models_on_200_states(bare_arm):
 
 
 def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
-    model = with_effects(bare_arm, sorted(HELD["urdf"]))
+    model = with_effects(bare_arm, sorted(EXPRESSIBLE_EFFECTS["urdf"]))
     text, _ = urdf_text(model, tmp_path)
     (tmp_path / "a.urdf").write_text(text)
     document = ET.fromstring(text)
@@ -112,7 +112,7 @@ def test_meshes_are_found_from_the_new_files_folder(tmp_path):
 def test_gain_and_offset_of_a_drive_go_with_its_command(bare_arm, tmp_path):
     """Told what the function says, MuJoCo's drive gives the torque that the motion takes."""
     model = with_effects(bare_arm, ["link_inertia", "torque_gain", "torque_offset"])
-    module = imported_module(python_text(functions_of(model)[0], "an arm"), tmp_path / "drives.py")
+    module = imported_module(python_text(exported_functions(model)[0], "an arm"), tmp_path / "drives.py")
     q, v, a = states(model, 20)
     torques, commands = module.inverse_dynamics(q, v, a), module.drive_command(q, v, a)
     gains, offsets = (
@@ -180,7 +180,7 @@ def test_the_observer_in_c_says_what_the_watch_says(in_c):
 
 def test_python_code_computes_what_the_model_says_for_many_states_at_once(bare_arm, tmp_path):
     model = with_effects(bare_arm, IN_FUNCTIONS)
-    functions, notes = functions_of(model)
+    functions, notes = exported_functions(model)
     assert notes == []
     text = python_text(functions, 'arm "a" \\ """')
     assert re.findall(r"^(?:import|from) .*$", text, re.MULTILINE) == ["import numpy as np"]
@@ -195,7 +195,7 @@ def test_python_code_computes_what_the_model_says_for_many_states_at_once(bare_a
 def test_a_pendulums_step_is_the_planners(tmp_path):
     effects = [CATALOGUE[name] for name in ("quadratic_drag", "pivot_coulomb_friction", "sensor_bias")]
     model = pendulum_model(0.368, 0.08, effects).with_values({"quadratic_drag.coefficient": 0.02})
-    functions, notes = functions_of(model)
+    functions, notes = exported_functions(model)
     assert notes == ["sensor_bias: belongs to the sensor, not to the pendulum"]
     module = imported_module(python_text(functions, "a pendulum"), tmp_path / "pendulum_functions.py")
     variational = model.variational()
@@ -236,7 +236,9 @@ def test_what_a_format_cannot_hold_is_named(bare_arm):
     assert "joint_stribeck_friction" in told
     assert "torque_offset" not in told
     late = with_effects(bare_arm, ["torque_delay"])
-    assert all("belongs to the torque sensor" in notes[0] for notes in (functions_of(late)[1], mujoco_text(late)[1]))
+    assert all(
+        "belongs to the torque sensor" in notes[0] for notes in (exported_functions(late)[1], mujoco_text(late)[1])
+    )
     alone = model.with_only(["joint_asymmetric_friction"])
     given = states(alone, 5)
     both = [
@@ -255,7 +257,7 @@ def bristle(joint, torque=quantity("N m", typical=1.0)):
 
 def test_an_effect_with_a_memory_is_refused_with_its_name(bare_arm, complains):
     with complains(InputError):
-        functions_of(bare_arm.with_effect(bristle))
+        exported_functions(bare_arm.with_effect(bristle))
 
 
 def with_background(arm, named, small, own=()):
@@ -269,7 +271,9 @@ def with_background(arm, named, small, own=()):
 
 
 def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
-    small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", *DRIVES}))
+    small, named = with_background(
+        bare_arm, ["joint_spring"], sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_spring", *DRIVES})
+    )
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
     ours, theirs = (inverse_dynamics_function(model) for model in (small, named))
@@ -282,7 +286,7 @@ def test_what_a_format_cannot_hold_of_a_background_is_counted_in_one_sentence(ba
     model, _ = with_background(bare_arm, ["joint_viscous_friction"], small, [bristle])
     n = len(model.joints)
     counted = f"{2 * n} of the background of {3 * n} small values"
-    functions, notes = functions_of(model)
+    functions, notes = exported_functions(model)
     assert notes == [f"{counted} (torque_delay, bristle): a function has no place for them"]
     state = [x[0] for x in states(model, 1)]
     rest = model.without_effect("bristle").without_effect("torque_delay")

@@ -23,8 +23,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, base_pendulum, model_text, read_model_file, write_model_file
 from armdyn.quoting import c_comment, identifier, one_line, python_docstring, toml_string
-from pipeline.exports.functions import c_text, functions_of, python_text
-from pipeline.exports.left_out import left_out
+from pipeline.exports.functions import c_text, exported_functions, python_text
+from pipeline.exports.left_out import export_deviation
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.urdf_file import urdf_text
 
@@ -81,7 +81,7 @@ def test_a_quoted_name_ends_where_it_should_in_every_language(name):
 def test_generated_files_of_any_joint_name_hold_it_and_nothing_else(name):
     with tempfile.TemporaryDirectory() as folder:
         model = arm(name, folder)
-        functions, _ = functions_of(model)
+        functions, _ = exported_functions(model)
         python = ast.parse(python_text(functions, [f"of {name}", name]))
         assert [type(item) for item in python.body] == [ast.Expr, ast.Import, ast.FunctionDef]
         assert name in python.body[0].value.value
@@ -98,7 +98,7 @@ def test_generated_files_of_any_joint_name_hold_it_and_nothing_else(name):
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 @pytest.mark.parametrize("name", [name for name in ATTACKS if name.isprintable()])
 def test_the_c_file_compiles_for_any_joint_name_and_defines_nothing_else(name, tmp_path):
-    functions, _ = functions_of(arm(name, tmp_path))
+    functions, _ = exported_functions(arm(name, tmp_path))
     (tmp_path / "m.c").write_text(c_text(functions, [f"of {name}", name]), encoding="utf-8")
     subprocess.run([compiler(), "-std=c99", "-trigraphs", "-Wall", "-Werror", "-Wno-unused-function", "-c", "m.c"],
                    check=True, cwd=tmp_path)  # fmt: skip
@@ -169,8 +169,8 @@ def test_more_than_a_twentieth_of_what_the_repair_removed_is_not_left_out_withou
 def test_a_file_that_holds_everything_leaves_nothing_out(tmp_path):
     repaired(tmp_path / "m.toml", 5.0)
     file = read_model_file(tmp_path / "m.toml")
-    assert left_out(file, {"joint_spring", LATE}) is None
-    assert left_out(file, {LATE}).total == pytest.approx(9.0)
+    assert export_deviation(file, {"joint_spring", LATE}) is None
+    assert export_deviation(file, {LATE}).total == pytest.approx(9.0)
 
 
 def test_what_an_offset_does_is_the_offset():

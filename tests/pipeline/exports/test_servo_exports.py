@@ -8,12 +8,12 @@ from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
 from armdyn.arm.rollout import simulated_positions
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD
+from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 
 
 @pytest.mark.parametrize("seed", [0, 8, 12])  # told positions, velocities, torques
 def test_an_exported_arm_is_as_far_from_its_recording_in_mujoco_as_the_model_is(seed):
-    made = generate(seed, tuple(effect for effect in EFFECTS if effect in HELD["mujoco"]))
+    made = generate(seed, tuple(effect for effect in EFFECTS if effect in EXPRESSIBLE_EFFECTS["mujoco"]))
     text, notes = mujoco_text(made.truth)
     run = made.runs[-1]
     own = [

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.imports.joints import Joints, Range
+from pipeline.imports.joints import JointRange, RobotJoints
 
 TIME = np.arange(160) * 0.02
 UR = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
@@ -22,8 +22,8 @@ PER = {"q": "", "v": "/s", "a": "/s^2"}
 
 
 def robot(names, others=(), grippers=(), slides=False):
-    ranges = {name: Range(slides, 0.5 if slides else 6.3, EFFORTS[min(i, 6)]) for i, name in enumerate(names)}
-    return Joints(tuple(names), tuple(others), tuple(grippers), ranges)
+    ranges = {name: JointRange(slides, 0.5 if slides else 6.3, EFFORTS[min(i, 6)]) for i, name in enumerate(names)}
+    return RobotJoints(tuple(names), tuple(others), tuple(grippers), ranges)
 
 
 PANDA = robot([f"panda_joint{i}" for i in range(1, 8)], grippers=["panda_finger_joint1", "panda_finger_joint2"])
@@ -44,7 +44,7 @@ MOTOMAN = robot(["joint_1_s", "joint_2_l", "joint_3_u", "joint_4_r", "joint_5_b"
 ALOHA = robot(["waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"], grippers=["gripper"])
 DOUBLE = robot(["Joint1", "Joint2"])
 SLIDE = robot(["slide"], slides=True)
-NOBODY = Joints()
+NOBODY = RobotJoints()
 
 _RNG = np.random.default_rng(0)
 _PHASE, _SIZE, _PACE = _RNG.uniform(0, 6, 8), _RNG.uniform(0.6, 1.6, 8), _RNG.uniform(1.5, 3.5, 8)
@@ -86,7 +86,7 @@ class Layout:
     """A format: name, robot, its columns for that robot, the time's header, factor and unit, the separator."""
 
     name: str
-    joints: Joints
+    joints: RobotJoints
     columns: Callable[[tuple[str, ...]], Iterable[Made]]
     time: str = "timestamp"
     unit: str = "s"

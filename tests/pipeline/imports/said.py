@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import known_columns
-from pipeline.imports.joints import Joints, Range
+from pipeline.imports.joints import JointRange, RobotJoints
 
 from .bags import START, write_mcap
 
@@ -100,17 +100,17 @@ def written(path, messages):
     return write_mcap(path, found)
 
 
-ARM = Joints(NAMES, ("lift",), ("finger",), {n: Range(False, 3.0, 50.0) for n in NAMES})
+ARM = RobotJoints(NAMES, ("lift",), ("finger",), {n: JointRange(False, 3.0, 50.0) for n in NAMES})
 ALONE = replace(ARM, others=(), grippers=())
-SEVEN = Joints(tuple(f"panda_joint{i}" for i in range(1, 8)),
-               ranges={f"panda_joint{i}": Range(False, 3.0, 50.0) for i in range(1, 8)})  # fmt: skip
+SEVEN = RobotJoints(tuple(f"panda_joint{i}" for i in range(1, 8)),
+               ranges={f"panda_joint{i}": JointRange(False, 3.0, 50.0) for i in range(1, 8)})  # fmt: skip
 RIGHT, ASK = "right", "asks"
 
 
 def run_of(tmp_path, messages):
     """What is read of messages; those that came are those that were written, each used or left out for a reason."""
     (foreign,) = read_foreign(written(tmp_path / "a.mcap", messages))
-    found = imported(foreign, known_columns(foreign))
+    found = run_from_recording(foreign, known_columns(foreign))
     for account in found.accounts:
         assert account.came == sum(m.topic == account.source for m in messages)
         assert account.came == account.kept + sum(account.left_out.values())

@@ -10,9 +10,9 @@ from rosbags.typesys import get_types_from_msg
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import known_columns
-from pipeline.imports.mapping import ColumnMap, Entry
+from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.record import Recorder
 
 from .bags import START, header, joint_state, store_of, write_bag, write_mcap
@@ -72,7 +72,7 @@ def run_in(bag):
 
 def test_joint_states_become_a_run_and_what_else_was_sent_is_mapped(bag, joints):
     (foreign,) = read_foreign(bag)
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     assert run.joints == JOINTS
     for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
         for i, joint in enumerate(JOINTS):
@@ -81,11 +81,11 @@ def test_joint_states_become_a_run_and_what_else_was_sent_is_mapped(bag, joints)
             np.testing.assert_allclose(channel.time, TIME, atol=1e-6)  # the header's stamp, not when it arrived
             assert channel.unit == unit
     entries = {
-        "/wrench/wrench/force/z": Entry("load_force", "N", sign=-1.0, offset="10 N"),
-        "/cell/grams": Entry("gripper_z", "mm"),
-        "/length/data": Entry("gripper_x", "m"),
+        "/wrench/wrench/force/z": ColumnEntry("load_force", "N", sign=-1.0, offset="10 N"),
+        "/cell/grams": ColumnEntry("gripper_z", "mm"),
+        "/length/data": ColumnEntry("gripper_x", "m"),
     }
-    run = imported(foreign, ColumnMap(entries)).run
+    run = run_from_recording(foreign, ColumnMap(entries)).run
     np.testing.assert_allclose(run.channels["load_force"].value, 1.0 - joints[0][:, 0])
     np.testing.assert_allclose(run.channels["gripper_z"].value, TIME, rtol=1e-6)
     np.testing.assert_allclose(run.channels["gripper_x"].value, TIME)
@@ -121,7 +121,7 @@ def test_an_mcap_without_a_profile_of_ros_is_read_but_for_messages_whose_definit
 ):
     path = write_plain_mcap(tmp_path / "a.mcap", {OWN: definition} if definition else {})
     (foreign,) = read_foreign(path)
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
     np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
     assert "/wrench/wrench/force/z" in foreign.columns
@@ -184,7 +184,7 @@ def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_
     used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
     every = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
     assert used == {f"{q}.{n}": f"/long/{field}/{n}" for field, q in every for n in names}
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     assert set(run.channels) == {f"{q}.{n}" for q in ("q", "tau") for n in names}
     assert sum("holds nothing but zeros: no v." in note for note in run.warnings) == 3
     np.testing.assert_allclose(foreign.columns[f"/long/position/{names[0]}"].time, START + 0.1 * np.arange(15))

@@ -10,7 +10,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import get_types_from_msg
 
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map, known_columns
 
 from .bags import START, header, joint_state, store_of, write_bag
@@ -49,7 +49,7 @@ def test_the_actions_of_a_lerobot_data_set_are_what_the_joints_were_told(names, 
     states, actions = ([e for c, e in found.entries.items() if c.startswith(s)] for s in ("observation", "action"))
     assert [e.channel for e in actions] == [e.channel.replace("q.", "q_cmd.") for e in states]
     assert len(actions) == len(JOINTS)
-    run = imported(recordings[0], found).run
+    run = run_from_recording(recordings[0], found).run
     for i, entry in enumerate(actions):
         assert entry.check == states[i].check  # degrees or radians: answered of both
         np.testing.assert_allclose(run.channels[entry.channel].value, told[:, i], atol=1e-6)
@@ -107,7 +107,7 @@ def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(to
     path = tmp_path / ("a" if ros == 2 else "a.bag")
     write_bag(path, store, messages, StoragePlugin.MCAP if ros == 2 else None)
     (foreign,) = read_foreign(path)
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     for i, joint in enumerate(JOINTS):
         channel = run.channels[f"q_cmd.{joint}"]
         np.testing.assert_allclose(channel.time, TIME[::4] + LATE, atol=1e-5)
@@ -122,4 +122,4 @@ def test_joint_states_of_a_leader_alone_are_where_it_went(tmp_path):
     states = ((topic, t, joint_state(store, t, JOINTS, q)) for t, q in zip(START + TIME, motion()[0], strict=True))
     write_bag(path, store, states, StoragePlugin.MCAP)
     (foreign,) = read_foreign(path)
-    assert set(imported(foreign, known_columns(foreign)).run.channels) == {f"q.{joint}" for joint in JOINTS}
+    assert set(run_from_recording(foreign, known_columns(foreign)).run.channels) == {f"q.{joint}" for joint in JOINTS}

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armdyn.errors import InputError
-from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import Foreign, ForeignColumn
-from pipeline.imports.mapping import ColumnMap, Entry, map_text, read_map
-from pipeline.imports.stamps import NONE, REPEATED
+from pipeline.imports.conversion import run_from_recording
+from pipeline.imports.foreign import ForeignColumn, ForeignRecording
+from pipeline.imports.mapping import ColumnEntry, ColumnMap, map_text, read_map
+from pipeline.imports.stamps import MISSING_STAMP, REPEATED_STAMP
 
 UNITS = {
     "q.a": {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3},
@@ -28,7 +28,7 @@ numbers = st.floats(-100.0, 100.0, allow_subnormal=False)
 
 @st.composite
 def entries(draw, channel):
-    entry = Entry(
+    entry = ColumnEntry(
         channel,
         draw(st.sampled_from(sorted(UNITS[channel]))),
         sign=draw(st.sampled_from([1.0, -1.0])),
@@ -56,7 +56,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
     path = tmp_path_factory.mktemp("map") / "map.toml"
     path.write_text(map_text(ColumnMap(mapping, "t", "ms", why="a\nguess")))
     assert read_map(path)[""].entries == mapping
-    found = imported(Foreign("a", columns), read_map(path)[""])
+    found = run_from_recording(ForeignRecording("a", columns), read_map(path)[""])
     run, (account,) = found.run, found.accounts
 
     with_time = np.flatnonzero(np.isfinite(stamps))
@@ -76,7 +76,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
         np.testing.assert_allclose(run.channels[channel].value, value, atol=1e-12)
         assert run.channels[channel].unit == SI[channel]
     assert (account.came, account.kept) == (40, len(rows))
-    lost = {NONE: 40 - len(with_time), REPEATED: len(with_time) - len(rows)}
+    lost = {MISSING_STAMP: 40 - len(with_time), REPEATED_STAMP: len(with_time) - len(rows)}
     assert account.left_out == {why: count for why, count in lost.items() if count}
 
 
@@ -91,14 +91,16 @@ DATES = [
 def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
     time = stamp + 0.01 * np.arange(20)
     columns = {"t": ForeignColumn(time, "s"), "swing_angle": ForeignColumn(np.sin(time), "rad")}
-    run = imported(Foreign("a", columns), ColumnMap({"swing_angle": Entry("swing_angle")}, "t")).run
+    run = run_from_recording(
+        ForeignRecording("a", columns), ColumnMap({"swing_angle": ColumnEntry("swing_angle")}, "t")
+    ).run
     assert run.recorded == recorded
     assert run.channels["swing_angle"].time[0] == 0.0
 
 
 IMPOSSIBLE = [
-    (Entry("load_force", "N", gear_ratio=2.0), 20), (Entry("q.a", "A", torque_constant="1 N m/A"), 20),
-    (Entry("load_force", "N"), 9),
+    (ColumnEntry("load_force", "N", gear_ratio=2.0), 20), (ColumnEntry("q.a", "A", torque_constant="1 N m/A"), 20),
+    (ColumnEntry("load_force", "N"), 9),
 ]  # fmt: skip
 
 
@@ -107,4 +109,4 @@ def test_a_line_that_cannot_be_is_told(entry, count, complains):
     value = ForeignColumn(np.where(np.arange(20) < count, 1.0, np.nan))
     foreign = Foreign("a", {"t": ForeignColumn(np.arange(20.0)), "x": value})
     with complains(InputError):
-        imported(foreign, ColumnMap({"x": entry}, "t"))
+        run_from_recording(foreign, ColumnMap({"x": entry}, "t"))

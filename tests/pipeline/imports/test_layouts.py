@@ -15,7 +15,7 @@ from armdyn.errors import InputError
 from armdyn.recording.units import si_factor
 from pipeline.imports import read_foreign
 from pipeline.imports.guess import guess_map
-from pipeline.imports.mapping import reason
+from pipeline.imports.mapping import reason_comment
 
 from .layouts import LAYOUTS
 
@@ -40,7 +40,7 @@ def silently_wrong(layout, found):
             scale = si_factor(entry.unit, "A") / si_factor(made.unit, "A") if kind == "current" else scaled(entry, made)
             right = abs(scale - 1.0) < 1e-9
         if not (right or entry.check):
-            wrong.append(f"{name} -> {entry.channel} [{entry.unit}] {reason(entry.why, entry.check)}")
+            wrong.append(f"{name} -> {entry.channel} [{entry.unit}] {reason_comment(entry.why, entry.check)}")
     asked = {entry.channel for entry in found.entries.values() if entry.check}
     for name, made in truth.items():
         if made.channel and name not in found.entries and made.channel not in asked:
@@ -63,10 +63,10 @@ def scaled(entry, made):
 
 def told(found):
     """A guess as it is kept: by quantity, unit and reason the columns and their joints; numbers are left out."""
-    lines = {f"time [{found.time_unit}] {reason(found.why, found.check)}": [found.time]} if found.time else {}
+    lines = {f"time [{found.time_unit}] {reason_comment(found.why, found.check)}": [found.time]} if found.time else {}
     for column, entry in found.entries.items():
         quantity, _, joint = entry.channel.partition(".")
-        kind = f"{quantity} [{entry.unit}] {entry.torque_constant} {reason(entry.why, entry.check)}"
+        kind = f"{quantity} [{entry.unit}] {entry.torque_constant} {reason_comment(entry.why, entry.check)}"
         lines.setdefault(kind, []).append(f"{column} = {joint}" if joint else column)
     return {re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", kind): ", ".join(columns) for kind, columns in lines.items()}
 

@@ -9,7 +9,7 @@ from pyarrow import parquet
 
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map, known_columns
 from pipeline.imports.mapping import read_map
 
@@ -53,7 +53,7 @@ def mapped(tmp_path, text):
 
 def test_a_mapping_makes_a_run_of_a_spreadsheet_with_what_goes_beside_it(german, tmp_path, joints):
     (foreign,) = read_foreign(german)
-    run = imported(foreign, mapped(tmp_path, MAP)).run
+    run = run_from_recording(foreign, mapped(tmp_path, MAP)).run
     q, _, tau = joints
     np.testing.assert_allclose(run.channels["q.elbow"].value, np.pi / 2 - q[:, 1], atol=1e-7)
     np.testing.assert_allclose(run.channels["tau.shoulder"].value, tau[:, 0], atol=1e-5)
@@ -94,7 +94,7 @@ PROBLEMS = {
 def test_every_problem_of_a_mapping_is_told_at_once(german, tmp_path, text, parts):
     (foreign,) = read_foreign(german)
     with pytest.raises(InputError) as caught:
-        imported(foreign, mapped(tmp_path, text))
+        run_from_recording(foreign, mapped(tmp_path, text))
     assert [part for part in ("6 problems", *parts) if part not in str(caught.value)] == []
 
 
@@ -110,7 +110,7 @@ def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints, complai
     np.testing.assert_array_equal(
         foreign.columns["both/1"].value, np.where(np.arange(300) == 7, np.nan, joints[0][:, 1])
     )
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.a"].value, joints[0][:, 0])
     np.testing.assert_allclose(run.channels["q.a"].time, TIME, atol=1e-9)
     parquet.write_table(pyarrow.table(table)[:0], path)
@@ -151,7 +151,7 @@ def test_episodes_of_a_lerobot_data_set(version, stamped, tmp_path, joints):
         for feature, quantity in (("state", "q"), ("current", "tau")) for name in names
     }  # fmt: skip
     for recording in recordings:
-        run = imported(recording, found).run
+        run = run_from_recording(recording, found).run
         np.testing.assert_allclose(run.channels["q.elbow_flex"].value, q[:, 1], atol=1e-6)
         np.testing.assert_allclose(run.channels["q.elbow_flex"].time, TIME, atol=1e-6)
         np.testing.assert_allclose(run.channels["tau.elbow_flex"].value, tau[:, 1], atol=1e-6)

@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map
 
 from .said import ALONE, ASK, NAMES, RIGHT, TRUE, N, at, check_against_truth, truth
@@ -80,7 +80,7 @@ def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path, complains):
         return
     mapping = guess_map([foreign], ALONE, rate)
     assert all((bool(entry.check)) == (outcome == ASK) for entry in mapping.entries.values())
-    found = imported(foreign, mapping)
+    found = run_from_recording(foreign, mapping)
     (account,) = found.accounts
     assert account.came == account.kept + sum(account.left_out.values())
     assert N - 1 <= account.kept <= N
@@ -113,7 +113,7 @@ def test_matlabs_arrays_are_columns(kind, tmp_path):
     content, rate = MATLAB[kind]
     savemat(tmp_path / "a.mat", content)
     (foreign,) = read_foreign(tmp_path / "a.mat")
-    found = imported(foreign, guess_map([foreign], ALONE, rate))
+    found = run_from_recording(foreign, guess_map([foreign], ALONE, rate))
     assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
     check_against_truth(found.run)
 
@@ -165,7 +165,7 @@ def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path, complains):
         archive.writestr("xl/worksheets/sheet1.xml", SHEET.format(body))
         archive.writestr("xl/sharedStrings.xml", STRINGS.format("".join(f"<si><t>{n}</t></si>" for n in names)))
     (foreign,) = read_foreign(tmp_path / "a.xlsx")
-    check_against_truth(imported(foreign, guess_map([foreign], ALONE)).run)
+    check_against_truth(run_from_recording(foreign, guess_map([foreign], ALONE)).run)
     (tmp_path / "a.xlsx").write_bytes(b"?")
     with complains(InputError):
         read_foreign(tmp_path / "a.xlsx")

@@ -8,7 +8,7 @@ from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.learning import LengthEstimate, Outcome
 from pipeline.nodes.scheduler import Timing
-from pipeline.report.feasibility import joint_sections, margin_section
+from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.trial import (
     SwingTrace,
     estimate_section,
@@ -80,8 +80,8 @@ def trial_report(trial):
             estimate_section(t.estimates, 0.328, LENGTH, phases),
             force_section(t.time, t.measured, t.force, 0.005, phases),
             gripper_section(t.time, t.reference, t.actual, phases),
-            *joint_sections(JOINTS, t.time, t.q, t.v, t.limits),
-            margin_section(t.margins),
+            *joint_motion_sections(JOINTS, t.time, t.q, t.v, t.limits),
+            limit_margin_section(t.margins),
             timing_section(nodes),
         ],
         Level.GOOD,

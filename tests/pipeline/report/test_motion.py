@@ -5,7 +5,7 @@ import pytest
 
 from armdyn.arm.rollout import RollOut
 from armdyn.document import Section
-from pipeline.report.motion import illustrated, motion_charts
+from pipeline.report.motion import motion_charts, with_motion_charts
 
 TIME = np.linspace(0.0, 4.0, 401)
 
@@ -37,7 +37,7 @@ def test_of_what_pulls_nothing_back_the_longest_windows_are_drawn_without_a_comm
 
 def test_a_section_of_the_motion_alone_gets_its_pictures():
     sections = [Section("Parameters"), Section("Motion")]
-    parameters, motion = illustrated(sections, [moved("held_out", "b")])
+    parameters, motion = with_motion_charts(sections, [moved("held_out", "b")])
     assert not parameters.charts
     assert motion.tabs == {"tau.elbow": "elbow"}
-    assert illustrated(sections, []) == sections
+    assert with_motion_charts(sections, []) == sections

@@ -15,10 +15,20 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.recording.preparation import Preparation, combined_preparations, preparation_sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, changed, of_fits, quality, quantised
+from pipeline.report.overlay import (
+    EXAM,
+    FITTED,
+    HELD_OUT,
+    Overlay,
+    Overlays,
+    prediction_quality,
+    quantised,
+    training_overlays,
+    updated_curve,
+)
 from pipeline.report.page import page_html
 from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
-from pipeline.report.theme import MAX_PLOTTED_POINTS, thinned
+from pipeline.report.theme import MAX_PLOTTED_POINTS, thinned_signal
 
 HIDDEN = "joint_viscous_friction"
 
@@ -58,7 +68,7 @@ def test_every_run_joint_and_step_has_the_error_of_the_path(found, shown, report
             shares = {channel: by_step[i][0] for channel, by_step in totals[kind].items()}
             assert shares == pytest.approx(errors)
             assert list(shares) == [f"tau.{joint}" for joint in JOINTS]
-    as_given, last = (quality([c for c in shown.curves if c.kind == EXAM], step) for step in (0, -1))
+    as_given, last = (prediction_quality([c for c in shown.curves if c.kind == EXAM], step) for step in (0, -1))
     assert last.rmse < 0.3 * as_given.rmse  # the friction explains what the model as given did not
     assert as_given.explained < last.explained < 1.0
 
@@ -72,7 +82,7 @@ def test_error_and_share_are_those_of_their_definition():
     ]
     left = sum(np.mean(c.residuals[0] ** 2) for c in curves)
     explained = 1.0 - left / sum(np.var(c.measured) for c in curves)
-    assert quality(curves, 0) == pytest.approx((np.sqrt(left), explained))
+    assert prediction_quality(curves, 0) == pytest.approx((np.sqrt(left), explained))
 
 
 def test_quantised_values_are_finer_than_a_screen_and_a_long_curve_is_thinned():
@@ -83,7 +93,7 @@ def test_quantised_values_are_finer_than_a_screen_and_a_long_curve_is_thinned():
     assert quantised(np.full(3, 2.0))[:2] == [2.0, 1.0]
     time = np.arange(10_000.0)
     long = Overlay("a", FITTED, "tau.a", "N m", time, np.sin(time), np.zeros((1, len(time))), 0.1)
-    assert len(base64.b64decode(changed(long, 100)["residual"][2])) == 2 * 100
+    assert len(base64.b64decode(updated_curve(long, 100)["residual"][2])) == 2 * 100
 
 
 def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(found, reports):
@@ -133,7 +143,7 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
         text = " ".join(tab.ask("document.querySelector('.readout').innerText").split())
         assert text.startswith("torque of right_e1")
         assert text.endswith(
-            f"error {quality([curve], 0).rmse:.3g} N m"
+            f"error {prediction_quality([curve], 0).rmse:.3g} N m"
         )  # and no "as given": this is the model as given
         # The curves, and what the residual of this joint depends on.
         assert tab.ask("document.querySelectorAll('.plot-container').length") >= 2
@@ -144,9 +154,9 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
     fit = Study.of(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
     run, answer = fit.problem.runs[0].original, preparation_answer(fit.problem)
     assert list(answer) == [block.channel for block in fit.blocks]
-    for curve, block in zip(of_fits([fit]), fit.blocks, strict=True):
+    for curve, block in zip(training_overlays([fit]), fit.blocks, strict=True):
         raw = run.channels[block.channel]
-        time, value = thinned(curve.recorded)
+        time, value = thinned_signal(curve.recorded)
         assert len(curve.time) < len(time) <= MAX_PLOTTED_POINTS + 1
         assert (value.min(), value.max()) == (raw.value.min(), raw.value.max())
         assert (time[0], time[-1]) == pytest.approx((raw.time[0], raw.time[-1]), abs=0.05)
@@ -156,7 +166,7 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
         assert (done["cutoff_hz"], done["rate_hz"]) == (pytest.approx(10.0), pytest.approx(17.92))
         assert (done["samples"], done["recorded"]) == (len(block.residual), 3750)
     done = preparation_sentence(combined_preparations(run.preparations for run in fit.problem.runs))
-    said = Overlays(of_fits([fit]), preparation=done).section().sentence
+    said = Overlays(training_overlays([fit]), preparation=done).section().sentence
     assert "compared below 10 Hz" in said
     assert "17.9 samples per second of 250" in said
 

@@ -14,10 +14,10 @@ from scipy.stats import binomtest
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.errors import InputError
-from pipeline.report.feasibility import joint_sections, margin_section
+from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
-from pipeline.report.table import success_interval, table_report
-from pipeline.report.theme import number
+from pipeline.report.table import success_interval, table_one_report
+from pipeline.report.theme import number_text
 from pipeline.report.trial import STRING_SNAPSHOTS
 
 from .conftest import JOINTS
@@ -75,7 +75,7 @@ NASTY_SECTION = Section(
 @pytest.fixture(params=["trial_report", "table"])
 def report(request):
     made = request.getfixturevalue(request.param)
-    return made if isinstance(made, Document) else table_report(made)
+    return made if isinstance(made, Document) else table_one_report(made)
 
 
 def test_page_is_one_offline_file_whose_links_lead_to_its_sections(report):
@@ -136,10 +136,10 @@ def test_trial_report_tells_its_numbers(trial, trial_report):
 
 def test_broken_limits_are_said_and_marked(trial):
     broken = replace(trial.margins[2], used=1.25, value=2.5)
-    limits = margin_section([*trial.margins, broken])
+    limits = limit_margin_section([*trial.margins, broken])
     assert limits.sentence.startswith("Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00")
     assert "class='share over'" in table_html(limits.tables[0])
-    _, speeds = joint_sections(JOINTS, trial.time, trial.q, 10 * trial.v, trial.limits)
+    _, speeds = joint_motion_sections(JOINTS, trial.time, trial.q, 10 * trial.v, trial.limits)
     assert "goes beyond its limit" in speeds.sentence
 
 
@@ -165,7 +165,7 @@ def test_joint_panels_show_curve_and_both_limits(trial, trial_report):
 
 
 def test_table_report_says_that_the_box_was_chosen(table):
-    text = Page(table_report(table)).text
+    text = Page(table_one_report(table)).text
     assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
     assert "With estimation 9 of 9 guesses succeed" in text
 
@@ -176,7 +176,7 @@ def test_table_report_says_that_the_box_was_chosen(table):
 def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, estimation, succeeding, level):
     succeeded = table.succeeded.copy()
     succeeded[0, int(estimation)] = np.arange(20) < succeeding
-    assert table_report(replace(table, succeeded=succeeded)).level is level
+    assert table_one_report(replace(table, succeeded=succeeded)).level is level
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (19, 20), (7, 20)])
@@ -194,17 +194,17 @@ NUMBERS = [
 
 @pytest.mark.parametrize(("value", "unit", "text"), NUMBERS)
 def test_numbers_read_naturally(value, unit, text):
-    assert number(value, unit) == text
+    assert number_text(value, unit) == text
 
 
 def test_report_is_written_in_one_step(tmp_path, table, complains):
     path = tmp_path / "report.html"
     path.write_text("old")
-    write_page(table_report(table), path)
+    write_page(table_one_report(table), path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
     with complains(InputError):
-        write_page(table_report(table), tmp_path / "absent" / "report.html")
+        write_page(table_one_report(table), tmp_path / "absent" / "report.html")
 
 
 @pytest.mark.slow

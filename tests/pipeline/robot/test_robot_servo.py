@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from simulated_truth import gripper_truth, load_truth
 
 import urdf
-from pipeline.robot.devices import Reference, SimulatedCell
+from pipeline.robot.devices import CommandedMotion, SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.settings import CellSettings, PlantSettings
@@ -87,7 +87,7 @@ LIMITS = urdf.Limits(
 
 @pytest.fixture
 def moving():
-    reference = Reference(np.zeros(2), LIMITS, 0.1)
+    reference = CommandedMotion(np.zeros(2), LIMITS, 0.1)
     reference.command(1.0, np.array([0.1, 0.2]), np.array([1.0, -2.0]), np.array([3.0, 0.0]))
     return reference
 

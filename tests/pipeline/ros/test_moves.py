@@ -9,15 +9,22 @@ from pipeline.motion.gate import PERIOD
 from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, Blend
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, approach, play, postures_along, rehearsal
+from pipeline.trial.moves import (
+    MAX_APPROACH_SPEED,
+    MAX_REHEARSAL_SPEED,
+    approach_motion,
+    play_motion,
+    postures_along,
+    rehearsal_motion,
+)
 
 
 def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feasible(baxter, table):
     start, goal = np.array(baxter.home), table.posture(0.0).q
-    motion = approach(baxter, start, goal)
+    motion = approach_motion(baxter, start, goal)
     assert motion.q[0] == pytest.approx(start)
     assert motion.q[-1] == pytest.approx(goal)
-    assert np.max(np.abs(motion.v)) <= JOINT_SPEED * 1.001
+    assert np.max(np.abs(motion.v)) <= MAX_APPROACH_SPEED * 1.001
     assert motion.v[[0, -1]] == pytest.approx(0.0)
     assert np.gradient(motion.q, PERIOD, axis=0) == pytest.approx(motion.v, abs=2e-4)
     assert np.gradient(motion.v, PERIOD, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
@@ -25,11 +32,11 @@ def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feas
 
 
 def test_the_rehearsal_covers_the_line_slowly_and_is_feasible(baxter, table):
-    motion = rehearsal(table, 0.46)
+    motion = rehearsal_motion(table, 0.46)
     assert (motion.s[0], motion.s[-1]) == pytest.approx((0.0, 0.0))
     assert motion.s.min() == pytest.approx(-0.2)
     assert motion.s.max() == pytest.approx(0.46)
-    assert np.max(np.abs(motion.v)) <= LINE_SPEED * 1.001
+    assert np.max(np.abs(motion.v)) <= MAX_REHEARSAL_SPEED * 1.001
     assert check_line(table, baxter, motion).feasible
     assert len(list(postures_along(table, motion))) == len(motion)
 
@@ -54,7 +61,7 @@ class SlowRobot:
 
 def test_a_late_cycle_makes_a_motion_longer_never_faster():
     robot, zero = SlowRobot(), np.zeros(1)
-    play(robot, [(np.array([0.01 * k]), zero, zero) for k in range(20)], 0.2)
+    play_motion(robot, [(np.array([0.01 * k]), zero, zero) for k in range(20)], 0.2)
     times = np.array([time for time, _ in robot.commands])
     assert np.all(np.diff(times) >= PERIOD - 1e-9)
     assert not robot.stopped
@@ -68,7 +75,7 @@ def test_a_refused_command_stops_the_robot(complains):
 
     robot.command = refused
     with complains(TaskFailedError):
-        play(robot, [(zero, zero, zero)], 1.0)
+        play_motion(robot, [(zero, zero, zero)], 1.0)
     assert robot.stopped
 
 

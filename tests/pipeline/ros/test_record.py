@@ -11,7 +11,7 @@ from ros_wire.messages import TOPICS, joint_states
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.run import read_run
 from pipeline.ros.record import record_run
-from pipeline.ros.states import where_is
+from pipeline.ros.states import present_joint_state
 
 
 def state(baxter, k, late=0.0, **fields):
@@ -110,7 +110,7 @@ def test_a_signal_ends_a_recording_early_and_it_is_kept(moving, baxter, tmp_path
 
 
 def test_check_starts_from_where_the_arm_is(armdyn, baxter, moving, tmp_path):
-    state = where_is(moving.uri, baxter.joint_names, TOPICS.joint_states)
+    state = present_joint_state(moving.uri, baxter.joint_names, TOPICS.joint_states)
     assert state.q[1:] == pytest.approx(np.array(baxter.home)[1:])
     (tmp_path / "s.csv").write_text("time [s],s [m]\n" + "".join(f"{0.01 * k},0.0\n" for k in range(10)))
     assert armdyn("check", "s.csv", "--ros", moving.uri, "--json", "answer.json")[0] == 1
@@ -146,10 +146,10 @@ def test_a_file_is_a_driver(refused, monkeypatch, tmp_path):
         "DRIVER = Driver('mine', 'its host', reach)\n"
     )
     monkeypatch.setattr(drivers, "__path__", [*drivers.__path__, str(tmp_path)])
-    drivers.drivers.cache_clear()
+    drivers.known_drivers.cache_clear()
     try:
         said = refused("trial", "--robot", "mine:10.0.0.2", "--rehearse")
         assert said == "armdyn: 10.0.0.2: baxter with 7 joints is not there\n"
         assert "--robot mine:ADDRESS, its host" in refused("trial", "--robot", "mine")
     finally:
-        drivers.drivers.cache_clear()
+        drivers.known_drivers.cache_clear()

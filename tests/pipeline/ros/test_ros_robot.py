@@ -13,7 +13,7 @@ import pipeline.ros.states as states_module
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import PERIOD
 from pipeline.robot.drivers.ros import RosRobot
-from pipeline.robot.link import Spread
+from pipeline.robot.link import Percentiles
 from pipeline.ros.topics import CommandKind, RosTopics
 
 POSTURE = np.array([0.1, -0.5, 0.7, 1.9, -1.2, 0.6, 0.8])
@@ -67,8 +67,8 @@ class SteppedRobot(RosRobot):
 
 @pytest.fixture
 def arm(loopback, baxter, monkeypatch):
-    monkeypatch.setattr(ros_module, "round_trip", lambda _bridge: Spread(50, 0.001, 0.002, 0.003, 0.004))
-    monkeypatch.setattr(states_module, "FIRST_STATE", 10.0)
+    monkeypatch.setattr(ros_module, "round_trip_times", lambda _bridge: Percentiles(50, 0.001, 0.002, 0.003, 0.004))
+    monkeypatch.setattr(states_module, "FIRST_STATE_TIMEOUT_SECONDS", 10.0)
     obedient = ObedientArm(loopback, baxter.joint_names)
 
     def first_states():  # until somebody has subscribed
@@ -182,7 +182,7 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until, c
 
 
 def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monkeypatch):
-    monkeypatch.setattr(ros_module, "STATE_TIMEOUT", 10.0)  # of the computer that runs this test
+    monkeypatch.setattr(ros_module, "RECENT_STATE_TIMEOUT_SECONDS", 10.0)  # of the computer that runs this test
     q, v = stream(robot, 60, speed=0.3)
     robot.arm.silent = True
     for k in range(1, 5):
@@ -285,7 +285,7 @@ def test_another_commander_at_the_start_is_refused(arm, baxter, complains):
 
 
 def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch, complains):
-    monkeypatch.setattr(states_module, "FIRST_STATE", 0.05)
+    monkeypatch.setattr(states_module, "FIRST_STATE_TIMEOUT_SECONDS", 0.05)
     with complains(InputError):
         RosRobot(loopback.uri, baxter, TOPICS)
 

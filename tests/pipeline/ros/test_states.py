@@ -7,8 +7,8 @@ import pytest
 from ros_wire.messages import joint_states
 
 from armdyn.errors import InputError
-from pipeline.ros.states import EvenTimes, JointStates, StampClock
-from pipeline.ros.topics import CommandKind, positions_in, read_topics
+from pipeline.ros.states import EvenReadingTimes, JointStates, StampClock
+from pipeline.ros.topics import CommandKind, commanded_positions, read_topics
 
 BAXTER = [
     "head_nod", "head_pan", "left_e0", "left_e1", "left_s0", "left_s1", "left_w0", "left_w1", "left_w2", "right_e0",
@@ -126,7 +126,7 @@ LATE = np.maximum.accumulate(DUE + 0.012 * np.random.default_rng(0).random(500) 
 
 
 def read_at(beginnings):
-    even = EvenTimes(0.01)
+    even = EvenReadingTimes(0.01)
     return np.array([even.next(t) for t in beginnings])
 
 
@@ -185,7 +185,9 @@ def test_a_bad_table_is_explained(tmp_path, text, complains):
 
 
 def test_positions_are_found_in_anybodys_command():
-    assert positions_in({"command": [1.0]}, CommandKind.JOINT_COMMAND) == (1.0,)
-    assert positions_in({"data": [1.0]}, CommandKind.ARRAY) == (1.0,)
-    assert positions_in({"points": [{"positions": [2.0]}, {"positions": [1.0]}]}, CommandKind.TRAJECTORY) == (1.0,)
-    assert positions_in({}, CommandKind.TRAJECTORY) == ()
+    assert commanded_positions({"command": [1.0]}, CommandKind.JOINT_COMMAND) == (1.0,)
+    assert commanded_positions({"data": [1.0]}, CommandKind.ARRAY) == (1.0,)
+    assert commanded_positions({"points": [{"positions": [2.0]}, {"positions": [1.0]}]}, CommandKind.TRAJECTORY) == (
+        1.0,
+    )
+    assert commanded_positions({}, CommandKind.TRAJECTORY) == ()

@@ -8,10 +8,10 @@ import pytest
 from ros_wire.messages import TOPICS
 
 from pipeline.loadcell.protocol import decode
-from pipeline.ros.topics import MODES
+from pipeline.ros.topics import JOINT_COMMAND_MODES
 from pipeline.ros.twin import Twin
 
-RAW, POSITION, TORQUE = MODES["raw_position"], MODES["position"], 3
+RAW, POSITION, TORQUE = JOINT_COMMAND_MODES["raw_position"], JOINT_COMMAND_MODES["position"], 3
 
 
 class SteppedTwin(Twin):

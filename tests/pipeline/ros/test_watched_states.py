@@ -10,7 +10,7 @@ from watch_work import model, work
 
 from armdyn.errors import InputError
 from pipeline.watch import sources
-from pipeline.watch.sources import RosStates
+from pipeline.watch.sources import RosSampleSource
 
 TOPIC = "/robot/joint_states"
 
@@ -32,7 +32,7 @@ def arm():
 def test_states_are_samples_of_the_arms_joints_and_nothing_is_published(loopback, arm):
     thread = threading.Thread(target=speak, args=(loopback, arm, 300), daemon=True)
     thread.start()
-    states = RosStates(loopback.uri, TOPIC, arm.joints)
+    states = RosSampleSource(loopback.uri, TOPIC, arm.joints)
     found = [sample for sample, _ in zip(states.samples(), range(200), strict=False)]
     thread.join()
     _, q, tau = work(arm, 0, 4.0)
@@ -47,7 +47,7 @@ def test_states_are_samples_of_the_arms_joints_and_nothing_is_published(loopback
 
 def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
     monkeypatch.setattr(sources, "RECONNECT_SECONDS", 0.05)
-    states = RosStates(loopback.uri, TOPIC, arm.joints).samples()
+    states = RosSampleSource(loopback.uri, TOPIC, arm.joints).samples()
     threading.Thread(target=speak, args=(loopback, arm, 50), daemon=True).start()
     before = [next(states) for _ in range(20)]
     loopback.drop()
@@ -57,7 +57,7 @@ def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
 
 
 def test_states_without_torques_are_refused(loopback, arm, monkeypatch, complains):
-    monkeypatch.setattr(sources, "FIRST_STATE", 0.2)
+    monkeypatch.setattr(sources, "FIRST_STATE_TIMEOUT_SECONDS", 0.2)
     threading.Thread(target=speak, args=(loopback, arm, 400, False), daemon=True).start()
     with complains(InputError):
-        list(RosStates(loopback.uri, TOPIC, arm.joints).samples())
+        list(RosSampleSource(loopback.uri, TOPIC, arm.joints).samples())

@@ -9,9 +9,13 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
 from pipeline.nodes.scheduler import Watchdog
 from pipeline.report.page import write_page
-from pipeline.trial import ProtocolSettings, TrialSettings, simulate
-from pipeline.trial.ending import Ending
-from pipeline.trial.investigation import Stop, ending_before, investigate
+from pipeline.trial import ProtocolSettings, TrialSettings, simulate_trial
+from pipeline.trial.ending import TrialEnding
+from pipeline.trial.investigation import (
+    InvestigationEnd,
+    early_ending,
+    investigate,
+)
 
 
 @pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
@@ -20,11 +24,11 @@ from pipeline.trial.investigation import Stop, ending_before, investigate
 )
 def test_effects_that_tie_at_first_are_told_apart(hidden, seed, tmp_path):
     settings = TrialSettings(hidden={hidden: None}, seed=seed, investigate=4, out=tmp_path)
-    trial = simulate(settings)
+    trial = simulate_trial(settings)
     found = trial.result.investigation
     assert found is not None
     assert len(found.stages[0].candidates) > 1  # a tie
-    assert found.stop is Stop.NAMED
+    assert found.stop is InvestigationEnd.NAMED
     assert found.stages[-1].candidates == (hidden,)
     # How many experiments it takes, and how often the load lands then: benchmarks/investigations.py.
     answer = trial.result.as_json()["investigation"]
@@ -38,9 +42,9 @@ def test_effects_that_tie_at_first_are_told_apart(hidden, seed, tmp_path):
 
 @pytest.mark.slow
 def test_what_no_motion_separates_is_said_and_the_load_lands_all_the_same():
-    trial = simulate(TrialSettings(hidden={"wind": 0.03}, seed=1, investigate=4))
+    trial = simulate_trial(TrialSettings(hidden={"wind": 0.03}, seed=1, investigate=4))
     found = trial.result.investigation
-    assert found.stop is Stop.INSEPARABLE
+    assert found.stop is InvestigationEnd.INSEPARABLE
     assert set(found.stages[-1].candidates) == {"wind", "path_tilt"}
     assert trial.result.success
 
@@ -56,16 +60,16 @@ class Asleep(Watchdog):
 def test_on_a_real_clock_the_arm_stands_while_the_recordings_are_thought_over(monkeypatch):
     """Plans are made ahead and beside the loop, as on a robot; time is simulated, so that nothing is late."""
     monkeypatch.setattr("pipeline.trial.experiment.Watchdog", Asleep)
-    trial = simulate(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), real=True)
+    trial = simulate_trial(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), real=True)
     found = trial.result.investigation
     assert found is not None
-    assert found.stop is Stop.NAMED
+    assert found.stop is InvestigationEnd.NAMED
     assert found.stages[-1].candidates == ("pivot_viscous_friction",)
     assert trial.result.success
 
 
 def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table, complains):
-    ending = Ending(False, "the string went slack", True)
+    ending = TrialEnding(False, "the string went slack", True)
     stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
 
     def investigated(most):
@@ -73,13 +77,13 @@ def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table, com
         return investigate(settings, lambda *_: (stopped, ending), baxter, table, lambda _: None)
 
     found = investigated(4)
-    assert found.stop is Stop.INTERRUPTED
+    assert found.stop is InvestigationEnd.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
     trial = SimpleNamespace(interrupted=None)
-    assert ending_before(trial, found) is ending
+    assert early_ending(trial, found) is ending
     assert trial.interrupted == 15
-    assert ending_before(trial, None) is None
+    assert early_ending(trial, None) is None
     with complains(InputError):
         investigated(0)
 
@@ -101,8 +105,8 @@ def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tm
         raise TaskFailedError("somebody holds the arm")
 
     monkeypatch.setattr("pipeline.trial.investigation.SwingExperiment._learn", held)
-    trial = simulate(TrialSettings(investigate=2))
+    trial = simulate_trial(TrialSettings(investigate=2))
     assert not trial.result.success
-    assert trial.result.investigation.stop is Stop.INTERRUPTED
+    assert trial.result.investigation.stop is InvestigationEnd.INTERRUPTED
     write_page(trial.report(), tmp_path / "report.html")
     assert "Somebody holds the arm" in (tmp_path / "report.html").read_text()

@@ -10,7 +10,7 @@ from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 from armdyn.model_file import read_model
 from armdyn.run import read_run
-from pipeline.trial import TrialSettings, run_trial, simulate
+from pipeline.trial import TrialSettings, run_trial, simulate_trial
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 RIVALS = ("quadratic_drag", "wind", "string_creep", "pivot_viscous_friction", "sensor_gain", "gripper_lag")
@@ -20,7 +20,7 @@ KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
 
 def repaired_after(hidden, out, seed=0):
     """The trial that does not know, and the repair of the model that it had."""
-    unaware = simulate(TrialSettings(hidden=hidden, seed=seed, out=out))
+    unaware = simulate_trial(TrialSettings(hidden=hidden, seed=seed, out=out))
     found = repair(
         Study.of(
             read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], [CATALOGUE[name] for name in RIVALS]
@@ -54,7 +54,7 @@ def test_what_is_repaired_lands(effect, parameter, size, tmp_path, off_target):
     assert added(found) == {effect}
     assert found.model.value(f"{effect}.{parameter}") == pytest.approx(size, rel=0.15)
     assert found.path[-1].chi2_per_sample < 0.6 * found.path[0].chi2_per_sample
-    trial = simulate(aware(hidden, found))
+    trial = simulate_trial(aware(hidden, found))
     assert trial.result.success
     assert off_target(trial) < 0.04
 

@@ -10,7 +10,7 @@ from pipeline.motion.transitions import minimum_jerk
 from pipeline.nodes.task import TaskSettings
 from pipeline.report.page import write_page
 from pipeline.robot.settings import PlantSettings
-from pipeline.trial import TrialSettings, simulate
+from pipeline.trial import TrialSettings, simulate_trial
 
 
 def test_a_wrong_guess_is_corrected_and_the_load_lands(learnt, off_target):
@@ -62,7 +62,7 @@ def test_without_estimation_only_a_right_guess_lands(guess, lands, off_target):
 
 @pytest.mark.parametrize("guess", [0.15, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_estimation_converges_from_far_away(guess, off_target):
-    trial = simulate(TrialSettings(length_guess=guess, seed=4))
+    trial = simulate_trial(TrialSettings(length_guess=guess, seed=4))
     assert abs(trial.result.length_estimate - 0.368) < 2e-3  # 0.6 mm at most on eight seeds
     assert trial.result.success
     assert off_target(trial) < 0.04  # 0.018 to 0.023
@@ -71,7 +71,7 @@ def test_estimation_converges_from_far_away(guess, off_target):
 def test_a_slack_string_stops_the_swing():
     # The load bumps against a wall that is too near: slack for 0.15 s, 0.05 s is enough, 0.25 s before the end.
     plant = PlantSettings(box=Box(near_wall=0.28))
-    trial = simulate(TrialSettings(length_guess=0.368, estimate=False, seed=2, plant=plant))
+    trial = simulate_trial(TrialSettings(length_guess=0.368, estimate=False, seed=2, plant=plant))
     assert "slack" in trial.result.message
     assert trial.experiment.drive.at_rest
     assert abs(gripper_truth(trial.robot).s_velocity) < 0.02  # m/s; 0.005 at most, the arm still gives a little
@@ -79,7 +79,7 @@ def test_a_slack_string_stops_the_swing():
 
 def test_an_infeasible_plan_never_moves_the_arm():
     far = TaskSettings(target_x=1.5, travel_weight=0.0)
-    trial = simulate(TrialSettings(length_guess=0.368, estimate=False, task=far))
+    trial = simulate_trial(TrialSettings(length_guess=0.368, estimate=False, task=far))
     result = trial.result
     assert not result.success
     assert result.stopped

@@ -17,7 +17,7 @@ from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
 from armdyn.watch.fault_free import statistics_of_recordings
 from armdyn.watch.watch import Watch
-from pipeline.watch.log import Log
+from pipeline.watch.log import SampleLog
 from pipeline.watch.page import LivePage
 
 CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
@@ -122,7 +122,7 @@ def test_what_it_cannot_watch_is_refused(folder, calibrated, refused, tmp_path, 
 
 def test_no_part_of_a_log_writes_over_a_file(tmp_path):
     (tmp_path / "day_2.csv").write_text("kept")
-    log = Log(tmp_path / "day.csv", arm_model(robot="ur5"))
+    log = SampleLog(tmp_path / "day.csv", arm_model(robot="ur5"))
     log.write((0.0, np.zeros(6), np.zeros(6)))
     assert len((tmp_path / "day.csv").read_text().splitlines()) == 2  # at once, in case the power fails
     log.next_file()

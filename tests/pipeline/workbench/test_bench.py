@@ -13,10 +13,10 @@ from armdyn.identify.study import Study
 from armdyn.model_file import base_pendulum, read_model_file
 from pipeline import exports
 from pipeline.console.inputs import Inputs
-from pipeline.report.overlay import FITTED, HELD_OUT, quality
+from pipeline.report.overlay import FITTED, HELD_OUT, prediction_quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Workbench
-from pipeline.workbench.files import Writable, keep
+from pipeline.workbench.files import WritablePlaces, save_model
 
 from .conftest import HIDDEN, RIVALS
 
@@ -28,7 +28,7 @@ def labels_of(bench, effect):
 
 
 def error(state, kind=FITTED):
-    return quality([curve for curve in state.curves if curve.kind == kind], 1).rmse
+    return prediction_quality([curve for curve in state.curves if curve.kind == kind], 1).rmse
 
 
 def test_the_hidden_effect_leaves_less_than_any_other(bench):
@@ -124,8 +124,8 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains
     given = inputs.read()
     bench = Workbench(given.study)
     target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))
-    writable = Writable(tmp_path)
-    kept = keep(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
+    writable = WritablePlaces(tmp_path)
+    kept = save_model(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
     assert kept.files == (target, report, exported)
     assert HIDDEN in kept.sentence
     assert f"compare {target} {run} --held-out {held_out}" in kept.next_step
@@ -136,13 +136,13 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains
     for name, parameter in written.model.parameters.items():
         assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
     with complains(InputError):
-        keep(inputs, given, bench, FRICTION, target, writable=writable)
+        save_model(inputs, given, bench, FRICTION, target, writable=writable)
 
     # A format without the friction that was found: `armdyn export` refuses it, and so does the page.
-    known, exported = exports.format_of(tmp_path / "poor.json"), tmp_path / "poor.json"
+    known, exported = exports.format_of_file(tmp_path / "poor.json"), tmp_path / "poor.json"
     poor = known._replace(export=lambda *given: known.export(*given)._replace(held=frozenset()))
-    monkeypatch.setattr(exports, "format_of", lambda _: poor)
-    kept = keep(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
+    monkeypatch.setattr(exports, "format_of_file", lambda _: poor)
+    kept = save_model(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
     assert any("is not written" in note and "--incomplete" in note for note in kept.notes)
@@ -152,5 +152,5 @@ def test_panels_escape_what_users_name():
     html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
     assert "<b>.csv" not in html
     assert "&lt;i&gt;" in html
-    assert panels.short_joints(["shoulder_pan_joint", "elbow_joint"])["elbow_joint"] == "elbow"
-    assert panels.short_joints(["right_s0", "right_w2"])["right_s0"] == "s0"
+    assert panels.short_joint_names(["shoulder_pan_joint", "elbow_joint"])["elbow_joint"] == "elbow"
+    assert panels.short_joint_names(["right_s0", "right_w2"])["right_s0"] == "s0"

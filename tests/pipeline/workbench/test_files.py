@@ -14,21 +14,21 @@ from armdyn.errors import InputError
 from armdyn.model_file import read_model
 from armdyn.run import read_run
 from pipeline.workbench.files import (
-    PREFIX,
-    Writable,
-    is_temporary,
-    new_folder,
-    pendulum,
-    place_for,
+    PAGE_FOLDER_PREFIX,
+    WritablePlaces,
+    dropped_file_path,
+    is_in_page_folder,
+    new_page_folder,
     read_dropped,
-    remove_abandoned,
-    remove_folders,
+    remove_abandoned_page_folders,
+    remove_page_folders,
+    write_pendulum_model,
 )
 
 
 @pytest.fixture
 def folder():
-    with new_folder() as name:
+    with new_page_folder() as name:
         yield Path(name)
 
 
@@ -53,15 +53,15 @@ def test_a_run_a_foreign_recording_and_a_urdf_become_what_they_are(folder, files
     found = read_dropped(arm)
     assert found.kind == "model"
     assert len(read_model(found.path).joints) == 6
-    assert is_temporary(arm)
+    assert is_in_page_folder(arm)
 
 
 def test_a_pendulum_is_started_with_what_is_known(folder, complains):
-    model = read_model(pendulum(folder, "80 g +/- 0.4 g", ""))
+    model = read_model(write_pendulum_model(folder, "80 g +/- 0.4 g", ""))
     assert model.value("mass") == pytest.approx(0.08)
     assert model.parameters["mass"].prior.std == pytest.approx(4e-4)
     with complains(InputError):
-        pendulum(folder, "80 bananas", "")
+        write_pendulum_model(folder, "80 bananas", "")
 
 
 @pytest.mark.parametrize(
@@ -82,16 +82,16 @@ def test_what_cannot_be_used_is_one_sentence(folder, name, content, complains):
 def test_a_dropped_file_stays_in_its_folder_or_is_refused(folder, name, complains):
     if name == "..":
         with complains(InputError):
-            place_for(folder, name)
+            dropped_file_path(folder, name)
     else:
-        assert place_for(folder, name).parent == folder
+        assert dropped_file_path(folder, name).parent == folder
 
 
 def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path, complains):
     work = tmp_path / "desk"
     (work / "deep").mkdir(parents=True)
     (work / "link").symlink_to(tmp_path)
-    writable = Writable(work)
+    writable = WritablePlaces(work)
     for there in (work / "m.toml", work / "deep/m.toml", work / "deep/../m.toml"):
         writable.check(there, over=False)
     for elsewhere in (tmp_path / "m.toml", work / "../m.toml", work / "link/m.toml", Path("/etc/m.toml"), work / "/m"):
@@ -118,12 +118,12 @@ def test_what_a_killed_workbench_left_is_removed_and_what_another_uses_stays(tmp
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    left, used = (tmp_path / f"{PREFIX}{number}-abc" for number in (ended.pid, os.getppid()))
-    with new_folder() as own:
+    left, used = (tmp_path / f"{PAGE_FOLDER_PREFIX}{number}-abc" for number in (ended.pid, os.getppid()))
+    with new_page_folder() as own:
         for folder in (left, used):
             folder.mkdir()
             (folder / "a.csv").write_text("")
-        remove_abandoned()
+        remove_abandoned_page_folders()
         assert [left.exists(), used.exists(), Path(own).exists()] == [False, True, True]
-        remove_folders()
+        remove_page_folders()
         assert [used.exists(), Path(own).exists()] == [True, False]

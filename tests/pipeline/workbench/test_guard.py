@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.workbench.guard import Guard
+from pipeline.workbench.guard import AccessGuard
 from urdf.bounds import LARGEST_UPLOAD
 
 from .conftest import workbench
@@ -34,7 +34,7 @@ async def reached(scope, receive, send):
 
 @pytest.fixture
 def guard():
-    return Guard(reached, 8080, ["localhost"])
+    return AccessGuard(reached, 8080, ["localhost"])
 
 
 def asked(guard, headers, query="", kind="http", bodies=(b"",)):
