@@ -1,4 +1,4 @@
-"""Make channels from arrays and data frames in memory; all problems are reported at once."""
+"""Make the channels of a recording from arrays or data frames in memory; one error lists all faults."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ from urdf.table_file import join_problems
 def channels_of(
     time: Any, values: Mapping[str, Any], units: Mapping[str, str], joints: Sequence[str] = ()
 ) -> dict[str, Channel]:
-    """Make channels that share their time stamps.
+    """Make the channels of a recording from arrays that share their time stamps.
 
     Args:
         time: (n,) time stamps, s, strictly increasing.
@@ -33,7 +33,7 @@ def channels_of(
         joints: names of the columns of two-dimensional values.
 
     Raises:
-        InputError: it lists everything that is wrong.
+        InputError: the arrays cannot be used; the message lists all faults.
     """
     problems: list[str] = []
     stamps: FloatArray | None = None
@@ -70,9 +70,9 @@ def channels_of(
 
 
 def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
-    """Time and values of a data frame (pandas, polars or pyarrow) or of a mapping.
+    """Split a data frame (pandas, polars, pyarrow or a mapping) into its time, (n,) s, and its other columns by name.
 
-    Time is the column ``time`` (``time [ms]`` in another unit), else the index of a frame of pandas; durations and
+    The time is the column ``time`` (``time [ms]`` in another unit), else the index of a pandas frame; durations and
     dates become seconds.
 
     Raises:
@@ -104,7 +104,7 @@ def seconds(time: Any, unit: str) -> FloatArray:
 
 
 def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    """One column per channel, and the faults of the shapes."""
+    """One column per channel, and a sentence on each value of a wrong shape."""
     found: dict[str, Any] = {}
     problems = []
     for label, raw in values.items():

@@ -1,4 +1,4 @@
-"""Documents: the sentences, tables and figures of a result, which terminal, page and notebook render alike.
+"""Documents: the sentences, tables and figures of a result, which a terminal, an HTML page and a notebook can show.
 
 A document has no layout: `armdyn.notebook` renders it as cards, data frames and figures, `pipeline.console.screen`
 prints it, and `pipeline.report.page` writes one HTML file.
@@ -32,7 +32,7 @@ class Column:
         missing: text for None.
         shares: length of the bar behind each value, 1 = full; empty for no bars.
         judged: whether the colour of a bar depends on its length.
-        wide: whether to leave the column out of narrow tables, on a terminal and in a card.
+        wide: whether narrow tables, on a terminal and in a notebook's card, leave the column out.
         title: heading of the column; where empty, its name with spaces in place of underscores.
     """
 
@@ -66,7 +66,7 @@ class Column:
 
 
 def columns_of(items: Collection[Any], **forms: str) -> list[Column]:
-    """Make a column of each attribute of the items, by its name; `forms` are formats of numbers by name."""
+    """Make table columns from items: one column for each attribute named in `forms`, with its number format."""
     return [Column(name, [getattr(item, name) for item in items], form) for name, form in forms.items()]
 
 
@@ -143,7 +143,7 @@ class Widget:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of a document.
+    """One part of a document, with a heading, a sentence, figures and tables.
 
     Attributes:
         title: heading, and the entry in the navigation of a page.
@@ -168,7 +168,7 @@ class Section:
 
 
 class Level(Enum):
-    """How good the result is; the value is a word for readers who see no colours."""
+    """How good a result is, which decides its colour; the value is a word for readers who see no colours."""
 
     GOOD = "done"
     IMPROVED = "improved"
@@ -178,7 +178,7 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """A number in large type.
+    """A number that a document shows in large type.
 
     Attributes:
         name: name of the number.
@@ -206,7 +206,7 @@ class NextStep:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A line, or points, of a figure over time.
+    """One curve of a figure over time, drawn as a line or as points.
 
     Attributes:
         row: panel in which it is drawn, and title of its axis.
@@ -229,7 +229,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Document:
-    """Everything that is shown of a result.
+    """A result for a reader: title, main sentence, sections with figures and tables, and next steps.
 
     Attributes:
         title: title of the document.
@@ -265,5 +265,5 @@ class Document:
         return [table for section in self.sections for table in section.tables]
 
     def section(self, title: str) -> Section:
-        """The section with a title."""
+        """The first section of the document with this title."""
         return next(section for section in self.sections if section.title == title)

@@ -17,7 +17,7 @@ from armdyn.model import Model
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
-    """Fit a model: it gets the values and standard deviations that the runs determine.
+    """Fit a model to recordings and return it with the fitted values and their standard deviations.
 
     Args:
         model: the model, or its file.
@@ -130,7 +130,7 @@ def repair(
     *,
     trust_data: bool = False,
 ) -> Repair:
-    """Diagnose a model and add effects until nothing is left to explain.
+    """Find the effects that a model lacks and add them, until the remaining error is noise or no effect reduces it.
 
     Args:
         model: the model, or its file.

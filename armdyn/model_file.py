@@ -19,9 +19,9 @@ from urdf.bounds import LARGEST_SIZE
 from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
-"""Module of each base; a user's own base is the path of a Python file."""
+"""Module of each base model; in a model file, a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
-"""Keys of every model file; each base has further ones."""
+"""Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
 _Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
 
@@ -64,12 +64,12 @@ class _BackgroundEntry:
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A model and its history.
+    """Content of a model file: a model, and the history of its changes.
 
     Attributes:
         model: the model, with its effects and parameters.
-        description: entries that belong to the base, such as the arm's file.
-        history: one entry per change, as in the contract.
+        description: entries of the file that define the base model, such as the path of the arm's URDF.
+        history: one entry for each change of the model: the effects added, the runs used and the errors after it.
     """
 
     model: Model
@@ -113,7 +113,7 @@ def write_model_file(path: Path | str, file: ModelFile) -> None:
 
 
 def model_text(file: ModelFile, folder: Path) -> str:
-    """Text of a model file, in TOML; paths are relative to the folder of the file."""
+    """Text of a model file, in TOML; paths in it are relative to `folder`, which will hold the file."""
     import tomlkit
 
     model, background = file.model.named_only(), file.model.background
@@ -161,19 +161,19 @@ def model_text(file: ModelFile, folder: Path) -> str:
 
 
 def base_pendulum(known: Mapping[str, str] | None = None) -> Model:
-    """A bare pendulum with known values; see `with_known`."""
+    """Make a pendulum's model without effects, with known values such as ``{"mass": "80 g +/- 0.4 g"}``."""
     from armdyn.pendulum.model import pendulum_model
 
     return with_known(pendulum_model(0.35, 0.1), known or {})
 
 
 def with_known(model: Model, known: Mapping[str, str]) -> Model:
-    """Set known values of a model's parameters.
+    """Return a copy of a model with known values of parameters.
 
     Args:
         model: the model without known values.
-        known: values such as ``{"mass": "80 g +/- 0.4 g"}``; a value without a standard deviation is only a first
-            guess, or exact where no fit changes it.
+        known: values such as ``{"mass": "80 g +/- 0.4 g"}``. A value without a standard deviation is a first guess for
+            a parameter that is fitted, and exact for one that is not.
 
     Raises:
         InputError: a name, unit or value is not valid.

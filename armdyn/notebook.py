@@ -14,7 +14,7 @@ PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GRE
 
 
 def card(document: Document) -> str:
-    """A document as HTML that suits light and dark pages."""
+    """Render a document as a short piece of HTML that is readable on light and dark pages."""
     colour = "currentColor" if document.level is None else GREEN if document.level is Level.GOOD else VERMILLION
     head = f"<b>{escape(document.title)}</b><br>{escape(document.verdict)}"
     tables = "".join(_html(table) for table in document.tables if table.name)
@@ -34,7 +34,7 @@ def _html(table: Table) -> str:
 
 
 def frame(document: Document, what: str) -> Any:
-    """A table of a document as a pandas data frame; see `Displayable.to_dataframe`."""
+    """Convert the table `what` of a document to a pandas data frame; see `Displayable.to_dataframe`."""
     tables = {table.name: lambda table=table: table.values for table in document.tables if table.name}
     made = tables | dict(document.data)
     name = what or document.default or next(iter(made))
@@ -48,7 +48,7 @@ def frame(document: Document, what: str) -> Any:
 
 
 def figure(document: Document) -> Any:
-    """Curves of a document as a plotly figure, a row for each quantity; see `Displayable.plot`."""
+    """Draw the curves of a document as a plotly figure, with a panel for each quantity; see `Displayable.plot`."""
     if document.curves is None:
         raise InputError(f"{document.title}: nothing to plot; of a model plot what 'armdyn.compare' gives")
     try:

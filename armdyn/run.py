@@ -27,13 +27,13 @@ __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Displayable):
-    """One recording; its arrays are read-only.
+    """One recording of a robot: time series of measured quantities in SI units; its arrays are read-only.
 
     Attributes:
         name: the file's name, such as ``"a.csv"``.
         channels: measured quantities by name, each with its own time stamps. Those named ``"extra.<name>"`` are moved
             to `extra`.
-        known: values measured by hand (``mass``, ``length``, ...), in SI units: priors, not truth.
+        known: values measured by hand (``mass``, ``length``, ...), in SI units; a fit uses them as priors.
         noise: standard deviation per channel, in the channel's unit, where known.
         description: a sentence for a reader.
         source: the file it came from; None where it was made in memory.
@@ -42,11 +42,12 @@ class Run(Displayable):
         outliers: number of samples that were left out as faulty, by channel.
         spread: variance, s^2, of the instants over which samples are means, by channel. Such a mean differs from the
             signal by half of its second derivative times the variance.
-        recorded: time of the recording, UTC; None where it is unknown.
-        asked: open questions on the import, by channel or for the time: uncertain mappings.
-        extra: further quantities by name, such as ``"extra.temperature"``, on which a law may depend; they are not
+        recorded: date and time of the recording, UTC; None where it is unknown.
+        asked: questions that the import from a foreign format could not answer, by channel or ``"time"``, such as an
+            uncertain unit.
+        extra: further quantities by name, such as ``"extra.temperature"``, on which a force may depend; they are not
             compared with predictions, so any sampling rate will do.
-        own: further quantities that a user's own base predicts or needs; they are among `channels`.
+        own: names of further quantities that a user's own base model predicts or needs; these are in `channels`.
 
     Raises:
         InputError: a joint is revolute in one channel and prismatic in another.
@@ -108,7 +109,7 @@ class Run(Displayable):
             description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: it lists everything that is wrong.
+            InputError: the arrays cannot be used; the message lists all faults.
         """
         channels = channels_of(time, values, units or {}, joints)
         return cls(name, channels, known or {}, noise or {}, description)
@@ -126,7 +127,7 @@ class Run(Displayable):
             description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: it lists everything that is wrong.
+            InputError: the frame cannot be used; the message lists all faults.
         """
         time, values = frame_columns(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
@@ -169,7 +170,7 @@ class Run(Displayable):
 
     @property
     def everything(self) -> Mapping[str, Channel]:
-        """All channels and further quantities, by name."""
+        """All recorded quantities by name: `channels` and `extra`."""
         return {**self.channels, **self.extra}
 
     @property
@@ -180,7 +181,7 @@ class Run(Displayable):
         return ", ".join(filter(None, (f"{', '.join(quantities)}{of_joints}", *self.extra))) or "nothing"
 
     def _samples(self) -> dict[str, list[Any]]:
-        """Table of samples: a row per time stamp, a column per channel; nan where a channel has no sample."""
+        """Table with a row per time stamp and a column per channel; nan where a channel has no sample."""
         time = np.unique(np.concatenate([c.time for c in self.everything.values()]))
         columns: dict[str, list[Any]] = {"time": time.tolist()}
         for name, c in self.everything.items():
@@ -195,17 +196,17 @@ class Run(Displayable):
 
     @property
     def recording(self) -> "Run":
-        """The recording at its own rate: this run, unless a model prepared it for comparison."""
+        """The recording at its original sampling rate: this run itself, unless a model has prepared it."""
         return self
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """Processing of channels before a comparison, by channel; empty where a model uses them as they are."""
+        """How a model has processed channels for the comparison, by channel; empty where it uses them as recorded."""
         return {}
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of the channels that a model predicts: force, swing, joint torques."""
+        """Names of the channels that a model can predict: force, swing angle and rate, joint torques."""
         return tuple(name for name in self.channels if channel_kind(name).measured)
 
     @property

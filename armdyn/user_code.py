@@ -45,7 +45,7 @@ def load_module(path: Path, holds: str) -> ModuleType:
 
 @contextmanager
 def faults_in(path: Path) -> Iterator[None]:
-    """Turn everything that a user's file raises into an `InputError` of one line, with the file and line."""
+    """Context manager: turn any exception of a user's file into an `InputError` with the file, line and cause."""
     try:
         yield
     except KeyboardInterrupt:
@@ -61,7 +61,7 @@ def faults_in(path: Path) -> Iterator[None]:
 
 
 def place_of(error: BaseException | None, path: Path) -> str:
-    """The path of the file, with the last of its lines in an exception's traceback, where there is one."""
+    """Text ``"<path>, line <number>"`` of the line in a file where an exception arose; else the path alone."""
     line = error.lineno if isinstance(error, SyntaxError) else None
     trace = error.__traceback__ if error is not None else None
     while trace is not None:

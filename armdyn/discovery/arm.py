@@ -1,4 +1,4 @@
-"""Candidate terms for a joint of an arm: torques that its drive gives besides moving the rigid bodies."""
+"""Candidate terms for a joint of an arm: torques of its drive in addition to those that move the rigid bodies."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,15 +16,16 @@ from armdyn.recording.channels import FloatArray
 MISSING_TORQUE_SHARE = 0.1
 """Typical size of a missing torque, as a share of the joint's root mean square torque."""
 JOINT_STOP_PLACES, JOINT_RUB_PLACES, JOINT_MAGNET_PLACES, JOINT_CABLE_PLACES = 5, 2, 5, 3
+"""Number of joint positions from which a fit of a stop, a one-sided friction, a magnet or a tight cable starts."""
 WAVE_PERIODS = 28
-"""Number of periods of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit
-reaches."""
+"""Number of periods that are tried for a torque that repeats along the position; neighbours differ by 15 %, so that a
+fit from the nearest one reaches any period between them."""
 MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
-"""Shortest and longest period of these waves, over the range of the position."""
+"""Shortest and longest of these periods, as a share of the range of the joint's position."""
 
 
 def arm_terms(fit: Fit) -> Iterator[Term]:
-    """All candidate formulas, for every joint whose torque was measured."""
+    """Candidate formulas for the missing torque of every joint whose torque was measured, in the runs of a fit."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
         for term in (*_of_joint(site, **v), *shapes.of_recorded(site, recorded, v["speed"])):
@@ -32,7 +33,7 @@ def arm_terms(fit: Fit) -> Iterator[Term]:
 
 
 def arm_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over the quantities on which a joint's torque may depend."""
+    """Candidate smooth curves for the missing torque of every joint, over each quantity on which it may depend."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
         for term in shapes.curves(site, (v["position"], v["speed"], v["load"]), recorded, v["speed"]):
@@ -81,7 +82,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
 
 
 def _as_declared(fit: Fit, term: Term) -> Term:
-    """A term in the units of a typical joint, which the arm scales to its own joint; see `Arm.parameter`."""
+    """A term in the units of a typical joint, which the arm scales to the actual joint; see `Arm.parameter`."""
     model, joint = cast(ArmModel, fit.problem.model), term.site.joint
 
     def declared(constant: Constant) -> Constant:

@@ -1,8 +1,8 @@
-"""Discover a formula for the missing force, with the same evidence as for effects of the catalogue.
+"""Discover a formula for the missing force, with the same statistical evidence as for effects of the catalogue.
 
 Every candidate term is an effect. The catalogue's effects and the terms are searched together, as in a repair: terms
-are fitted inside the model, held-out runs help to choose, and the penalty of a set grows with the number of effects
-that were tried. The result is a formula, or the name of an effect of the catalogue.
+are fitted inside the model, held-out runs help to choose, and the penalty of a set of effects grows with the number of
+effects that were tried. The result is a formula, or the name of an effect of the catalogue.
 """
 
 from collections import Counter
@@ -39,12 +39,14 @@ TERMS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
-"""Candidate terms and candidate curves, by base; a user's own base has those of `physics_terms`."""
+"""Functions that give candidate formulas and candidate curves, by base model; a user's own base has those of
+`discovery.physics`."""
 MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
-"""Number of terms of a joint, and of each kind, that are fully evaluated: those with the largest predicted
-contribution."""
+"""Largest number of terms for one joint, and of one kind for one joint, that are fully evaluated: those with the
+largest predicted contribution."""
 MAX_CURVE_RESIDUAL_SHARE = 0.7
-"""Largest share of a formula's squared error above the noise that a curve may leave to be reported instead."""
+"""A curve is reported in place of a formula if it leaves less than this share of the squared error (above the noise)
+that the formula leaves."""
 
 
 @one_thread
@@ -52,11 +54,14 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     """Find a formula for the force that the model of a study lacks.
 
     Args:
-        study: model, runs and catalogue; a formula that an effect of the catalogue explains as well gets its name.
-        progress: called with a text at every step.
+        study: model, runs and catalogue; where an effect of the catalogue explains the error as well as a formula, its
+            name is reported too.
+        progress: called with a short text at every step.
 
     Raises:
-        InputError: a further quantity has two units, or the states of a user's base are not in SI units.
+        InputError: a recorded quantity has different units in two runs, or a user's base has states in other than SI
+            units.
+        TaskFailedError: the fit has failed.
     """
     model, catalogue = study.model, study.catalogue
     check_same_units([*study.runs, *study.held_out])
@@ -95,7 +100,10 @@ def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Stud
 
 
 def predicts_better(study: Study, found: Search) -> bool:
-    """Whether held-out runs are predicted better than by the model as given; True where there are none."""
+    """Whether the last step of a search predicts held-out runs better than the model as given.
+
+    True where no run is predicted without having been fitted.
+    """
     unfitted = [study.held_out_blocks(step.fit) for step in (found.steps[0], found.last)]
     given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
     return not unfitted[1] or then < given
@@ -125,7 +133,14 @@ def _is_whole(study: Study, found: Search) -> bool:
 
 
 def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
-    """The result of a search, as formulas."""
+    """Describe the result of a search as formulas with values, errors and shares of the error.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search.
+        terms: candidate terms by the names of their effects.
+        known: effects of the catalogue by name.
+    """
     start, last = found.steps[0], found.last
     shares = [0.0, *(study.explained_share(start.fit, step.fit) for step in found.steps[1:])]
     gains = dict(zip(found.steps[1:], np.diff(shares).tolist(), strict=True))

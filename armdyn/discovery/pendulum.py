@@ -1,4 +1,4 @@
-"""Candidate terms for a pendulum: torques on the string, forces on the load, a rail that is not straight."""
+"""Candidate terms for a pendulum: torques on its string, forces on its load, a gripper's rail that is not straight."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,11 +12,12 @@ from armdyn.identify.fit import Fit
 MISSING_FORCE_SHARE = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
 STRING_RUB_PLACES, STRING_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
-"""Number of positions on a grid: a fit from one of them reaches half the distance to its neighbours."""
+"""Number of positions from which a fit of a one-sided friction, a stop or a magnet starts; a fit reaches positions up
+to half the distance to the next one."""
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
-    """All candidate formulas for the runs of a fit of the bare model."""
+    """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
     widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
     yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
@@ -31,7 +32,7 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
 
 
 def pendulum_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over the quantities on which a force may depend."""
+    """Candidate smooth curves for the missing force, over each quantity on which it may depend."""
     string, load, rail, v = _sites(fit)
     yield from shapes.curves(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:

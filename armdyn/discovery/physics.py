@@ -1,4 +1,4 @@
-"""Candidate terms for a user's own base: changes of a state's rate, as functions of states and inputs."""
+"""Candidate terms for a user's own base model: functions of states and inputs, added to the rate of a state."""
 
 import keyword
 import re
@@ -19,13 +19,13 @@ from armdyn.recording.units import to_base_units
 from armdyn.run import Run
 
 MISSING_RATE_SHARE = 0.05
-"""Typical size of a missing rate, as a share of the state's rate."""
+"""Typical size of a missing term in the rate (time derivative) of a state, as a share of the rate."""
 RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
-"""Names that formulas use for other purposes."""
+"""Names that formulas use for their own parameters, so that a state or input gets another name in them."""
 
 
 def physics_terms(fit: Fit) -> Iterator[Term]:
-    """All candidate formulas for the runs of a fit of the bare model."""
+    """Candidate formulas for what is missing in the rate of each state, in the runs of a fit without added effects."""
     for site, variables in _states(fit):
         yield shapes.constant(site)
         for v in variables:
@@ -36,7 +36,7 @@ def physics_terms(fit: Fit) -> Iterator[Term]:
 
 
 def physics_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over the quantities on which a rate may depend."""
+    """Candidate smooth curves for what is missing in the rate of each state, over each state and input."""
     for site, variables in _states(fit):
         for v in variables:
             yield shapes.curve(site, v)

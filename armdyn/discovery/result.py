@@ -21,25 +21,25 @@ from armdyn.physics.definition import RATE_STAGE
 from armdyn.shown import Displayable
 
 MIN_LAW_SHARE = 0.5
-"""Least share of the squared error that a law must explain; one that explains less is only part of a law."""
+"""Least share of the squared error that the discovered laws must explain for a good result."""
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One law that was discovered.
+    """One discovered law: a formula for a missing force with its values, or an effect of the catalogue.
 
     Attributes:
         effect: name of the effect.
         joints: joints on which it acts, for an arm; empty for other bases.
-        acts_on: the stage on which it acts.
+        acts_on: the stage (part of the equations) on which it acts.
         kind: the kind of law in a word or two; the effect's name where it is an effect of the catalogue.
         says: what the law does, in words.
         formula: the formula, for a reader.
-        values: values of its parameters, by their short names.
-        explains: share of the squared error that it explains in addition to the laws before it.
-        known_as: effect of the catalogue that it is, or that explains as much; None where there is none.
+        values: its parameters by short name.
+        explains: share of the squared error that it explains in addition to the laws found before it.
+        known_as: name of the catalogue's effect that it is, or that explains as much; None where there is none.
         rivals: formulas of another kind that these runs cannot distinguish from it.
-        term: the term that is written to a file of effects; None for an effect of the catalogue.
+        term: the term that can be written to a file of effects; None for an effect of the catalogue.
     """
 
     effect: str
@@ -56,7 +56,7 @@ class Finding:
 
     @property
     def joint(self) -> str | None:
-        """The joint, or several joined by commas; None for a base without joints."""
+        """Names of the joints on which the law acts, joined by commas; None for a base without joints."""
         return ",".join(self.joints) or None
 
     @property
@@ -71,7 +71,7 @@ class Finding:
 
     @property
     def value_texts(self) -> dict[str, str]:
-        """Its parameters with values and standard deviations for a reader, by their short names."""
+        """Texts for a reader, such as ``"stiffness = 3.2 ± 0.1 N m/rad"``, by the short name of the parameter."""
         return {name: f"{name} = {_number(value)}" for name, value in self.values.items()}
 
     @property
@@ -87,17 +87,17 @@ class Discovery(Displayable):
     """Result of a discovery.
 
     Attributes:
-        findings: laws, the one that explains most first; empty where none was found.
-        before: root mean square error by channel of the model as given.
-        after: root mean square error by channel with all findings.
-        held_out_before: root mean square error by channel of the model as given, on held-out runs or on runs predicted
+        findings: discovered laws, the one that explains most first; empty where none was found.
+        before: root mean square error of the model as given on the fitted runs, by channel.
+        after: root mean square error of the model with all findings on the fitted runs, by channel.
+        held_out_before: root mean square error of the model as given, by channel, on held-out runs or on runs predicted
             from the others; empty for a single run.
-        held_out_rmse: the same error with all findings.
+        held_out_rmse: root mean square error of the model with all findings, on the runs of `held_out_before`.
         noise: standard deviation of the noise by channel.
         units: unit by channel.
         explains: share of the squared error that all findings explain.
         leaves_something: whether the residual is more than noise.
-        judged: whether a run that was not fitted was predicted.
+        judged: whether the error was measured on at least one run that was not fitted.
         runs: names of the fitted runs.
         held_out: names of the held-out runs.
         still: whether all predicted channels of the fitted runs are constant within the noise.
@@ -121,7 +121,7 @@ class Discovery(Displayable):
 
     @property
     def new(self) -> tuple[Finding, ...]:
-        """The findings that are not in the catalogue."""
+        """The discovered laws that are no effects of the catalogue."""
         return tuple(one for one in self.findings if one.term is not None)
 
     @property
@@ -153,10 +153,10 @@ class Discovery(Displayable):
         )
 
     def file_text(self) -> str:
-        """The text of the file of effects, with the evidence in its docstrings.
+        """Text of a Python file that defines the discovered laws as effects, with their evidence in docstrings.
 
         Raises:
-            InputError: nothing was discovered.
+            InputError: no law was discovered that the catalogue lacks.
         """
         if not self.new:
             raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
@@ -166,10 +166,10 @@ class Discovery(Displayable):
         )
 
     def write(self, path: Path | str) -> None:
-        """Write the file of effects, and read it as a user's file is read.
+        """Write the discovered laws to a Python file of effects, and check that the file can be loaded.
 
         Raises:
-            InputError: nothing was discovered, or the file cannot be written.
+            InputError: no law was discovered that the catalogue lacks, or the file cannot be written.
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())

@@ -1,4 +1,4 @@
-"""Shapes that a force may have over one or two quantities, as candidate terms, with grids of their parameters."""
+"""Candidate terms of many shapes: how a force may depend on one or two quantities, with start values to fit from."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -9,36 +9,46 @@ from armdyn.discovery.term import Constant, Site, Term, Variable
 from armdyn.discovery.units import over
 
 CURVE_VALUES = 7
-"""Number of values of a smooth curve: fewer cannot follow a magnet's pull and release, and each one has a price."""
+"""Number of values that define a smooth curve: fewer cannot follow the force of a magnet along its way, and each value
+makes the penalty of the term larger."""
 STEP_WIDTHS: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
-"""Width of a step, by the unit of its quantity: samples resolve no sharper step. It is the same for every recording, so
-that compiled equations can be reused."""
+"""Width over which a step from one force to another is smoothed, by the unit of the quantity: samples resolve no
+sharper step. It is equal for all recordings, so that compiled equations can be used again."""
 STEP_WIDTH_SHARE = 0.01
-"""Width of a step at zero, as a share of the largest value of a quantity with another unit."""
+"""Width of a step at zero for a quantity whose unit is not in `STEP_WIDTHS`, as a share of its largest value."""
 PLAY_EXPONENT = 8
-"""Exponent with which a play's force approaches its limit. Compared with a spring that slips there at once, 1 leaves
-0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
+"""Exponent n with which the force of a gear's play approaches its limit; see `play`. Compared with a spring that slips
+at its limit, 1 leaves 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, 8 leaves
+0.15."""
 Shapes = Iterator[Term]
 
 
 def power(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
-    """The force k v^n."""
+    """Candidate term for a force k v^n, with a fitted size k.
+
+    Args:
+        site: where the force acts in the equations.
+        v: the quantity on which the force depends.
+        n: the exponent.
+        kind: kind of the law in a word or two.
+        says: what the force does, for a sentence.
+    """
     return _single(site, kind, says, (v,), v.name if n == 1 else f"{v.name}**{n}", [(v, n)])
 
 
 def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> Term:
-    """The force k v^n w^m."""
+    """Candidate term for a force k v^n w^m, with a fitted size k; `parts` are the quantities with their exponents."""
     shape = " * ".join(v.name if n == 1 else f"{v.name}**{n}" for v, n in parts)
     return _single(site, kind, says, tuple(v for v, _ in parts), shape, parts)
 
 
 def constant(site: Site) -> Term:
-    """A constant force."""
+    """Candidate term for a constant force."""
     return _single(site, "constant", "something constant", (), "1", [])
 
 
 def of_anything(site: Site, v: Variable) -> Shapes:
-    """Shapes of a rate over any state or input: powers, a root, a step, and a slope that begins at some value."""
+    """Candidate terms for the rate of a state: powers of a quantity, a threshold beyond which it acts, and a step."""
     spoken = v.spoken
     yield power(site, v, 1, "proportion", f"something in proportion to {spoken}")
     signed = f"{v.name} * ca.fabs({v.name})" if v.low < 0.0 < v.high else f"{v.name}**2"
@@ -59,15 +69,15 @@ def of_hinge(
     site: Site, at: Variable, speed: Variable, time: Variable, grid: tuple[int, int], widths: Sequence[float],
     drag: str = "friction", damping: str = "friction",
 ) -> Shapes:  # fmt: skip
-    """Shapes of a torque on anything that turns: drag, springs, stops, rubs, a sticky seal, and friction that fades.
+    """Candidate terms for anything that turns: drag, springs, stops, one-sided and sticky friction, warming grease.
 
     Args:
-        site: place in the equations.
+        site: where the torque acts in the equations.
         at: angle or position.
-        speed: its rate.
+        speed: rate of the angle or position.
         time: time since the start of the run.
-        grid: number of positions of stops, and of rubs.
-        widths: speeds over which a sticky seal's friction falls.
+        grid: numbers of positions that are tried for stops and for one-sided friction.
+        widths: speeds that are tried for the width of sticky friction; see `sticky`.
         drag: a word for a force against the speed.
         damping: a word for a force against the speed that depends on the position.
     """
@@ -83,14 +93,14 @@ def of_hinge(
 
 
 def of_recorded(site: Site, recorded: Sequence[Variable], speed: Variable) -> Shapes:
-    """Frictions and torques that depend on recorded quantities."""
+    """Candidate terms for frictions and torques that depend on recorded quantities, such as a temperature."""
     for v in recorded:
         yield from recorded_frictions(site, v, speed)
         yield from recorded_torques(site, v)
 
 
 def curves(site: Site, variables: Sequence[Variable], recorded: Sequence[Variable], speed: Variable) -> Shapes:
-    """Smooth curves over each quantity, and of friction over each recorded one."""
+    """Candidate smooth curves of a force over each quantity, and of a friction coefficient over each recorded one."""
     for v in variables:
         yield curve(site, v)
     for v in recorded:
@@ -99,12 +109,15 @@ def curves(site: Site, variables: Sequence[Variable], recorded: Sequence[Variabl
 
 
 def sought(v: Variable) -> Constant:
-    """A position parameter that is searched over the whole range of the runs."""
+    """Declare a position parameter whose start value is the middle of a quantity's range, and its bounds the ends."""
     return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
 
 
 def stops(site: Site, v: Variable, places: int) -> Shapes:
-    """Springs k max(0, v - place) beyond positions above the middle, k min(0, v - place) beyond those below."""
+    """Candidate terms for stops: springs k max(0, v - place) or k min(0, v - place) beyond each of `places` positions.
+
+    Positions in the upper half of the range are touched from below, the others from above.
+    """
     for where in _places(v, places):
         place = where["place"].value
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
@@ -116,7 +129,7 @@ def stops(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
-    """Friction on one side of a position: viscous, and dry."""
+    """Candidate terms for friction, viscous or dry, on one side only of each of `places` positions."""
     for where in _places(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
@@ -125,7 +138,10 @@ def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
 
 
 def magnets(site: Site, v: Variable, places: int) -> Shapes:
-    """A pull k / (1 + u^2)^2 times u = (v - place) / width towards a position; a site may add the transverse part."""
+    """Candidate terms for magnets: a pull k u / (1 + u^2)^2, u = (v - place) / width, to each of `places` positions.
+
+    Where the site's expression contains ``{away}``, the force also has a component across the way.
+    """
     for place in np.linspace(v.low, v.high, places):
         width = v.span / places
         where = {
@@ -141,7 +157,7 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
-    """Dry friction k exp(-|v| / width), which is largest near standstill."""
+    """Candidate terms for sticky dry friction k exp(-|v| / width), largest near standstill, one for each width."""
     assert site.dry is not None
     for width in widths:
         where = {"width": _width(v.unit, width)}
@@ -153,7 +169,10 @@ def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
 
 
 def growing(site: Site, v: Variable, places: int) -> Shapes:
-    """A force k (exp(max(0, v - place) / width) - 1) to either side of a position: a cable or hose that tightens."""
+    """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1) and its mirror image.
+
+    There is one pair of terms for each of `places` positions.
+    """
     toward = "" if site.resists else "-"
     for where in _places(v, places):
         width = _width(v.unit, 0.4 * v.span, 0.05, 10.0)
@@ -166,11 +185,11 @@ def growing(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def play(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
-    """A hysteresis force k z with z' = speed (1 - max(0, z sign(speed))^n) / travel and z from -1 to 1.
+    """Candidate terms for a gear's play: a hysteresis force k z, z' = speed (1 - max(0, z sign(speed))^n) / travel.
 
-    The force grows over the travel to its limit and stays there until the motion reverses (Bouc's hysteresis, as Wen,
-    J. Eng.
-    Mech. Div. 102, 1976, writes it); see `PLAY_EXPONENT` for n.
+    After a reversal the force grows over the travel to its limit, where z is 1 or -1, and stays there until the motion
+    reverses (Bouc's hysteresis, as Wen, J. Eng. Mech. Div. 102, 1976, writes it). n is `PLAY_EXPONENT`; there is one
+    term for each of `travels`.
     """
     rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{PLAY_EXPONENT}) / travel"
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
@@ -183,7 +202,7 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
 
 
 def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
-    """Sine and cosine over a period of v: cogging, or an eccentric gear."""
+    """Candidate terms for cogging or an eccentric gear: a sine and a cosine of v, one term for each period."""
     for period in periods:
         where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
         turn = f"(2 * ca.pi * {v.name} / period)"
@@ -193,7 +212,7 @@ def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
 
 
 def warming(site: Site, v: Variable, time: Variable) -> Shapes:
-    """Friction that decreases with time, as of grease that warms up."""
+    """Candidate terms for friction that decreases with time, as grease warms up; `v` is the speed."""
     where = {"warm_up": _width(time.unit, time.span / 2)}
     fade = f"ca.exp(-{time.name} / warm_up)"
     says = "friction that fades over the run, as of grease that warms up"
@@ -201,9 +220,10 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
 
 
 def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
-    """Friction times exp(c / width) of a recorded quantity c, or in proportion to c where c comes near zero.
+    """Candidate terms for friction in proportion to exp(c / width) or exp(-c / width) of a recorded quantity c.
 
-    A temperature in K is far from zero: friction in proportion to it would be nearly constant.
+    Where c comes near zero, there are terms in proportion to c as well; friction in proportion to a temperature in K
+    would be nearly constant.
     """
     assert v.column is not None
     kind, says = f"friction by {v.spoken}", f"friction that depends on the {v.spoken}"
@@ -216,7 +236,7 @@ def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
 
 
 def recorded_torques(site: Site, v: Variable) -> Shapes:
-    """A torque k c or k c^2 of a recorded quantity c, or k (c - place) where c is far from zero."""
+    """Candidate terms for a torque k c or k c^2 of a recorded quantity c; k (c - place) where c is far from zero."""
     kind, says = f"torque by {v.spoken}", f"a torque that depends on the {v.spoken}"
     if v.comes_near_zero:
         yield power(site, v, 1, kind, says)
@@ -227,7 +247,10 @@ def recorded_torques(site: Site, v: Variable) -> Shapes:
 
 
 def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
-    """A cubic spline with evenly spaced knots: any smooth force over v, or friction over a speed times such a curve."""
+    """Candidate term for any smooth force over v: a cubic spline with evenly spaced knots.
+
+    With `speed`, the spline is the coefficient of a friction in proportion to that speed.
+    """
     step = v.span / (CURVE_VALUES - 3)
     centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
     lines = (

@@ -1,4 +1,4 @@
-"""Write terms as a file of effects, as a person would write it, and read it like any user's file."""
+"""Write candidate terms as a readable Python file of effects, and make effects of terms by loading such a file."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,13 +34,13 @@ def {name}(
 '''
 INDENT, LINE_WIDTH = "    ", 110
 MAX_SUMMANDS_PER_LINE = 3
-"""Largest number of summands in one line."""
+"""Largest number of summands that are written in one line of code."""
 SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
-"""Symbol of a term in a formula, by its unit."""
+"""Symbol on the left side of a formula, by the unit of the term."""
 
 
 def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
-    """Effects made of terms, read from a file like a user's effects; a joint's term acts on its joint."""
+    """Make effects of candidate terms, in their order; the effect of a joint's term acts on that joint only."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
         path.write_text(file_text("Candidate terms.", terms))
@@ -49,12 +49,12 @@ def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
 
 
 def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
-    """The text of a file of effects.
+    """Text of a Python file that defines terms as effects.
 
     Args:
         title: first sentence of the file.
         terms: the terms; each becomes an effect.
-        evidence: by name of a term, the text of its docstring after the formula.
+        evidence: text of an effect's docstring after the formula, by the term's name.
     """
     terms = list(terms)
     reads = any(v.column for term in terms for v in term.variables)
@@ -104,5 +104,5 @@ def _short(value: float) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Break a docstring's text into lines."""
+    """Break a docstring's text into indented lines."""
     return "\n".join(f"{INDENT}{line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))

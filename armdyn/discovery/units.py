@@ -1,4 +1,4 @@
-"""Units of sizes: the unit of a force over the units of its factors."""
+"""Divide units, written as text."""
 
 import re
 from collections import Counter
