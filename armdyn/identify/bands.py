@@ -1,7 +1,7 @@
-r"""Bands: where a sample of every prediction should be, 95 times of 100.
+r"""Prediction bands: intervals around the predicted samples that should contain 95 % of the measured ones.
 
-What a prediction leaves uncertain has two parts: the values of the model, whose covariance C moves sample t by
-s_t C s_t' (s_t the derivatives of its prediction), and the error e of one sample, which holds the sensor's noise and
+The uncertainty of a prediction has two parts: the model's values, whose covariance C gives sample t the variance
+s_t C s_t' (s_t the derivatives of its prediction), and the error e of one sample, which contains the sensor's noise and
 the model's own error. Half the width of the band is
 
     k_c sqrt(e_c^2 + s_t C s_t'),
@@ -28,17 +28,19 @@ from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.identify.study import Study
 
 COVERAGE_LEVEL = 0.95
+"""Share of the samples that a prediction band should contain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Prediction bands of one model.
+    """Prediction bands of one fitted model.
 
     Attributes:
         half_width: half the width of the band, (n,) in the channel's unit, by run and channel, for training, held-out
             and exam runs.
-        covered: share of the samples inside the band, by channel, in runs that chose neither the values nor the widths.
-        level: share of the samples that should be inside.
+        covered: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
+            values nor to choose the widths.
+        level: share of the samples that should be inside the band.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
@@ -59,7 +61,7 @@ class _Samples:
 
 
 def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
-    """Compute the prediction bands of a fit, as the head of this file describes.
+    """Compute the prediction bands of a fit; the docstring of the module describes the method.
 
     Args:
         study: the runs.

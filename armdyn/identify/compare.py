@@ -41,6 +41,7 @@ from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 WHITENESS_LEVEL = 0.01
+"""Probability, divided by the number of channels, below which a residual is not white noise."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Comparison(Displayable):
         together: combinations of parameters that these runs do not identify; they have no standard deviation.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
-        lost: a sentence on what a failed fit needs (see `lost`); empty where the fit has not failed.
+        lost: a sentence on what a failed fit needs, such as start values; empty where the fit has not failed.
         bands: prediction bands; None where the fit has failed.
         rollout: simulated against recorded motion of an arm; empty where the runs do not contain the input of every
             joint's drive.
@@ -139,7 +140,7 @@ class Comparison(Displayable):
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on the standard deviations, on parameters at a bound, and on what was not fitted or not used."""
+        """Sentences for a reader on standard deviations, parameters at a bound, and what was not fitted or not used."""
         if self.lost:
             return [f"{text}." for text in self.left_out]
         found = [self.how_certain]
@@ -159,17 +160,17 @@ class Comparison(Displayable):
 
     @property
     def explained(self) -> bool:
-        """Whether the residual is only noise."""
+        """Whether the residual of the comparison is only noise."""
         return self.verdict is Verdict.EXPLAINED
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: explained, not explained, or fit failed."""
+        """Verdict on the compared model: explained, not explained, or the fit has failed."""
         return Verdict.LOST if self.lost else Verdict.NOT_EXPLAINED if self.tests.fails else Verdict.EXPLAINED
 
     @property
     def scale(self) -> Scale:
-        """Units and noise of the channels."""
+        """Units and noise of the compared channels."""
         return Scale.of(self.fit.blocks)
 
     @property
@@ -209,7 +210,14 @@ def compare(study: Study) -> Comparison:
 
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
-    """Build the comparison of a fit; `process_error` = False skips the slow test of dynamics against sensor."""
+    """Build the comparison of a fitted model with the runs of a study.
+
+    Args:
+        study: the runs and the model.
+        fit: the fit.
+        left: tests of the fit's residual against noise.
+        process_error: whether to test if the residual behaves like missing dynamics, which is slow.
+    """
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), study.unidentified(fit)
     mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
@@ -247,7 +255,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
 
 
 def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
-    """How well a fit predicts every channel."""
+    """Compute how well a fit predicts every channel."""
     held_out_rmse = channel_rmse(study.held_out_blocks(fit))
     exam_rmse = channel_rmse(study.exam_blocks(fit))
     rmse, scale = fit.rmse(), Scale.of(fit.blocks)
@@ -266,7 +274,7 @@ def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
-    """Values and standard deviations of the model's named parameters, without effects at their null values.
+    """Fitted parameters of a study's model by name, without absent effects and a background.
 
     Values that these runs do not identify have no standard deviation. The other standard deviations include the
     correlation of the noise and, where it is larger than the noise, the model's own error; see `uncertainty`.

@@ -27,10 +27,10 @@ from armdyn.threads import one_thread
 
 MIN_EXPLAINED_AT_NOISE = 0.97
 """Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
-the catalogue are idealised and may be wrong by a sixth of their size; a larger residual is another effect, which the
-nearest effect of the catalogue imitates."""
+the catalogue are idealised and may be wrong by a sixth of their size; if more remains, the missing effect is another
+one, which the nearest effect of the catalogue imitates."""
 MIN_LEADING_SHARE = 0.5
-"""The first effect must explain at least this share of the squared error."""
+"""Share of the squared error that the first effect must explain; otherwise the missing effect counts as unknown."""
 MIN_EXPLAINED_ABOVE_NOISE = 0.8
 """Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
 with every real robot: effects outside the catalogue leave half of the squared error or more, real robots at most a
@@ -45,10 +45,10 @@ class Diagnosis(Displayable):
         verdict: the result as one value of `Verdict`.
         sentence: the result in words, for a reader.
         comparison: the model as given, compared with the runs.
-        suspects: effects that may be missing, the best first.
-        unseen: effects that these runs do not identify, with the parameters that imitate them.
-        remedies: commands or experiments that distinguish tied effects.
-        unknown: character of the residual where no effect of the catalogue explains it; else None.
+        suspects: effects that may be missing, the most probable first.
+        unseen: effects that these runs do not identify, each with the parameters that imitate it.
+        remedies: commands or experiments that would distinguish effects which these runs cannot tell apart.
+        unknown: description of the residual where no effect of the catalogue explains it; else None.
         search: the steps of the search.
         missing_force: the force that the model as given lacks, and what remains of it with the effects of `search`.
     """
@@ -152,7 +152,13 @@ def _next_experiment(study: Study, tied: Sequence[str]) -> str:
 
 
 def headline(study: Study, found: Search, unknown: ResidualCharacter | None) -> str:
-    """A sentence: which effect is missing, how much of the error it explains, and what the residual looks like."""
+    """Sentence for a reader: which effect is missing, how much of the error it explains, what the residual is like.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search for missing effects.
+        unknown: description of the residual of the search's last step, where it is more than noise.
+    """
     steps = [repair_step(study, step) for step in found.steps]
     scale = Scale.of(found.last.fit.blocks)
     further = found.further.spoken if found.further is not None else ""
@@ -161,7 +167,13 @@ def headline(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
 
 
 def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
-    """The verdict on a finished search."""
+    """Decide on the verdict after a search for missing effects.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search.
+        unknown: description of the residual of the search's last step, where it is more than noise.
+    """
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
@@ -181,7 +193,7 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
 
 
 def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
-    """Effects that these runs cannot distinguish from the missing one; of many on an arm, from the first."""
+    """Effects that these runs cannot distinguish from the missing ones; for an arm, from the first of them."""
     return found.tied if study.later_ties else found.leading_ties
 
 

@@ -1,7 +1,7 @@
-"""How much of the error a change of the model explains: the one meaning of "explained" in all texts and numbers.
+"""The share of the error that a change of the model explains, as all texts and numbers of armdyn define it.
 
-It is the share of the squared error above the noise that the change removes, on runs that no fit has seen where there
-are any, else on the training runs:
+It is the share of the squared error above the noise that the change removes, measured on runs that were not fitted
+where there are any, else on the training runs:
 
     share = 1 - sum_c w_c max(e_c'^2 - s_c^2, 0) / sum_c w_c max(e_c^2 - s_c^2, 0),
 
@@ -18,12 +18,12 @@ import numpy as np
 from armdyn.identify.problem import Block, by_channel
 
 ERROR_RATIO_TO_EXPLAIN = 2.0
-"""An error of this many times the noise needs an explanation."""
+"""Ratio of error to noise above which a channel is compared with others for how little of its error is explained."""
 
 
 @dataclass(frozen=True)
 class RepairStep:
-    """One step of a repair, with its errors.
+    """One step of a repair: the effects that it added, and the errors of the model after it.
 
     Attributes:
         added: names of the effects that this step added; empty for the model as given.
@@ -51,19 +51,22 @@ class RepairStep:
 
     @property
     def errors(self) -> dict[str, dict[str, float]]:
-        """Errors by kind of run and channel; the most independent kind of run comes last."""
+        """Errors by kind of run (``"fitted"``, ``"held out"``, ``"exam"``) and channel, the most independent last."""
         kinds = {"fitted": self.rmse, "held out": self.held_out_rmse, "exam": self.exam_rmse}
         return {kind: errors for kind, errors in kinds.items() if errors}
 
     def judged(self, scale: "Scale") -> dict[str, float]:
-        """Errors of the most independent kind of run, by channel, for the channels that training runs have as well."""
+        """Errors, by channel, on the runs that were used least: exam runs if any, else held-out, else training runs.
+
+        Channels without a unit in `scale`, which no training run has, are left out.
+        """
         *_, found = self.errors.values()
         return {channel: error for channel, error in found.items() if channel in scale.units}
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Units and noise of the channels, which make errors comparable.
+    """Units and noise of the channels, with which errors of different channels are compared.
 
     Attributes:
         units: SI unit by channel.
@@ -82,9 +85,9 @@ class Scale:
 
 
 def explained(before: RepairStep, after: RepairStep, scale: Scale) -> float:
-    """Share of the squared error that a change explains.
+    """Share of the squared error that a change of the model explains; the module defines it.
 
-    At most 1; negative where the error grew; 1 where there was no error above the noise.
+    It is at most 1, negative where the error grew, and 1 where there was no error above the noise.
 
     Args:
         before: errors of the model as given.
@@ -95,7 +98,7 @@ def explained(before: RepairStep, after: RepairStep, scale: Scale) -> float:
 
 
 def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> float:
-    """Share of the squared error that is explained, from root mean square errors by channel."""
+    """Share of the squared error above the noise that is removed, from root mean square errors by channel."""
     first, last = (_above_noise(errors, scale) for errors in (before, after))
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0

@@ -12,31 +12,32 @@ from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
 MIN_INDEPENDENT_SHARE = 1e-5
-"""A sensitivity is not identifiable where less than this share of its square is independent of the others."""
+"""An unknown is not identifiable if less than this share of its derivatives (root of squares) is independent of those
+of other unknowns."""
 FAR_ABOVE_STATED = 2.0
 """Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
 CHI2_NEAR_NOISE = 1.5
-"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves the signal itself."""
+"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 
 MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8
-"""Largest number of times that a fit which ran out of steps is continued, and the steps each time: where values
-compensate each other, the cost is a bent valley, and one step goes down a hundredth of it."""
+"""Largest number of times that a fit which ran out of steps is continued, and number of further steps each time. Where
+parameters compensate each other, the cost is a bent valley, and a step goes down only a hundredth of it."""
 NEGLIGIBLE_CHI2_FALL = 1.0
 """Fall of chi2 over `CONTINUATION_STEPS`, in units of chi2 per sample, that changes no ranking."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A minimum of the cost.
+    """Result of a least-squares fit: the values of all unknowns at the minimum of the cost, and the residuals there.
 
     Attributes:
         problem: the model, runs and noise.
         free: (P,) bool, True for unknowns that were fitted.
         values: (P,) values of all unknowns.
         blocks: residuals at these values, and derivatives with respect to the free unknowns.
-        outcome: why the descent ended.
-        settled: (P,) optimised values of the same unknowns where the model's own error is part of the model (see
-            `output_error.AroundMotion`); None where they were not computed.
+        outcome: why the minimisation ended.
+        settled: (P,) values of the unknowns in a fit with process noise, in which random kicks stand for the model's
+            own error; None where they were not computed.
     """
 
     problem: Problem
@@ -53,7 +54,7 @@ class Fit:
 
     @cached_property
     def chi2(self) -> float:
-        """Sum of squared residuals over the noise, without priors."""
+        """Sum of the squared residuals over the noise variance, without priors."""
         return chi2_of(self.blocks)
 
     @property
@@ -70,13 +71,13 @@ class Fit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion (Schwarz 1978), with the noise as assumed."""
+        """Bayesian information criterion (Schwarz 1978) of the fit, with the assumed noise."""
         constant = sum(len(b.residual) * np.log(2 * np.pi * b.noise**2) for b in self.blocks)
         return float(self.cost + constant + self.free.sum() * np.log(self.samples))
 
     @property
     def considered(self) -> np.ndarray:
-        """(P,) bool: unknowns of the base model that have a prior but are not fitted (consider parameters)."""
+        """(P,) bool: consider parameters, which are not fitted but have a prior whose uncertainty counts."""
         return ~self.free & np.array([c.parameter.considered for c in self.problem.columns], dtype=bool)
 
     @property
@@ -98,7 +99,7 @@ class Fit:
         }
 
     def contribution(self, effects: Collection[str]) -> dict[str, float]:
-        """Root mean square change of the fitted runs' predictions by `effects`, by channel, in its unit."""
+        """Root mean square difference that `effects` make to the predictions, by channel, in the channel's unit."""
         own = np.array([column.parameter.effect in effects for column in self.problem.columns])
         here, without = (self.problem.blocks(v) for v in (self.values, np.where(own, self.problem.null, self.values)))
         pairs = zip(here, without, strict=True)
@@ -113,13 +114,21 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
 
 
 def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
-    """Minimise the cost over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
+    """Fit some unknowns of a problem by least squares; see `descend`.
+
+    Args:
+        problem: the model, runs and noise.
+        free: (P,) bool, unknowns that are fitted.
+        start: (P,) start values; unknowns that are not fitted keep them.
+        most_steps: largest number of steps.
+        tolerance: length of a step, in standard deviations, below which the fit has converged.
+    """
     found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
 def converged(found: Fit) -> Fit:
-    """The fit after further steps, as long as they lower the cost by an amount that matters in a comparison."""
+    """Continue a fit that ran out of steps, as long as further steps lower the cost noticeably."""
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
@@ -132,9 +141,18 @@ def converged(found: Fit) -> Fit:
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(P,) bool: unknowns of `free` that the runs and the priors identify beside all unknowns before them.
+    """Find the unknowns that the runs and priors identify.
 
-    Unknowns of the base model come first, so of two that cannot be distinguished the base's is kept.
+    An unknown counts as identifiable where the unknowns before it cannot imitate its influence. Unknowns of the base
+    model come first, so they are preferred to those of effects.
+
+    Args:
+        problem: the model, runs and noise.
+        free: (P,) bool, unknowns to choose from.
+        values: (P,) values of all unknowns.
+
+    Returns:
+        (P,) bool.
     """
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
@@ -143,7 +161,15 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(P,) bool: unknowns of `wanted` whose sensitivities are independent of earlier ones; `gram` (P, P) is S' S."""
+    """Find the unknowns whose derivatives are linearly independent of those of earlier unknowns.
+
+    Args:
+        gram: (P, P) products S' S of the derivatives S of all samples.
+        wanted: (P,) bool, unknowns to choose from.
+
+    Returns:
+        (P,) bool.
+    """
     index = np.flatnonzero(wanted)
     gram = gram[np.ix_(index, index)]
     norms = np.sqrt(np.maximum(np.diag(gram), 0.0))  # rounding may leave a negative number
@@ -158,12 +184,12 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def first_part(run: Run, window: float) -> Run:
-    """The part of a run up to `window` s after the first sample of the compared channels."""
+    """Cut a run `window` s after the first sample of the channels that a model can predict."""
     return until(run, _begin(run) + window)
 
 
 def duration(run: Run) -> float:
-    """Time from the first to the last sample of the compared channels, s."""
+    """Time from the first to the last sample of a run's channels that a model can predict, s."""
     return max(float(run.channels[name].time[-1]) for name in run.measured or run.channels) - _begin(run)
 
 

@@ -1,8 +1,7 @@
-"""Runs that no fit has seen: how well a model predicts held-out runs and exam runs.
+"""Predict runs that were not fitted: held-out runs and exam runs.
 
-Held-out runs help to choose which effects are added, so their error flatters the model a little. An exam run is used
-for nothing else: no fit, no noise estimate, no name and no choice depends on it. Exam runs are evaluated only at the
-end.
+Held-out runs help to choose which effects are added, so their error is a little too small. Exam runs are used for
+nothing but their error: no fit, no noise estimate and no choice depends on them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,11 +15,11 @@ from armdyn.identify.problem import Block, Problem, transferred, transferred_mas
 from armdyn.run import Run
 
 MAX_ERROR_INCREASE = 0.02
-"""Relative increase of a predicted run's total error that an effect may cause."""
+"""Relative increase of the error on held-out runs up to which an added effect is accepted."""
 
 FitOwn = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
-"""Function that fits the unknowns of a single run: of its problem, (P,) start values, the (P,) bool unknowns that
-belong to the run, and those of them that are fitted."""
+"""Function that fits the unknowns which belong to a single run, such as its start state. Its arguments are the problem
+of that run, (P,) start values, a (P,) mask of the run's unknowns, and a (P,) mask of those that are fitted."""
 
 
 def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
@@ -29,15 +28,18 @@ def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarra
 
 
 def predictions(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
-    """Predict every run of `held_out` with a fit that has not seen it.
+    """Predict held-out runs with the values of a fit to other runs; one `Fit` for each.
 
-    Only unknowns of a single run, such as the swing at its start, are fitted to a held-out run, by `fit_own`.
+    Args:
+        found: the fit to the other runs.
+        held_out: the runs to predict.
+        fit_own: function that fits those unknowns that belong to a run alone, such as its start state.
     """
     return [_predicted(found, run, fit_own) for run in held_out]
 
 
 def predictions_in_turn(found: Fit) -> list[Fit]:
-    """Predict every training run by a fit to the other training runs; an empty list for a single run."""
+    """Predict every training run by a fit to the other training runs (leave one out); empty for a single run."""
     if len(found.problem.runs) == 1:
         return []
 
@@ -48,7 +50,7 @@ def predictions_in_turn(found: Fit) -> list[Fit]:
 
 
 def blocks_of(fits: Sequence[Fit]) -> list[Block]:
-    """Residual blocks of several fits."""
+    """Residual blocks of several fits in one list."""
     return [block for one in fits for block in one.blocks]
 
 
@@ -88,7 +90,7 @@ def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
 
 
 class HoldoutKind(Enum):
-    """Kind of the runs on which an error was measured; the value says how the runs were used."""
+    """Kind of the runs on which an error was measured; the value is a text on how these runs were used."""
 
     EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
     HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"
