@@ -45,10 +45,10 @@ if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
 
 BACKGROUND = "background"
-"""Name of the step that adds small values without a name."""
+"""Name of the step of a repair that adds small values of many effects, which reports do not list."""
 NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
 MIN_IMPROVED_SHARE = 0.5
-"""A repair that explains more than this share of the squared error is an improvement, whatever residual it leaves."""
+"""Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,15 +58,15 @@ class Repair(Displayable):
     Attributes:
         verdict: verdict on the model after the repair.
         sentence: the result in words, for a reader.
-        model: the model with the added effects and fitted values, and with a background where that improves
-            predictions; the model as given where the fit has failed.
+        model: the model with the added effects and fitted values, and with a background of small values where that
+            improves predictions; the model as given where the fit has failed.
         named: the repaired model fitted without a background.
-        path: steps of the repair; the first is the model as given.
+        path: errors after each step of the repair; the first step is the model as given.
         after: comparison of the repaired model with the runs.
-        unknown: character of the residual, where it is more than noise.
-        links: links of an arm that effects change, in kg, m and kg m^2.
-        explained: share of the squared error that the repair explains; see `explained`.
-        steps: steps of `path` with their fits.
+        unknown: description of the residual, where it is more than noise.
+        links: links of an arm whose mass, centre or inertia the added effects change, in kg, m and kg m^2.
+        explained: share of the squared error that the repair explains; `identify.explained` defines it.
+        steps: fits and effects of each step of `path`.
         missing_force: curves of the force that the model as given and the repaired one lack.
     """
 
@@ -85,10 +85,10 @@ class Repair(Displayable):
     def document(
         self, holdout_kinds: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None
     ) -> Document:
-        """Build the tables: the fall of the error, the changed links of an arm, and the quality of the repaired model.
+        """Build the document: the fall of the error, the changed links of an arm, the quality of the repaired model.
 
         Args:
-            holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+            holdout_kinds: kinds of runs whose errors are shown in addition to those of the fitted runs.
             summaries: one sentence on each effect, by its name; None leaves them out.
         """
         steps = step_table(self.path, self.after.scale, holdout_kinds, summaries or {})
@@ -112,7 +112,7 @@ class Repair(Displayable):
 
     @property
     def level(self) -> Level:
-        """Good where the residual is noise, improved where much is explained, bad only where the error grew."""
+        """Level of the result: good where the residual is noise, bad where the error grew, otherwise in between."""
         if self.verdict is Verdict.EXPLAINED and self.after.widened == 1.0:
             return Level.GOOD
         if self.explained < 0.0 or self.verdict is Verdict.LOST:
@@ -122,9 +122,10 @@ class Repair(Displayable):
 
 @one_thread
 def repair(study: Study, progress: Progress | None = None) -> Repair:
-    """Diagnose a model and add effects until nothing is left to explain or no effect of the catalogue helps.
+    """Find the effects that the model of a study lacks and add them, until the residual is noise or no effect helps.
 
-    An arm's model also gets a background, where that improves the prediction of other runs; see `find_background`.
+    An arm's model also gets a background of small values, where that improves the prediction of other runs; see
+    `find_background`.
     """
     found = search(study, progress)
     told = _concluded(study, found)
@@ -134,7 +135,12 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 
 
 def with_background(told: Repair, full: FullModel) -> Repair:
-    """A repair with small values beside its named effects, or unchanged where they improve no prediction."""
+    """Add a background of small values to a repair, where they improve the prediction of other runs.
+
+    Args:
+        told: the repair without a background.
+        full: fit of all effects at once, from which the small values are taken.
+    """
     study, last = full.study, told.steps[-1]
     small = find_background(full, last)
     without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
@@ -176,7 +182,11 @@ def _harms(before: RepairStep, after: RepairStep, scale: Scale) -> bool:
 
 @one_thread
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
-    """Add these effects, one after the other, whether or not the runs need them."""
+    """Add effects to the model of a study, one after the other, whether or not the runs need them, and refit it.
+
+    Raises:
+        InputError: the model has an effect already, or these runs cannot show it.
+    """
     effects, now = study.present, study.first()
     steps = [Step((), (), effects, now, study.tests(now, effects))]
     for effect in wanted:
@@ -196,10 +206,10 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
 
 
 def require_found(found: Repair) -> Repair:
-    """Return a repair whose fit has not failed.
+    """Return the repair unchanged, if its fit has not failed.
 
     Raises:
-        TaskFailedError: its fit has failed.
+        TaskFailedError: the fit has failed.
     """
     if found.verdict is Verdict.LOST:
         raise TaskFailedError(found.sentence)
@@ -259,7 +269,7 @@ def _lost(study: Study, found: Search) -> Repair:
 
 
 def fitted_model(study: Study, step: Step) -> Model:
-    """The model with a step's effects and fitted values; values of one run get their start values again."""
+    """The model with the effects and fitted values of a step; parameters of single runs keep their start values."""
     model = study.model_with(step.effects)
     described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:
@@ -285,7 +295,7 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
 
 
 def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
-    """Links that the fit has changed; empty for a model without links."""
+    """Links whose mass, centre or inertia a fit has changed; empty for a model without links."""
     problem, certain = fit.problem, uncertainty(study, fit)
     own = problem.places(0)  # links are the same in every run
     of_all, alone = (matrix[np.ix_(own, own)] for matrix in (certain.covariance, certain.of_runs_alone))

@@ -13,7 +13,7 @@ from armdyn.identify.holdout import HoldoutKind
 
 
 class Verdict(Enum):
-    """Verdict on a model; the value is the text for a reader, the lower-case name is for programs."""
+    """Verdict on a model after a comparison, diagnosis or repair; the value is a sentence for a reader."""
 
     EXPLAINED = "The model explains these runs: what is left is noise."
     EFFECT_MISSING = "An effect is missing, and these runs name it."
@@ -24,7 +24,7 @@ class Verdict(Enum):
 
     @property
     def key(self) -> str:
-        """Name of the verdict in files."""
+        """Name of the verdict in JSON files, such as ``"effect_missing"``."""
         return self.name.lower()
 
 
@@ -35,26 +35,28 @@ KIND_TEXT = {
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
 NOTICEABLE_CHANGE = 0.01
-"""Smallest relative change of an error that is called a change."""
+"""Smallest relative change of an error that a sentence calls a change."""
 MAX_NAMED_JOINTS = 3
+"""Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
 MAX_NAMED_EFFECTS = 4
-"""Largest number of joints of an effect, and of effects, that are named; of more, only the number is given."""
+"""Largest number of effects that a sentence names; of more effects only the number is given."""
 LAGGING_SHARE = 0.2
-"""Share of the squared error by which a joint must be behind all joints together to be reported separately."""
+"""A channel is reported separately if the share of its squared error that is explained is smaller by this much than the
+share for all channels."""
 NOISE_ERROR_RATIO = 1.1
-"""Ratio of error to noise up to which an error is called noise."""
+"""Ratio of error to noise up to which a sentence calls an error noise."""
 
 
 @dataclass(frozen=True)
 class Left:
-    """The residual of a repair, as sentences need it.
+    """The residual after a repair, as sentences describe it.
 
     Attributes:
         something: whether the residual is more than noise.
         looks_like: description of the residual, without a full stop; may be empty.
         searched: whether the catalogue was searched for more effects.
-        further: an effect that would still explain a little; empty where there is none.
-        warnings: sentences that a reader must know, such as on a link of 241 kg.
+        further: name of an effect that would explain a little more of the error; empty where there is none.
+        warnings: sentences that a reader must know, such as that a link would have a mass of 241 kg.
     """
 
     something: bool
@@ -65,11 +67,11 @@ class Left:
 
 
 def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Scale, left: Left) -> str:
-    """Describe the result of a repair.
+    """Describe the result of a repair in two sentences: the added effects with the fall of the error, and the residual.
 
     Args:
         steps: steps of the repair; the first is the model as given.
-        judge: kind of the runs whose error is given: the most independent kind.
+        judge: kind of the runs whose errors are given.
         scale: units and noise of the channels.
         left: the residual.
     """
@@ -79,12 +81,12 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Sca
 
 
 def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> str:
-    """Describe what small values beside the named effects change in the error.
+    """Describe in one sentence how a background of small values changes the error.
 
     Args:
         before: step with the named effects alone.
-        after: step with the background.
-        judge: kind of the runs whose error is given.
+        after: step with the background as well.
+        judge: kind of the runs whose errors are given.
         scale: units of the channels.
     """
     old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
@@ -95,9 +97,11 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
 
 
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
-    """Total error by unit: root of the summed squares of the channels' errors.
+    """Total error of the channels of each unit: the root of their summed squares, by unit.
 
-    Channels whose unit is not given are left out.
+    Args:
+        errors: root mean square error by channel.
+        units: unit by channel; other channels are left out.
     """
     known = {channel: error for channel, error in errors.items() if channel in units}
     return {
@@ -107,7 +111,7 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
 
 
 def added_effects(steps: Sequence[RepairStep]) -> list[str]:
-    """Effects of the last step that the first lacks, with their joints, in the order in which they were added."""
+    """Texts such as ``"joint_spring on elbow"`` for the effects that a repair added, in the order of its steps."""
     found: dict[str, list[str]] = {}
     for step in steps[1:]:
         for name in step.added:
@@ -208,5 +212,5 @@ def _number(value: float, digits: int = 3) -> str:
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
-    """Join names to a text such as ``a, b and c``."""
+    """Join names to a text such as ``"a, b and c"``, with `word` before the last one."""
     return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from armdyn.identify.bands import Bands
 
 MAX_LISTED_PLACES = 6
-"""Largest number of places in a table; JSON has all."""
+"""Largest number of ranges in a table of where a model fails."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
-"""Quantity of a link in words, by the first part of its name."""
+"""Quantity of a link in words, by the first part of the quantity's name."""
 
 
 def parameter_table(found: Mapping[str, Parameter]) -> Table:
-    """Table of values and standard deviations by parameter name."""
+    """Table of the values and standard deviations of parameters, given by name."""
     values = found.values()
     columns = [
         Column("parameter", list(found)),
@@ -63,7 +63,7 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
 
 
 def place_section(title: str, places: Sequence[Place]) -> Section:
-    """Section of the places where the model fails, the worst first."""
+    """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
     worst = places[:MAX_LISTED_PLACES]
     columns = [
         *columns_of(worst, channel="", run="", against=""),
@@ -76,10 +76,10 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
 
 
 def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator[Curve]:
-    """Curves of measured and predicted values, for every run and channel.
+    """Curves of measured and predicted values over time, for every run and channel.
 
     Args:
-        fits: fits by the name of their curve; the first is the model as given.
+        fits: fits by the label of their curve; the first is the model as given.
         bands: prediction bands of the last fit.
     """
     last = list(fits)[-1]
@@ -94,7 +94,7 @@ def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator
 
 
 def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
-    """Columns of a table with one row per sample: measured, predicted, and half the width of the band."""
+    """Table with one row per sample: run, channel, time, measured and predicted value, half the width of the band."""
     names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
     columns: dict[str, list[Any]] = {key: [] for key in names}
     for block in fit.blocks:
@@ -109,7 +109,7 @@ def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
 
 
 def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
-    """Columns of a table with one row per point of every missing-force curve."""
+    """Table with one row for each point of each curve of the missing force."""
     columns: dict[str, list[Any]] = {key: [] for key in ("run", "joint", "unit", "against", "x_unit")}
     for key, values in columns.items():
         for curve in curves:
@@ -123,12 +123,12 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 def step_table(
     path: Sequence[RepairStep], scale: Scale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
-    """Table of the fall of the error: a row per step, and the error on every kind of runs as a bar.
+    """Table of how the error falls in a repair: a row for each step, a column with bars for each kind of runs.
 
     Args:
         path: steps of the repair; the first is the model as given.
         scale: units of the channels.
-        holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+        holdout_kinds: kinds of runs that the caption explains.
         summaries: one sentence on each effect, by its name.
     """
     given = path[0]
@@ -156,7 +156,7 @@ def step_table(
 def candidate_table(
     found: Sequence[Any], given: Mapping[str, float], scale: Scale, summaries: Mapping[str, str]
 ) -> Table:
-    """Table of the error that would remain if each effect alone were added, with the evidence for it.
+    """Table of effects that may be missing: the error that remains if one is added alone, and the evidence for it.
 
     Args:
         found: ranked effects, the best first; see `RankedEffect`.
@@ -195,7 +195,7 @@ def candidate_table(
 
 
 def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
-    """A sentence on the first and last error of a path, for the most independent kind of runs."""
+    """Sentence on the error before and after a repair, for the kind of runs that were used least for it."""
     steps = len(path) - 1
     if not steps:
         return "Nothing was added."
@@ -205,7 +205,7 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
 
 
 def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Columns:
-    """Columns of a table with one row per step and the errors of every channel."""
+    """Table with one row for each step of a repair, with the errors of every channel."""
     columns: dict[str, list[Any]] = {
         "step": [" + ".join(step.added) or "as given" for step in path],
         "joints": [", ".join(step.joints) for step in path],
@@ -219,7 +219,7 @@ def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Column
 
 
 def step_name(step: RepairStep) -> str:
-    """Name of a step, such as ``+ quadratic_drag + wind (2 joints)``."""
+    """Name of a step of a repair, such as ``"+ joint_spring (elbow, wrist)"``."""
     text = " ".join(f"+ {name}" for name in step.added) or "as given"
     if step.values:
         return f"{text} ({step.values} small values)"
@@ -227,18 +227,27 @@ def step_name(step: RepairStep) -> str:
 
 
 def joint_text(joints: Sequence[str]) -> str:
-    """Names of joints where they are few, otherwise their number."""
+    """Names of joints, joined by commas, if they are few; otherwise their number."""
     return ", ".join(joints) if len(joints) <= MAX_NAMED_JOINTS else f"{len(joints)} joints"
 
 
 def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
-    """Total error of each unit, as text: root of the channels' summed squares; `bare` leaves the unit out."""
+    """Text such as ``"0.12 N m, 0.3 N"``: the total error of the channels of each unit (root of the summed squares).
+
+    Args:
+        rmse: root mean square error by channel.
+        scale: units of the channels.
+        bare: whether to leave the units out.
+    """
     sums = totals(rmse, scale.units)
     return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
 
 def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
-    """Error over that of the model as given; for several units the root mean square of the ratios; 0 without errors."""
+    """Ratio of an error to that of the model as given, both by channel.
+
+    For several units it is the root mean square of their ratios; 0 where there are no errors.
+    """
     now, before = totals(rmse, scale.units), totals(given, scale.units)
     ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
@@ -253,7 +262,10 @@ ROLLOUT_WORDS = {
 
 
 def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]) -> Section:
-    """Section on identified drives; values are per gain where no recording determines the gain."""
+    """Section on the gains and delays of identified drives, by the name of the drive.
+
+    Where no recording determines a gain, a second table has the ratios of parameters to it.
+    """
     known = [(name, servo, servo.gain) for name, servo in drives.items() if servo.gain is not None]
     columns = [
         Column("drive", [name for name, _, _ in known]),
@@ -287,7 +299,7 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
 
 
 def motion_section(found: Sequence["RollOut"]) -> Section:
-    """Section on the simulated against the recorded motion, for the most independent kind of runs."""
+    """Section on the errors of simulated motion, for the kind of runs that were used least for the fit."""
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     rows: dict[tuple[str, str], list[RollOut]] = {}
     for r in found:
@@ -322,7 +334,7 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
 
 
 def link_section(links: Sequence["LinkChange"]) -> Section:
-    """Section on the links of an arm that a repair changed, how far the runs identify the changes, and warnings."""
+    """Section on the links of an arm that a repair changed: values, which of them the runs determine, warnings."""
     every = [q for link in links for q in link.quantities]
     determined = sum(q.determined for q in every)
     text = f"These runs determine {determined} of {len(every)} values. "

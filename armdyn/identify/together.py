@@ -1,13 +1,15 @@
-r"""Find combinations of values that the runs do not identify, and measurements that would identify them.
+r"""Find combinations of parameters that the runs do not identify, and measurements that would identify them.
 
-With J the derivatives of all samples over their noise, priors among the rows and every column in typical sizes, a
-singular value of J below 1 belongs to a direction v in which all values may change together by more than their typical
-size, within recordings and priors (Golub & Van Loan, Matrix Computations, §5.3). A value on which no sample depends is
-such a direction by itself, and is reported as not fitted; reported here are values that would be identifiable alone:
+J has the derivatives of all samples over their noise, and of the priors, with every parameter in typical sizes. A
+singular value of J below 1 belongs to a direction v in which parameters may change together by more than their typical
+size without a contradiction to recordings and priors (Golub & Van Loan, Matrix Computations, §5.3). A parameter on
+which no sample depends is reported elsewhere as not fitted; reported here are parameters that would be identifiable
+alone:
 
     |J_i| > 1,    |J v| < 1,    |v| = 1.
 
-Standard deviations are meaningless there: an inverse that leaves such directions out makes them tiny.
+The standard deviations of such parameters are meaningless: a pseudo-inverse leaves the direction out and makes them far
+too small.
 """
 
 from collections.abc import Sequence
@@ -24,21 +26,21 @@ from armdyn.physics.simulated import simulated
 from armdyn.threads import one_thread
 
 DETERMINED_STD_SIZES = 1.0
-"""Standard deviation, in typical sizes, beyond which a direction is not identified."""
+"""Standard deviation along a direction of the parameters, in typical sizes, above which it is not identified."""
 MIN_TOGETHER_SHARE = 0.02
-"""Relative change, as a share of the largest in a direction, below which a value is not part of the direction."""
+"""Change of a parameter, as a share of the largest change in a direction, up to which it is not part of it."""
 
 
 @dataclass(frozen=True)
 class Together:
-    """Values that may change together without any change of the predictions.
+    """A combination of parameters that runs do not identify: together they can change without changing a prediction.
 
     Attributes:
-        changes: change of each parameter in per cent of its value, or in its unit where that is 0; the first changes by
-            1.
-        units: units of these changes, ``"%"`` or the parameter's.
-        unsure: all parameters that change with it by more than their own standard deviations.
-        settled_by: states that no channel measures and whose recording would identify the values, with units.
+        changes: change of each parameter in per cent of its value, or in its unit where the value is 0; the first
+            parameter changes by 1.
+        units: units of these changes, ``"%"`` or the parameter's unit.
+        unsure: names of all parameters whose standard deviations are meaningless because of this combination.
+        settled_by: states that no channel measures and whose recording would identify the parameters, with units.
     """
 
     changes: dict[str, float]
@@ -48,7 +50,7 @@ class Together:
 
     @property
     def sentence(self) -> str:
-        """The combination in one sentence, for a reader."""
+        """One sentence for a reader: which parameters change together, and what would identify them."""
         moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
         text = f"These runs do not tell {listed(list(self.changes))} from one another: together they may move "
         text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
@@ -60,7 +62,7 @@ class Together:
 @cached_with_first_argument
 @one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
-    """Directions in which the values of a fit are not identified although each value alone would be."""
+    """Find combinations of parameters that a fit does not identify although it would identify each one alone."""
     problem = fit.problem
     asked = np.flatnonzero(fit.free | (problem.fitted & ~problem.is_effect))
     _, J = stacked(problem, problem.blocks(fit.values), fit.values)

@@ -39,11 +39,12 @@ NEARLY_NO_PRIOR = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Uncertainty of a fit.
+    """Uncertainty of the fitted values of a fit.
 
     Attributes:
         fit: the fit.
-        inflation: factor f_c by channel; empty where the residual is of the size of the noise.
+        inflation: factor on the noise variance by channel, for the model's own error; empty where the residual is of
+            the size of the noise.
     """
 
     fit: Fit
@@ -51,7 +52,7 @@ class Uncertainty:
 
     @property
     def widened(self) -> float:
-        """Factor on the standard deviations for the model's own error, for the worst channel; 1 where it is small."""
+        """Factor by which the model's own error widens the standard deviations, for the worst channel; 1 if small."""
         return float(np.sqrt(max(self.inflation.values(), default=1.0)))
 
     @cached_property
@@ -61,19 +62,20 @@ class Uncertainty:
 
     @cached_property
     def of_runs_alone(self) -> np.ndarray:
-        """(P, P) covariance nearly without priors and bounds: huge for what only they determine."""
+        """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
         return _covariance(self.fit, self.inflation or _inflation(self.fit), NEARLY_NO_PRIOR, bounded=False)
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
-    """Uncertainty of a fit, from its noise or, where that is larger, from the model's own error."""
+    """Uncertainty of a fit, from the noise or, where the model's own error is larger, from that error."""
     return Uncertainty(fit, _inflation(fit) if model_limited(study, fit) else {})
 
 
 def whitened_covariance(fit: Fit) -> np.ndarray:
-    """(P, P) covariance of generalised least squares with an autoregression; zero for values on a bound.
+    """(P, P) covariance of a fit's unknowns if its residual is noise that is correlated in time.
 
-    Judge et al., Theory and Practice of Econometrics, §8.2.
+    It is that of generalised least squares, with an autoregression as the model of the noise (Judge et al., Theory and
+    Practice of Econometrics, §8.2); zero for unknowns on a bound.
     """
     return _covariance(fit, dict.fromkeys(by_channel(fit.blocks), 1.0), filters=whitening(fit.blocks))
 
@@ -127,7 +129,7 @@ def _covariance(
 
 
 def model_limited(study: Study, fit: Fit) -> bool:
-    """Whether, in some channel, the model's own error is larger than the noise."""
+    """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
     for blocks in by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
         far, whole = FAR_ABOVE_STATED, samples_of(blocks)

@@ -1,9 +1,9 @@
-"""Compare sets of effects by the residual of whole runs, which evidence with process noise cannot see.
+"""Compare sets of effects by the residual of whole simulated runs, in addition to their evidence with process noise.
 
-Process noise absorbs errors that add up over many swings, so far above the sensor's noise a wrong friction may have the
-better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as well: for one or two
-effects alone, for every effect exchanged for another, and for one more. Effects that are zero at the end, or increase
-the error of held-out runs, are removed.
+Process noise absorbs errors that add up over many swings. So where the residual is far above the sensor's noise, a
+wrong friction may have the better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as
+well: for one or two effects alone, for every effect exchanged for another, and for one more effect. Effects whose
+values are zero at the end, or that increase the error of held-out runs, are removed.
 """
 
 from collections.abc import Callable
@@ -23,26 +23,37 @@ from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
 
 WHOLE_RUN_EXCESS = 1.0
-"""Squared error above the noise, over the noise, from which whole runs are compared: noise is the smaller part then."""
+"""Ratio of the squared error above the noise to the noise variance from which on sets are compared by whole runs."""
 COMPARED_EFFECTS, COMPARED_PAIR_EFFECTS = 12, 6
-"""Number of effects, the most promising ones, that are compared alone over whole runs, and number of those of which
-pairs are compared."""
+"""Number of effects, those with the best evidence, that are compared alone over whole runs, and number of those (with
+the smallest residual) of which pairs are compared."""
 MIN_VALUES_SAVED = 2
-"""Number of values that a pair must save, at an equal residual, to replace the set that evidence chose."""
+"""Number of parameters that a pair of effects must save, at an equal residual, to replace the set with the best
+evidence, while errors are gross."""
 MAX_PAIR_RESIDUAL_RATIO = 0.25
-"""Residual of a pair over that of the set that evidence chose (squared errors above the noise) up to which the pair
-replaces it, where that is below `GROSS_ERROR_RATIO`: a wrong pair left 0.41 beside small errors of an encoder, right
-ones that evidence missed 0.18 or less."""
+"""Ratio of the residual of a pair of effects to that of the set with the best evidence (squared errors above the noise)
+up to which the pair replaces the set, while errors are not gross: a wrong pair had 0.41 with small errors of an
+encoder, right pairs with less evidence had 0.18 or less."""
 RIVALS_TRIED = 2
-"""Number of effects, those with the best evidence, that are tried in place of each effect of a set."""
+"""Number of other effects, those with the best evidence, that are tried in place of each effect of a set."""
 NULL_PROBABILITY = 0.0455
-"""Probability of two standard deviations: values of absent effects reach it by chance."""
+"""Probability by chance (two standard deviations) above which an effect's values count as zero."""
 
 Effects = tuple[Candidate, ...]
 
 
 def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
-    """The set that evidence chose, or one with a clearly smaller residual of whole runs, without absent effects."""
+    """Improve a set of effects that was chosen by evidence: whole runs may show a set with a clearly smaller residual.
+
+    Args:
+        study: runs and catalogue.
+        scorer: scorer of sets by evidence.
+        whole: the set with the best evidence.
+        say: called with a text on the progress.
+
+    Returns:
+        The set, without effects that whole runs show to be absent.
+    """
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > WHOLE_RUN_EXCESS):
         say("comparing pairs over whole runs")

@@ -1,4 +1,4 @@
-"""The simple law that the missing force follows: a step where the motion reverses, a straight line, a parabola.
+"""Find the simple law that a missing force follows: a step where the motion reverses, a straight line, a parabola.
 
 A law is a sum of at most two terms in one quantity, with or without a constant, fitted to the means of the bins by
 weighted least squares. With k terms, n bins of standard errors s_i and the remaining chi2, its evidence is (Schwarz,
@@ -6,7 +6,7 @@ Ann. Stat. 6, 1978)
 
     ln L = -n/2 ln f^2 - chi2 / (2 f^2) - k/2 ln n,    f^2 = max(1, chi2/n):
 
-where f is at least 1: standard errors are at least as large as estimated, and larger where no law fits all bins.
+where f is a factor, at least 1, on the standard errors: it is larger where no law fits all bins.
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -19,26 +19,27 @@ from armdyn.identify.residual.missing_force import ForceCurve, pooled, smallest
 from armdyn.recording.channels import FloatArray
 
 CLEAR_EVIDENCE_NATS = float(np.log(100.0))
-"""Difference of log evidence, nats. A term is reported where every law without it is a hundred times less likely than
-the best: very strong evidence in the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). Less clear terms are left
-to the picture.
+"""Difference of log evidence, nats, from which on a term is reported: every law without it is a hundred times less
+likely than the best one, which is very strong evidence in the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995).
 """
 QUANTITY_BY_UNIT = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
-"""Name of the missing quantity by its unit; with any other unit it is the rate of a state."""
+"""Name of the missing quantity by its unit."""
 RATE_QUANTITY = "rate"
+"""Name of the missing quantity with any other unit: the time derivative of a state."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A way in which a force may depend on one quantity.
+    """A shape in which a force may depend on one quantity, such as a step or a straight line.
 
     Attributes:
-        of: function from (b,) values of the quantity to (b,) forces for a size of one.
-        says: the law in words, with ``{size}``, ``{sense}`` (grows or falls), ``{what}`` moves, and ``{against}``.
+        of: function from (b,) values of the quantity to (b,) forces, for a size of one.
+        says: the dependence in words, with the placeholders ``{size}``, ``{sense}`` (grows or falls), ``{what}`` (joint
+            or swing) and ``{against}`` (the quantity).
         factor: ratio of the size that is printed to the fitted coefficient; 2 for a sign function, whose step is twice
             as high.
         power: power of the quantity in the unit of the size.
-        cause: physical cause of such a loss of energy; empty where there is more than one.
+        cause: physical cause of such a force where it brakes a motion; empty where there is no single one.
         effects: parts of the names of effects that have this cause.
     """
 
@@ -66,16 +67,16 @@ LINE_SHAPE = Shape(np.positive, "{sense} with the {against}, by about {size}")
 DRIFT_SHAPE = Shape(np.positive, "{sense} with time, by about {size}")
 CONSTANT_SHAPE = Shape(np.ones_like, "is {size} at every speed and position", power=0)
 SHAPES_BY_QUANTITY = {"speed": (STEP_SHAPE, VISCOUS_SHAPE, SQUARE_SHAPE), "time": (DRIFT_SHAPE,)}
-"""Shapes by quantity; for every other quantity a straight line."""
+"""Shapes that are tried for each quantity; for every other quantity a straight line."""
 
 
 @dataclass(frozen=True)
 class ForceTerm:
-    """One term of a law.
+    """One term of the law of a missing force: a shape with its fitted size.
 
     Attributes:
         shape: how the force depends on the quantity.
-        against: the quantity it depends on; empty for a constant.
+        against: name of the quantity on which it depends; empty for a constant.
         size: height of a step, or force per unit (or squared unit) of the quantity, with sign.
         unit: unit of the size.
     """
@@ -93,8 +94,8 @@ class Law:
     Attributes:
         joint: name of the joint; None for a model without joints.
         quantity: ``"torque"``, ``"force"``, ``"acceleration"`` or ``"rate"``.
-        terms: the terms that are clear.
-        alike: other joints whose missing force follows the same terms, with different sizes.
+        terms: the terms for which the evidence is very strong.
+        alike: names of other joints whose missing force has the same terms, with other sizes.
     """
 
     joint: str | None
@@ -104,7 +105,7 @@ class Law:
 
     @property
     def sentence(self) -> str:
-        """The law in words: ``"the missing torque of elbow steps by 1.2 N m where the joint turns round"``."""
+        """The law in words: ``"the missing torque of elbow steps by 1.2 N m where the joint turns round"``, no stop."""
         whose = f" of {self.joint}" if self.joint else ""
         driven = self.quantity in ("torque", "force")
         what = "joint" if driven else "motion" if self.joint else "swing"
@@ -126,7 +127,14 @@ class Law:
 
 
 def law(curves: Iterable[ForceCurve]) -> Law | None:
-    """The law of the joint with the largest missing force, among those with a clear law; None without a clear law."""
+    """Find the law of the missing force, for the joint with the largest one among joints with a clear law.
+
+    Args:
+        curves: curves of the missing force, the joint with the largest one first.
+
+    Returns:
+        The law, or None where no joint has a clear one.
+    """
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
@@ -144,12 +152,12 @@ def _kinds(one: Law) -> list[tuple[Shape, str, bool]]:
 
 
 def law_sentence(curves: Iterable[ForceCurve], named: Collection[str] = ()) -> str:
-    """The law as the first sentence of an answer, with a space after it; empty where no law is clear.
+    """Sentence, with a space after it, on the law that a missing force follows; empty where no law is clear.
 
     Args:
         curves: curves of the missing force.
-        named: effects that were found. Where none of them loses energy as the law does, the sentence is empty: two
-            effects together may look like a third.
+        named: names of the effects that were found. Where none of them brakes the motion as the law does, the sentence
+            is empty, because two effects together may look like a third one.
     """
     found = law(curves)
     parts = [part for term in found.terms for part in term.shape.effects] if found is not None else []

@@ -1,4 +1,4 @@
-"""Where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
+"""Find where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,22 +11,25 @@ from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
 LOCATION_BINS = 16
+"""Number of bins over a signal such as an angle, each with equally many samples."""
 TIME_BINS = 30
+"""Number of equally wide bins over the time of a run."""
 SIGNIFICANT_DEVIATES = 5.0
 """Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
 MAX_PLACES = 12
+"""Largest number of ranges that are reported."""
 MIN_CHI2_RATIO = 1.5
-"""Ratio of the chi2 per sample of a range to that of the whole run from which on the range is named."""
+"""Ratio of the chi2 per sample of a range to that of the channel from which on the range is reported."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """A range in which the model fails.
+    """A range of time, or of another quantity, in which a model predicts a channel badly.
 
     Attributes:
-        channel: the channel of the residual.
-        run: name of the run; ``""`` where all runs are taken together.
-        against: quantity of the range: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        channel: the channel.
+        run: name of the run; ``""`` where the range holds for all runs together.
+        against: quantity of the range, such as ``"time"`` or ``"swing_angle"``; ``"run"`` for a whole run.
         start: lower end of the range.
         end: upper end of the range.
         unit: unit of both ends.
@@ -51,7 +54,7 @@ class Place:
 
 
 def localise(fit: Fit) -> tuple[Place, ...]:
-    """Find where a fit fails, the worst place first; empty where no place stands out of the noise."""
+    """Find the ranges in which the residual of a fit is far above the noise and above its average, the worst first."""
     covariates, places = fit.covariates(), list[Place]()
     for channel, blocks in by_channel(fit.blocks).items():
         total, samples = chi2_of(blocks), samples_of(blocks)

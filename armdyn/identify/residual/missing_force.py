@@ -1,4 +1,4 @@
-"""The missing force: what a model does not explain, as curves over the quantities that it may depend on.
+"""Compute the missing force, which a model does not explain, as curves over the quantities on which it may depend.
 
 For an arm it is the torque of each joint that the model lacks, measured minus predicted; for a model with states, such
 as a pendulum, the acceleration. Its means over bins of speed, position, load and time form a curve that shows the law:
@@ -23,29 +23,30 @@ from armdyn.run import Run
 RESOLUTION_PERIODS = 1.0 / 16.0
 """Time resolution of a missing force, in periods of the swing."""
 KICK_ROUNDS = 3
+"""Number of rounds in which values and process noise are optimised for a missing acceleration."""
 CURVE_BINS = (32, 24, 16, 12, 8)
-"""Numbers of points of a curve: the first for which most bins have `MIN_INDEPENDENT_SAMPLES` is used, else the last."""
+"""Numbers of points that are tried for a curve: the first for which a typical bin has `MIN_INDEPENDENT_SAMPLES`
+independent samples is used, else the last."""
 JOINT_QUANTITIES = {"speed": "v", "position": "q", "acceleration": "a"}
-"""Quantities on which a joint's torque may depend, with the prefix of their channels."""
+"""Quantities on which a joint's torque may depend, with the first part of the name of their channels."""
 MIN_INDEPENDENT_SAMPLES = 4.0
-"""Independent samples that a bin needs. On recordings of a UR5 with friction and a payload, eight give curves of 8
-points, which hide the step of dry friction in the slope of the viscous one on three of six joints; four give 32 points,
-which show both on all six. Standard errors remain valid, because the scatter of a bin counts at least as much as the
-typical one."""
+"""Number of independent samples that a typical bin needs. On recordings of a UR5 with friction and a payload, eight
+give curves of 8 points, in which dry friction cannot be seen beside viscous friction on three of six joints; four give
+32 points, which show both on all six."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """Samples of the missing force of one run, for one joint where the model has joints.
+    """The missing force of one run as a function of time, for one joint where the model has joints.
 
     Attributes:
         run: name of the run.
         joint: name of the joint; None for a model without joints.
-        unit: of `value`: ``"rad/s^2"``, ``"m/s^2"``, ``"N m"`` or ``"N"``.
+        unit: unit of `value`: ``"N m"`` or ``"N"``, or, for a missing acceleration, ``"rad/s^2"`` or ``"m/s^2"``.
         time: (n,) times, s.
-        value: (n,) missing force, in `unit`.
-        against: (n,) values and unit of each quantity that it may depend on, by name: ``"speed"``, ``"position"`` (for
-            a pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``; the time need not be included.
+        value: (n,) missing force, torque or acceleration, in `unit`.
+        against: (n,) values and unit of each quantity on which it may depend, by name, such as ``"speed"``,
+            ``"position"``, ``"angle"`` or ``"load"``.
     """
 
     run: str
@@ -58,7 +59,7 @@ class Unexplained:
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """The missing force of one run and joint against one quantity: means over bins of equally many samples.
+    """Curve of the missing force of one run and joint over one quantity: means over bins of equally many samples.
 
     Attributes:
         run: name of the run.
@@ -68,7 +69,7 @@ class ForceCurve:
         x_unit: unit of that quantity.
         x: (b,) mean of the quantity in every bin, ascending.
         as_given: (b,) mean force that the model as given lacks.
-        std: (b,) standard error of `as_given`, with the correlation of neighbouring samples.
+        std: (b,) standard error of `as_given`, which takes the correlation of neighbouring samples into account.
         repaired: (b,) mean force that the repaired model lacks; None where nothing was repaired.
         repaired_std: (b,) standard error of `repaired`.
         with_background: (b,) mean force that the repaired model lacks with its background; None where it has none.
@@ -90,15 +91,19 @@ class ForceCurve:
 
 
 def unexplained(fit: Fit) -> list[Unexplained]:
-    """The missing force of every fitted run."""
+    """The missing force in every fitted run of a fit, for every joint."""
     joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
     return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
 
 
 def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
-    """The force that a repair adds: the missing force of the model `given` if the runs were what `repaired` predicts.
+    """The force that a repair adds to a model, in every run, without the noise of the recordings.
 
-    It is the formula without the noise of the recordings, less what the model `given` compensates by its own values.
+    It is the missing force of the model as given if the runs were exactly what the repaired model predicts.
+
+    Args:
+        given: fit of the model as given.
+        repaired: fit of the repaired model.
     """
     problem = given.problem
     runs = {run.name: run for run in problem.runs}
@@ -111,10 +116,10 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
 
 
 def accelerations(fit: Fit) -> list[Unexplained]:
-    """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
+    """The missing acceleration in every run, for a model that simulates a motion; empty for other models.
 
-    The values are those optimised with process noise: a simulation without it would follow the recording by a wrong
-    length as far as it can.
+    A smoother estimates the changes of speed (kicks) that the simulation needs, sixteen times per swing, to follow the
+    measured motion. The model's values are those optimised together with this process noise.
     """
     if with_motion(fit.problem.model) is None:
         return []
@@ -184,13 +189,13 @@ def curves(
     law: Sequence[Unexplained] | None = None,
     with_background: Sequence[Unexplained] | None = None,
 ) -> tuple[ForceCurve, ...]:
-    """The missing force against every quantity that it may depend on; the joint with the largest one first.
+    """Curves of the missing force over every quantity on which it may depend; the joint with the largest one first.
 
     Args:
-        given: missing force of the model as given.
-        repaired: missing force of the repaired model, if any; it is averaged over the bins of `given`.
-        law: force that the repair adds, averaged over the same bins.
-        with_background: missing force of the repaired model with its background, averaged over the same bins.
+        given: missing force of the model as given, from which the bins follow.
+        repaired: missing force of the repaired model; None without a repair.
+        law: force that the repair adds to the model; None to leave it out.
+        with_background: missing force of the repaired model with its background; None without one.
     """
     others = [{(u.run, u.joint): u for u in of or ()} for of in (repaired, law, with_background)]
     largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
@@ -209,9 +214,13 @@ def curves(
 def between(
     given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
 ) -> tuple[ForceCurve, ...]:
-    """The missing force of a fit and of its repaired model, if any, and the force that the repair adds.
+    """Curves of the missing force before and after a repair.
 
-    The repaired model with its background is included where there is one.
+    Args:
+        given: fit of the model as given.
+        repaired: fit of the repaired model; None without a repair.
+        with_background: fit of the repaired model with its background; None without one.
+        law: whether to compute the force that the repair adds as well.
     """
     if repaired is None:
         return curves(unexplained(given))
@@ -277,9 +286,9 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
-    """Combine the curves of all runs into one for each joint and quantity; ``run`` is empty where there are several.
+    """Combine the curves of all runs into one for each joint and quantity; `ForceCurve.run` is then empty.
 
-    Neighbouring points are averaged with their weights, until there are no more points than in a single run.
+    Neighbouring points are averaged, with weights from their standard errors, to as many points as one run has.
     """
     groups: dict[tuple[str | None, str], list[ForceCurve]] = {}
     for curve in found:
@@ -316,5 +325,5 @@ def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[Fl
 
 
 def smallest(std: FloatArray) -> float:
-    """A lower limit for standard errors: otherwise bins without any scatter would have all the weight."""
+    """Lower limit for the standard errors (b,) of bins, so that a bin without scatter does not get all the weight."""
     return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)

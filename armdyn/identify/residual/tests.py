@@ -1,7 +1,8 @@
-"""Test whether a residual is more than noise, and predict the effects' contribution from derivatives at the fit alone.
+"""Test whether a residual is more than noise, and predict how much each candidate effect would lower it (score test).
 
-With r the residual and J the derivatives of everything fitted, Q = orth(J), an effect with derivatives d lowers the
-chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
+With the residual r, the derivatives J of the fitted unknowns and an orthonormal basis Q of their columns, an effect
+with derivatives d lowers chi2 by about (d' r)^2 / (d' d'), where d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey,
+Statistical Inference, §7.4). No fit with the effect is needed.
 """
 
 from collections.abc import Sequence
@@ -17,19 +18,18 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
 MIN_IDENTIFIABLE_SHARE = 1e-3
-"""An effect is not identifiable in these runs where its derivatives, without what fitted parameters imitate, keep less
-than this share."""
+"""An effect is not identifiable if less than this share of its derivatives remains without the part that the fitted
+parameters can imitate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Predicted contribution of one candidate effect.
+    """Predicted contribution of one candidate effect to a fit (score test).
 
     Attributes:
-        candidate: the candidate.
-        drop: predicted decrease of chi2, within the bounds.
-        same_as: the fitted parameters that imitate it, where less than `MIN_IDENTIFIABLE_SHARE` of its derivatives is
-            independent.
+        candidate: the candidate effect.
+        drop: predicted decrease of chi2, with the effect's values within their bounds.
+        same_as: names of fitted parameters that imitate the effect, if these runs do not identify it; else empty.
     """
 
     candidate: Candidate
@@ -38,15 +38,23 @@ class Score:
 
 
 ROWS_AT_ONCE = 2**13
-"""Number of samples that are factored at once."""
+"""Number of samples that are factorised at once, which limits the memory."""
 
 
 def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) residuals and (m, P) derivatives of all blocks, with the priors as further samples, reduced to P + 1 rows.
+    """Compress the residuals and derivatives of all samples and priors to at most P + 1 rows.
 
-    The rows are reduced by rotations (QR): a score consists of products of columns, which no rotation changes. Factors
-    of parts are factored again (Demmel et al., SIAM J. Sci. Comput. 34, 2012), so a long run takes no more memory than
-    a short one.
+    The compressed residual and derivatives have the same products J'J, J'r and r'r as those of all samples. They come
+    from QR factorisations of parts, which are factorised again (Demmel et al., SIAM J. Sci. Comput. 34, 2012), so that
+    a long run needs no more memory than a short one.
+
+    Args:
+        problem: the problem, whose priors count as samples.
+        blocks: residuals and derivatives at `values`.
+        values: (P,) values of the unknowns.
+
+    Returns:
+        (m,) residuals r and (m, P) derivatives J, m <= P + 1.
     """
     table = np.column_stack([np.diag(problem.prior_weight), problem.prior_weight * (problem.prior_mean - values)])
     for block in blocks:
@@ -58,7 +66,7 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
 
 
 def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
-    """Predicted contribution of every candidate at a fit, the largest drop first."""
+    """Predict how much each candidate effect would lower chi2 if it were added to a fit, the largest decrease first."""
     problem = fit.problem
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
     with np.errstate(all="ignore"):
@@ -75,9 +83,10 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
 
 
 def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
-    """(P,) values within their bounds that fit best in the model linearised at a fit, with `names` free as well.
+    """(P,) values that minimise the cost of the model linearised at a fit, if the parameters `names` are fitted too.
 
-    Unknowns without a prior stay within `EFFECT_PRIOR_SIZE` typical sizes where the runs do not identify them.
+    The values are within their bounds; those that the runs do not identify stay within about `EFFECT_PRIOR_SIZE`
+    typical sizes.
     """
     problem = fit.problem
     columns = np.flatnonzero(fit.free | problem.of(names))
@@ -125,21 +134,24 @@ def _score(
 
 
 MAX_Z = 5.0
+"""Largest z value of the residual's chi2 that counts as noise."""
 MIN_WHITENESS = 1e-4
+"""Smallest probability of the whiteness test that counts as noise: with `MAX_Z`, no false alarm in 360 clean runs."""
 MIN_SCORE_PROBABILITY = 5e-3
-"""Thresholds of the tests: 0 false alarms in 360 clean runs with the first two. Effects resemble one another, so the
-third one, which counts all of them, has half the stated false-alarm rate."""
+"""Smallest probability by chance of the best effect that counts as noise. Effects resemble one another, so the rate of
+false alarms is half as large."""
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """Comparison of a fit's residual with the noise.
+    """Results of three tests of a fit's residual against noise.
 
     Attributes:
-        z: standard deviations by which chi2 exceeds the number of samples, the largest over channels.
-        whiteness: probability that white noise is at least as correlated, the smallest over runs and channels, times
-            their number.
-        score: probability that the best effect of the catalogue fits as well by chance, times the number of effects.
+        z: number of standard deviations by which chi2 exceeds the number of samples, for the worst channel.
+        whiteness: probability that white noise is at least as correlated as the residual, for the worst run and
+            channel, times their number.
+        score: probability that the best effect of the catalogue lowers chi2 as much by chance, times the number of
+            effects.
     """
 
     z: float
@@ -153,7 +165,12 @@ class ResidualTests:
 
 
 def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
-    """Compare a fit's residual with the noise."""
+    """Test the residual of a fit against noise.
+
+    Args:
+        fit: the fit.
+        promised: predicted contributions of the candidate effects; see `scores`.
+    """
     z = max(deviates(chi2_of(blocks), samples_of(blocks)) for blocks in by_channel(fit.blocks).values())
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
     chances = (float(chdtrc(max(1, len(s.candidate.names)), s.drop)) for s in promised)
