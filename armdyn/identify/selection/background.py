@@ -1,10 +1,10 @@
 """The background of an arm: small values of every effect on every joint, with one common prior width.
 
-A model for prediction contains more than what has a name. Beside the named effects, every effect of the catalogue on
-every joint has a value x, in typical sizes, with a prior x ~ N(0, s^2). One width s for all is chosen by predicting
-whole runs: every training run from the others, each fifth of a single one from the rest, and the held-out runs from all
-training runs (ridge regression with the penalty chosen by cross-validation; Hoerl & Kennard, Technometrics 12, 1970).
-Effects of which the evidence is sure are as free as the named ones.
+A model that predicts well contains more than the few effects that a report names. In addition to these, every effect of
+the catalogue on every joint has parameters x, in typical sizes, with a prior x ~ N(0, s^2). The common width s is
+chosen by predicting whole runs: every training run from the others, each fifth of a single one from the rest, and the
+held-out runs from all training runs (ridge regression with the penalty chosen by cross-validation; Hoerl & Kennard,
+Technometrics 12, 1970). Effects with strong evidence ("sure" effects) have no such prior.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,24 +24,26 @@ from armdyn.identify.selection.set_score import SetScore
 from armdyn.run import Run
 
 PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Widths that are tried, in typical sizes."""
+"""Prior widths that are tried for the small values, in typical sizes."""
 BACKGROUND_PRICE_NATS = log(len(PRIOR_WIDTHS))
-"""Nats that a background must gain, because its width is chosen among several."""
+"""Gain of log likelihood, nats, that a background needs, because its width is chosen among several."""
 MAX_EXPANSIONS = 5
-"""Largest number of expansions, each at the optimum of the one before; two or three suffice nearly always."""
+"""Largest number of linearisations, each at the optimum of the one before; two or three suffice nearly always."""
 MAX_BACKGROUND_STEPS = 8
-"""Largest number of Gauss-Newton steps of the whole model, from the linear solution."""
+"""Largest number of Gauss-Newton steps of the nonlinear model, from the solution of the linearised one."""
 
 
 @dataclass(frozen=True, eq=False)
 class FullModel:
-    """All effects at once: those that are sure are free, all others have one common prior width.
+    """Fit of a model with all effects of the catalogue at once.
+
+    Effects with strong evidence are fitted freely; the values of all others have a prior with one common width.
 
     Attributes:
         study: runs and catalogue.
-        scorer: scores of sets, from sums at the previous fit.
-        sure: the set of effects of which the evidence is sure.
-        width: s, in typical sizes; 0 where only the sure effects are present.
+        scorer: scorer of sets of effects, linearised at the previous fit.
+        sure: the set of effects with strong evidence.
+        width: common prior width, in typical sizes; 0 where the other effects are left out.
         widths: (c,) prior widths of the scorer's unknowns.
         fit: fit of all values together.
         covariance: (P, P) covariance of all unknowns of the study.
@@ -58,14 +60,14 @@ class FullModel:
 
 @dataclass(frozen=True)
 class SmallValues:
-    """Small values besides the named effects.
+    """Small values of many effects that reports do not name, fitted together with the named effects.
 
     Attributes:
-        width: prior width s, in typical sizes; see `FullModel`.
-        values: values by parameter, in the parameter's unit.
+        width: width of their prior, in typical sizes; see `FullModel`.
+        values: the small values by parameter name, in the parameter's unit.
         fit: fit of named effects and small values together.
         covariance: (P, P) covariance of all unknowns of the study.
-        in_turn: every training run, predicted by a fit to the others; empty for a single run.
+        in_turn: predictions of every training run by a fit to the others; empty for a single run.
     """
 
     width: float
@@ -78,12 +80,12 @@ class SmallValues:
 def fit_full_model(
     study: LinearStudy, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]
 ) -> FullModel:
-    """Fit the full model, expanded again at every fit until the residual no longer falls.
+    """Fit all effects of the catalogue at once, linearised again at every fit until the residual stops falling.
 
     Args:
         study: runs and catalogue.
-        effects: effects from which the search for sure effects starts.
-        near: the fit at which the first sums are computed.
+        effects: effects from which the search for effects with strong evidence starts.
+        near: the fit at which the model is linearised first.
         say: called with a text on the progress of the search.
     """
     best: FullModel | None = None
@@ -110,7 +112,15 @@ def fit_full_model(
 
 
 def find_background(full: FullModel, told: Step) -> SmallValues | None:
-    """The background beside the named effects; None where it does not improve the prediction of other runs."""
+    """Find the small values to add to a model with named effects.
+
+    Args:
+        full: fit of all effects at once.
+        told: step of the search with the named effects alone.
+
+    Returns:
+        The small values; None where they do not improve the prediction of other runs.
+    """
     study, scorer, before = full.study, full.scorer, full.study.scorer(told.fit)
     named = before.within(told.effects)
     unnamed = before.errors_predicted(before.widths(named, 0.0))

@@ -7,11 +7,12 @@ from functools import cached_property
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect that could be added to a model.
+    """An effect that could be added to a model, on one joint or several.
 
     Attributes:
         effect: name of the effect.
-        parts: names of its parameters by joint; the joint is ``""`` where the effect acts on the whole model.
+        parts: pairs of a joint and the names of the effect's parameters on it; the joint is ``""`` where the effect
+            acts on the whole model.
     """
 
     effect: str
@@ -24,22 +25,22 @@ class Candidate:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Joints on which it acts, for an arm; empty where it acts on the whole model."""
+        """Joints on which the effect acts, for an arm; empty where it acts on the whole model."""
         return tuple(joint for joint, _ in self.parts if joint)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all its parameters."""
+        """Names of all parameters of the effect, on all its joints."""
         return tuple(name for _, names in self.parts for name in names)
 
     @property
     def label(self) -> str:
-        """Name of the candidate with its joints, in the form that commands take."""
+        """Name of the effect with its joints in the form that commands take, such as ``"joint_spring:elbow,wrist"``."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
 
     @property
     def spoken(self) -> str:
-        """Name of the candidate for a reader, with the names of one or two joints, or with their number."""
+        """Name of the effect for a sentence, such as ``"joint_spring on elbow"`` or ``"joint_spring on 5 joints"``."""
         if not self.joints:
             return self.effect
         return f"{self.effect} on " + (
@@ -47,15 +48,15 @@ class Candidate:
         )
 
     def split_by_joint(self) -> tuple["Candidate", ...]:
-        """One candidate for each joint."""
+        """Split the candidate into one for each joint."""
         return tuple(Candidate(self.effect, (part,)) for part in self.parts)
 
     def on(self, joints: Collection[str]) -> "Candidate":
-        """The same effect on some of its joints only."""
+        """A candidate with the same effect on some of its joints only."""
         return Candidate(self.effect, tuple(part for part in self.parts if part[0] in joints))
 
     def without(self, taken: Collection[str]) -> "Candidate":
-        """The candidate without the parameters `taken` that the model has already; without parts where none remain."""
+        """A copy without the parameters `taken`, which a model already has; its `parts` are empty if none remains."""
         left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parts)
         return Candidate(self.effect, tuple(part for part in left if part[1]))
 

@@ -1,4 +1,4 @@
-"""Choose the effects of an arm: the leading ones, or all that are sure where with them only noise is left."""
+"""Choose the effects that a repair of an arm adds: the few most important ones, or all that have strong evidence."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,17 +16,18 @@ from armdyn.identify.selection.select_effects import by_evidence, by_share, elim
 from armdyn.identify.selection.set_score import SetScore
 
 FAR_TILT_SIZES = 3.0
-"""Typical sizes of a base's tilt beyond which sums at zero tilt predict little: 0.3 rad."""
+"""Tilt of an arm's base, in typical sizes (0.3 rad), beyond which the model is linearised again at the tilt."""
 FEW_VALUES_RATIO = 2.0
-"""Ratio of the number of values of all sure effects to that of the leading ones, up to which all are reported."""
+"""Ratio of the number of parameters of all effects with strong evidence to that of the leading effects, up to which all
+are reported."""
 
 Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
-"""Function that goes on from a set of effects to the one to report."""
+"""Function that continues the search from a set of effects and returns the set to report."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearPath(EffectPath):
-    """The path of a model that is linear in most values; see `EffectPath`."""
+    """A path from the model as given to a set of effects, for a model that is linear in most parameters."""
 
     study: LinearStudy
     scorer: LinearScorer
@@ -38,13 +39,21 @@ class LinearPath(EffectPath):
 
 
 def select_for_arm(study: LinearStudy, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
-    """Choose the effects of an arm: the scorer at its fit as given, the steps to the reported effects, the full model.
+    """Choose the effects of an arm that a repair reports.
 
-    Reported are the few effects that remove most of the squared error. All effects of which the evidence is sure are
-    reported, the leading ones first, where they are few as well, or where only noise is left with them, or, of a servo
-    arm, where no small values beside them predict other runs better: then no effect among them is a small error of the
-    kind that every robot description has. Which effects are sure is decided at the fit of all effects, which is nearer
-    to the truth than that of a few.
+    These are the few leading effects, which remove most of the squared error. All effects with strong evidence ("sure"
+    effects) are reported, the leading ones first, if they are few as well, or if they leave only noise, or, for a servo
+    arm, if small values of other effects would not predict other runs better: then none of them is one of the small
+    errors that every robot description has. Which effects are sure is decided at the fit of all effects at once, which
+    is nearer to the truth than a fit of a few.
+
+    Args:
+        study: runs and catalogue.
+        given: the fit of the model as given.
+        say: called with a text on the progress.
+
+    Returns:
+        The scorer linearised at the model as given, the steps to the reported effects, and the fit of all effects.
     """
     around = study.scorer(given.fit)
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)

@@ -1,4 +1,4 @@
-"""The path from the model as given to a chosen set of effects, step by step, the largest effect first."""
+"""Fit the steps from the model as given to a chosen set of effects, the most important effect first."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of a path: a change of the model.
+    """One step of a search for missing effects, with the fit after it.
 
     Attributes:
         added: effects that this step added; empty for the model as given.
@@ -35,16 +35,14 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class EffectPath:
-    """The path to a chosen set of effects.
-
-    The steps are fitted only when needed: most paths that a search considers are not followed.
+    """The steps from the model as given to a chosen set of effects; they are fitted only when needed.
 
     Attributes:
         study: runs and catalogue.
         scorer: the scorer that chose the set.
-        whole: the set, each effect on one joint.
+        whole: the chosen set, each effect on one joint.
         before: effects of the model as given.
-        ahead: the fit at which the scorer's sums are computed.
+        ahead: the fit at which the scorer is linearised.
     """
 
     study: Study
@@ -55,18 +53,20 @@ class EffectPath:
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
-        """All effects at the end of the path."""
+        """All effects after the last step: those of the model as given and those of the chosen set."""
         return self._with(self.before, *(c for c in self.whole.effects if c not in self.scorer.given))
 
     @cached_property
     def fit(self) -> Fit:
-        """The fit at the end of the path."""
+        """The fit after the last step."""
         return converged(self._fitted(self.effects, self.whole))
 
     def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
-        """Fit every step to all samples, without ties; `say` is called with each step.
+        """Fit every step, each with one more effect; the effects that these runs cannot tell apart are not computed.
 
-        Effects of the set that are `leading`, on one joint each, come first.
+        Args:
+            say: called with a text on the progress.
+            leading: effects of the set, on one joint each, that come first.
         """
         study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
         way = order_by_gain(self.scorer, leading, given)
@@ -80,7 +80,7 @@ class EffectPath:
         return found
 
     def with_ties(self, steps: Sequence[Step]) -> list[Step]:
-        """Add to each step the effects that would do as well in its place, in the whole set."""
+        """Add to each step the effects that could replace those it added, because these runs cannot tell them apart."""
         whole = self.scorer.settle(self.whole.effects)
         ties = (tied(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
         return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]

@@ -1,4 +1,4 @@
-"""Order a chosen set of effects for a reader, the largest first; rank the effects that may be missing."""
+"""Order a chosen set of effects by importance, and rank the effects that may be missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,11 +14,11 @@ from armdyn.parameter import Parameter
 
 @dataclass(frozen=True)
 class PathSegment:
-    """One step from a smaller set of effects to a larger one.
+    """One effect that is added to a set, and the score of the larger set.
 
     Attributes:
         added: the added effect, with all its joints.
-        score: score of the set with it.
+        score: score of the set with the added effect.
     """
 
     added: Candidate
@@ -28,7 +28,13 @@ class PathSegment:
 def order_by_gain(
     scorer: SetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
 ) -> list[PathSegment]:
-    """The path from `fixed_effects` to all `effects`, each on all its joints at once, by how much they explain."""
+    """Order effects by how much of the error they explain, the most important first.
+
+    Args:
+        scorer: scorer of sets.
+        effects: effects to order, each on one joint; the joints of one effect are added together.
+        fixed_effects: effects that are present from the start.
+    """
     now, left = scorer.of(fixed_effects), by_effect([c for c in effects if c not in fixed_effects])
     found = list[PathSegment]()
     while left:
@@ -40,10 +46,14 @@ def order_by_gain(
 
 
 def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Effects on the same joints that fit and predict as well in place of `part`, with their real degrees of freedom.
+    """Find effects that fit and predict as well in place of a part of a set, so that these runs cannot tell them apart.
 
-    A richer effect is no rival where it does the same by means of its further unknowns. On a slide, where a link has
-    only one unknown with influence, it is a rival.
+    An effect that needs more parameters than the part is penalised for those that have influence.
+
+    Args:
+        scorer: scorer of sets.
+        whole: the set.
+        part: effects of the set, each on one joint, that are replaced; replacements act on the same joints.
     """
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
@@ -69,8 +79,8 @@ class RankedEffect:
     Attributes:
         effect: name of the effect.
         joints: joints on which it acts, for an arm.
-        delta_bic: evidence without the effect less evidence with it, on the scale of BIC; larger is better.
-        p_value: probability of such evidence if the effect is superfluous, times the number of effects tried.
+        delta_bic: evidence for the effect, on the scale of a difference of BIC; 10 is strong.
+        p_value: probability that a superfluous effect lowers chi2 as much by chance, times the number of effects tried.
         rmse: root mean square error by channel with the effect, on the training runs.
         held_out_rmse: root mean square error by channel on runs predicted from others; empty where there are none.
         parameters: fitted parameters of the effect.
@@ -92,8 +102,9 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
 
     Args:
         scorer: scorer at the fit of the model as given.
-        first: the effect that a search found first, on one joint each; it comes first. Empty where it found none.
-        tied: effects that these runs cannot distinguish from it.
+        first: the effect that a search found first, as candidates on one joint each; it is ranked first. Empty where
+            the search found none.
+        tied: effects that these runs cannot distinguish from `first`.
     """
     nothing = scorer.of(scorer.given)
     found = [scorer.of((*scorer.given, *first))] if first else []

@@ -1,4 +1,4 @@
-"""Find the effects that are missing and add them one after the other, the one that explains most first."""
+"""Search for the effects that a model lacks, and fit the model as they are added, the most important one first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ class Search:
 
     Attributes:
         steps: steps of the search; the first is the model as given.
-        suspects: effects that could have been the first one, the best first.
+        suspects: effects that may be missing, each added alone to the model as given, the best first.
         further: the best effect that the last step lacks; None where no further effect improves the score.
-        full: for an arm, the fit of all effects at once.
+        full: for an arm, the fit of all effects at once; else None.
     """
 
     steps: tuple[Step, ...]
@@ -43,20 +43,24 @@ class Search:
 
     @property
     def leading_ties(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from the first one; later steps may have ties of their own."""
+        """Effects that these runs cannot distinguish from the effect that the first step added."""
         return self.steps[1].tied if len(self.steps) > 1 else ()
 
     @property
     def tied(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from those of the last step."""
+        """Effects that these runs cannot distinguish from the effects that the search added."""
         return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
 
     def missing_force(self, *, law: bool = False) -> tuple[ForceCurve, ...]:
-        """The missing force of the model as given and, where effects were added, of the last step; see `between`."""
+        """Curves of the missing force of the model as given and, if effects were added, of the last step.
+
+        Args:
+            law: whether to compute the force of the added effects as well.
+        """
         return between(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
 
     def ties(self, step: Step) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from those of a step; empty where these are gone at the end."""
+        """Effects that these runs cannot distinguish from those added in a step; empty if these were removed later."""
         ended = {name for effect in self.last.effects for name in effect.names}
         if ended.isdisjoint(name for effect in step.added for name in effect.names):
             return ()
@@ -64,9 +68,11 @@ class Search:
 
 
 def search(study: Study, progress: Progress | None = None) -> Search:
-    """Choose effects at the fit of the model as given, then refit every step to the chosen set.
+    """Search for the effects that the model of a study lacks, and fit the model as they are added one by one.
 
-    `progress` is called with a short text at every step.
+    Args:
+        study: runs, model and catalogue.
+        progress: called with a short text at every step.
     """
     say = progress or (lambda _: None)
     say("fitting the model as it is")
@@ -76,7 +82,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
 
 @singledispatch
 def select_effects(study: Study, given: Step, say: Progress) -> Search:
-    """Choose effects from the model as `given`, in the way that suits the kind of study."""
+    """Choose the effects to add to the model as `given`; the method depends on the type of the study."""
     raise NotImplementedError(type(study).__name__)
 
 
@@ -118,11 +124,10 @@ def _path(study: StateSpaceStudy, given: Step, scorer: SetScorer, whole: SetScor
 
 
 def without_little(study: StateSpaceStudy, steps: list[Step]) -> list[Step]:
-    """Cut the end of a path where each added value reduces the error by little.
+    """Leave out the last steps of a search if each parameter that they add lowers the error by little.
 
-    A model of a real pendulum is never complete: its residual is never zero, and the next effect of the catalogue
-    explains a little of it. A residual at the noise has no such rest: a contradiction to a weighed mass appears in no
-    error.
+    A model of a real pendulum is never complete, so a further effect of the catalogue always explains a little of the
+    residual. Where the residual is only noise, all steps are kept.
     """
     left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
@@ -138,7 +143,13 @@ def without_little(study: StateSpaceStudy, steps: list[Step]) -> list[Step]:
 
 
 def repair_step(study: Study, step: Step, held_out: dict[str, float] | None = None) -> RepairStep:
-    """Describe one step with its errors on every kind of run; `held_out` are errors that are known already."""
+    """Describe one step of a search by its errors on every kind of run.
+
+    Args:
+        study: the runs.
+        step: the step.
+        held_out: root mean square errors on held-out runs by channel; None computes them.
+    """
     if held_out is None:
         held_out = channel_rmse(study.held_out_blocks(step.fit))
     return RepairStep(

@@ -1,9 +1,9 @@
-"""Search for the set of effects with the least cost: forward, backward, exchange, until nothing improves it.
+"""Search for the set of effects with the least cost, by adding, removing and exchanging effects.
 
 Adding one effect at a time fails where the first one imitates two others. So after every addition superfluous effects
-are removed (backward elimination), effects on all their joints at once compete with those on one, each effect is
-exchanged for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters
-15, 1994). The cost falls with every step, so the search ends.
+are removed (backward elimination), an effect may be added on one joint or on all its joints, each effect is exchanged
+for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15,
+1994). The cost falls with every step, so the search ends.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -17,7 +17,7 @@ from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 
 SCORED_CHANGES = 12
-"""Changes of a kind, those with the least predicted cost, that are scored in each round."""
+"""Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
 
 Cost = Callable[[SetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
@@ -30,7 +30,7 @@ class Rule:
 
     Attributes:
         cost: cost of a set; less is better.
-        first_order: (k,) predicted costs of a set with each of k additions.
+        first_order: function that approximates the (k,) costs of a set with each of k additions.
     """
 
     cost: Cost
@@ -38,12 +38,12 @@ class Rule:
 
 
 def by_evidence(scorer: LinearScorer) -> Rule:
-    """The rule that prefers the sets of which the evidence is sure."""
+    """The rule that prefers sets of effects with strong evidence."""
     return Rule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
 
 
 def by_share(scorer: LinearScorer) -> Rule:
-    """The rule that prefers the sets that remove most of the squared error for their length."""
+    """The rule that prefers small sets of effects that remove most of the squared error; see `reading_cost`."""
     return Rule(scorer.reading_cost, scorer.first_order_cost)
 
 
@@ -80,7 +80,14 @@ def select(
 def eliminate(
     scorer: SetScorer, cost: Cost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
 ) -> SetScore:
-    """Backward elimination: remove an effect, on one joint or on all, while the cost does not rise."""
+    """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
+
+    Args:
+        scorer: scorer of sets.
+        cost: the cost.
+        now: the set.
+        fixed_effects: effects that stay; None means those of the model as given.
+    """
     fixed_effects = scorer.given if fixed_effects is None else fixed_effects
     while True:
         free = [c for c in now.effects if c not in fixed_effects]
@@ -93,7 +100,7 @@ def eliminate(
 
 
 def by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Group effects on one joint each by their name."""
+    """Group candidates on one joint each by the name of their effect."""
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 

@@ -1,4 +1,8 @@
-"""All runs with process noise around their motion: fit values and noise, or reduce the process noise to nothing."""
+"""Fit a model's values together with process noise, along the measured motion of all runs (grey-box identification).
+
+A motion is divided into short pieces. Between two pieces a random change of the speeds, a "kick", stands for what the
+model lacks; kicks are the process noise. Reducing them to nothing leads to a simulation of the whole run.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,31 +17,33 @@ from armdyn.identify.state_space.noise_evidence import LOG_KICKS, NoiseTable, Ta
 from armdyn.physics.pieces import pseudo_inverse
 
 MAX_INNOVATION_GROWTH = 1.5
-"""Largest growth of the squared innovations in one step: kicks and motion are estimated a little differently there."""
+"""Largest factor by which the squared innovations may grow in one step; they grow a little as the kicks change too."""
 UNSEEN_INFORMATION = 1e-9
-"""Information on an unknown, in inverse squared typical sizes, that is only rounding."""
+"""Information on an unknown, in inverse squared typical sizes, up to which it has no influence except by rounding."""
 CONVERGED_NATS = 0.5
-"""Change of the log evidence, nats, that does not matter."""
+"""Change of the log evidence, nats, below which an optimisation has converged."""
 Look = Callable[[LinearisedRun, Noise], NoiseTable]
-"""Function that gives the innovations of a run at several noises, chosen near one noise or everywhere."""
+"""Function that evaluates a run at several noise settings, near a given one or over the whole range."""
 NEARBY_LOOKS: Sequence[Look] = (nearby,) * 6
+"""Noise settings of each round of an optimisation: always near the best ones of the round before."""
 WIDE_FIRST_LOOKS: Sequence[Look] = (everywhere, *NEARBY_LOOKS[1:])
+"""Noise settings of each round of an optimisation: over the whole range first, then near the best ones."""
 KICK_SHRINK_FACTOR, NO_KICK_SHARE = 0.03, 1e-6
-"""Factor on the kicks from round to round, and the share of the kicks that counts as none."""
+"""Factor on the kicks from round to round, and the share of the first kicks that counts as no kick."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseAndMotion:
-    """Point at which runs are linearised: values, motions, noise.
+    """Point at which runs are linearised: the model's values, and the motion and noise of each run.
 
     Attributes:
         values: (P,) values of the unknowns.
         states: by run, (J, n) states at the beginning of the pieces.
-        edges: by run, (J + 1,) edges of the pieces of these states; pieces may have been cut since.
-        noises: noise by run.
-        weights: by run and channel, (N,) variance of each sample over that of the others; larger for suspected
-            glitches.
-        evidence: evidence of the set of effects that was optimised at this point.
+        edges: by run, (J + 1,) time limits, s, of the pieces to which these states belong.
+        noises: process noise and sensor noise by run.
+        weights: by run and channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for
+            suspected glitches.
+        evidence: log evidence, nats, of the set of effects that was optimised at this point.
     """
 
     values: np.ndarray
@@ -49,14 +55,14 @@ class NoiseAndMotion:
 
 
 class GreyBox:
-    """All runs of a problem, linearised around their motions.
+    """Optimises the values of a model together with process noise, for all runs of a problem.
 
     Args:
         problem: model, runs and noise; the fitted runs come first.
-        swings: period of the swing by run, s.
+        swings: period of the swing of each run, s.
         training: number of runs that are fitted; the others are only predicted.
-        removable: (P,) bool, unknowns of effects that are absent where they are not fitted.
-        share: length of a piece, between two kicks, in periods of the swing.
+        removable: (P,) bool, unknowns of effects that are absent (at their null values) where they are not fitted.
+        share: length of a piece of the motion, between two kicks, in periods of the swing.
     """
 
     def __init__(
@@ -71,7 +77,10 @@ class GreyBox:
         self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
 
     def begin(self, values: np.ndarray) -> NoiseAndMotion:
-        """The first point: measured motions, or motions that follow a measured force, at (P,) values."""
+        """Point from which an optimisation starts, with (P,) values and the measured motions.
+
+        Where only a force was measured, the motions are derived from it.
+        """
         states = tuple(run.initial_states(values) for run in self.runs)
         quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
         even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
@@ -83,13 +92,16 @@ class GreyBox:
         return tuple(run.pieces.edges for run in self.runs)
 
     def is_cut(self, point: NoiseAndMotion) -> bool:
-        """Whether pieces were cut since the point was computed: its evidence then has too few kicks."""
+        """Whether pieces of the motion were divided since a point was computed, so that its evidence is out of date."""
         return any(len(was) != len(now) for was, now in zip(point.edges, self._edges, strict=True))
 
     def around(self, point: NoiseAndMotion, free: np.ndarray | None = None) -> list[LinearisedRun]:
-        """Linearise the runs at a point, by all unknowns, or by those that are (P,) `free` or return to null.
+        """Linearise all runs at a point.
 
-        Fewer unknowns are several times faster.
+        Args:
+            point: the point.
+            free: (P,) bool, unknowns with respect to which the runs are linearised, in addition to those of absent
+                effects that are not at their null values; None means all. Fewer unknowns are several times faster.
         """
         wanted = np.ones(len(point.values), dtype=bool)
         if free is not None:
@@ -102,13 +114,22 @@ class GreyBox:
             ]
 
     def largest_kick(self, point: NoiseAndMotion) -> float:
-        """Largest kick of the training runs, relative to the accuracy with which one piece determines a speed."""
+        """Largest standard deviation of the kicks in a training run.
+
+        It is relative to the accuracy with which the samples of one piece determine a speed.
+        """
         arounds = self.around(point, np.zeros(len(point.values), dtype=bool))
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
         return max(noise.kick / around.kick_unit for around, noise in pairs)
 
     def tables(self, arounds: Sequence[LinearisedRun], point: NoiseAndMotion, look: Look) -> Tables:
-        """Innovations of all runs at a point and the noises that `look` chooses: they give every set's evidence."""
+        """Evaluate linearised runs at several noise settings; the result gives the evidence of any set of effects.
+
+        Args:
+            arounds: the runs, linearised at `point`.
+            point: the point.
+            look: function that chooses the noise settings of a run and evaluates it there.
+        """
         found = [look(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
@@ -116,12 +137,14 @@ class GreyBox:
     def settled(
         self, free: np.ndarray, point: NoiseAndMotion, looks: Sequence[Look] = WIDE_FIRST_LOOKS
     ) -> NoiseAndMotion:
-        """Optimise values and noise: linearise, choose the noise, step and smooth, until the evidence no longer grows.
+        """Optimise values, noise and motions in rounds until the evidence stops growing.
+
+        Each round linearises the runs, chooses the noise, changes the values, and smooths the motions.
 
         Args:
             free: (P,) bool, unknowns that are fitted.
-            point: start of the iteration.
-            looks: choice of the noises in each round.
+            point: point from which the optimisation starts.
+            looks: for each round, the function that chooses the noise settings to evaluate.
         """
         arounds: Sequence[LinearisedRun] = self.around(point, free)
         best = point
@@ -173,15 +196,20 @@ class GreyBox:
         return float(sum(at_one(a, n).square[0] for a, n in pairs))
 
     def determined(self, point: NoiseAndMotion, wanted: np.ndarray) -> np.ndarray:
-        """(P,) bool: unknowns of `wanted` that the runs and the priors identify beside all unknowns before them.
+        """Find the unknowns that runs and priors identify although the motion has kicks of the largest allowed size.
 
-        Kicks are as large as allowed, so that an unknown which is visible only in an undisturbed motion does not count.
+        Args:
+            point: point at which the runs are linearised.
+            wanted: (P,) bool, unknowns to choose from; earlier ones are preferred.
+
+        Returns:
+            (P,) bool.
         """
         known = np.diag((self.problem.prior_weight * self.problem.typical) ** 2)
         return independent(known + self._kicked(point), wanted)
 
     def seen(self, point: NoiseAndMotion) -> np.ndarray:
-        """(P,) bool: unknowns that change anything in the runs."""
+        """(P,) bool: unknowns that have any influence on the runs at a point."""
         return np.diag(self._kicked(point)) > UNSEEN_INFORMATION
 
     def _kicked(self, point: NoiseAndMotion) -> np.ndarray:
@@ -194,10 +222,14 @@ class GreyBox:
         return gram
 
     def starts(self, free: np.ndarray, point: NoiseAndMotion) -> Iterator[np.ndarray]:
-        """(P,) start values of output-error fits: those at a point, then those with ever smaller kicks, the last first.
+        """(P,) start values for fits of whole simulated runs: those of a point, then others, the most likely first.
 
-        The kicks shrink from round to round, so that the motion changes from the measured to the simulated one without
-        losing the measured swing.
+        The others are optimised with kicks that shrink from round to round to nothing, so that the motion changes
+        gradually from the measured to the simulated one; those with the smallest kicks come first.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted.
+            point: optimised point.
         """
         yield self.with_starts(point)
         share, way = 1.0, list[np.ndarray]()
@@ -222,7 +254,7 @@ class GreyBox:
         yield from reversed(way)
 
     def with_starts(self, point: NoiseAndMotion) -> np.ndarray:
-        """(P,) values at a point, in which the unknown start of each run is that of its first state."""
+        """(P,) values of a point, in which the start parameters of each run agree with the first state of its motion."""
         values = point.values.copy()
         for run, states in zip(self.runs, point.states, strict=True):
             model, theta = run.pieces.model, values[run.places].copy()

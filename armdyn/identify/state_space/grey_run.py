@@ -1,4 +1,4 @@
-"""One run, linearised around its measured motion, with kicks between the pieces and small weights for glitches."""
+"""One run, linearised around its measured motion, with kicks (process noise) between short pieces of it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,32 +26,32 @@ from armdyn.recording.gaps import until
 from armdyn.recording.noise import quiet_noise
 
 PIECE_PERIODS = 0.5
-"""Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
-friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With white
-process noise in place of kicks real recordings contain 10 to 1000 times less information."""
+"""Length of a piece of the motion, between two kicks, in periods of the swing. Within a piece the motion follows the
+model, so friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With
+white process noise in place of kicks real recordings contain 10 to 1000 times less information."""
 MAX_ERROR_GROWTH = 100.0
-"""Growth of an error within a piece beyond which the piece is unstable."""
+"""Factor by which an error of the state may grow within a piece; above it the piece is divided."""
 LINEAR_PRIOR_SIZE = 100.0
-"""Prior width of the unknowns in linear sums, in typical sizes; it only bounds what the run does not identify."""
+"""Prior width of the unknowns of a linearised run, in typical sizes; it only limits what the run does not identify."""
 FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
-"""Number of pieces over which a force is followed first, growth of their number, and most steps of the smoother at
-each."""
+"""Number of pieces over which a motion is first derived from a force, factor on this number from round to round, and
+largest number of smoother steps in a round."""
 GLITCH_DEVIATES = 4.0
-"""Standard deviations of an innovation beyond which a sample is a glitch: one in 16,000 by chance."""
+"""Number of standard deviations of an innovation above which a sample is a glitch: one in 16,000 by chance."""
 MAX_ACTING_SHARE = 0.75
-"""Share of the unknowns with influence, above which leaving out the others saves nothing."""
+"""Share of the unknowns with influence above which the other unknowns are not left out, as this would save no time."""
 MAX_GLITCH_SHARE = 0.1
-"""Largest share of samples that can be glitches; more are a property of the sensor."""
+"""Largest share of samples that can be glitches; with more of them, none is treated as a glitch."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one run.
+    """Process noise and sensor noise of one run.
 
     Attributes:
         kick: standard deviation of the kicks (process noise), in typical sizes of the speeds.
-        level: standard deviation of the white noise over the quiet noise, by channel.
-        colour: correlated sensor error by channel.
+        level: by channel, standard deviation of the white sensor noise over the smallest that is possible (`quiet_noise`).
+        colour: by channel, sensor error that is correlated in time.
     """
 
     kick: float
@@ -60,16 +60,16 @@ class Noise:
 
 
 def scaled(noise: Noise, factor: float) -> Noise:
-    """The noise with all its standard deviations multiplied by a factor."""
+    """A copy of the noise with all standard deviations multiplied by a factor."""
     return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
 
 
 class GreyRun:
-    """One run, linearised around its motion.
+    """One run, divided into pieces, which can be linearised around a motion.
 
     Args:
         problem: the problem of the unknowns.
-        index: position of the run in the problem.
+        index: index of the run in the problem.
         swing: period of the swing, s.
         share: length of a piece, between two kicks, in periods of the swing.
     """
@@ -85,9 +85,9 @@ class GreyRun:
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def initial_states(self, values: np.ndarray) -> np.ndarray:
-        """(J, n) states from the measured motion, or, where it was not measured, from a smoother on a simulation.
+        """(J, n) states at the beginning of the pieces, from the measured motion or derived from a measured force.
 
-        A piece in which an error grows too much, as near the upright position, is cut.
+        A piece in which an error of the state grows too much, as near the upright position, is divided.
 
         Args:
             values: (P,) values of the unknowns.
@@ -135,7 +135,8 @@ class GreyRun:
         Args:
             values: (P,) values of the unknowns.
             states: (J, n) states at the beginning of the pieces.
-            weights: by channel, (N,) variance of each sample over that of the others; larger for suspected glitches.
+            weights: by channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for suspected
+                glitches.
             wanted: (P,) bool, unknowns with respect to which the run is linearised; the others are treated as known.
         """
         pieces, places = self._holding(values, wanted)
@@ -176,15 +177,15 @@ class GreyRun:
 
 
 class LinearisedRun:
-    """A run linearised around a motion with respect to some unknowns; whitened sums are cached by colour.
+    """A run, linearised around a motion with respect to P' of the P unknowns.
 
     Args:
         run: the run.
-        states: (J, n) states of the motion.
-        chain: transitions between its pieces, for P' unknowns.
-        rows: samples by channel.
+        states: (J, n) states of the motion at the beginning of its pieces.
+        chain: linearised transitions of the state from piece to piece.
+        rows: linearised samples by channel.
         definition: (J, n, P') derivatives of the states with respect to the unknowns, for a fixed motion.
-        wanted: (P,) bool, the unknowns of the linearisation among the problem's.
+        wanted: (P,) bool, True for the P' unknowns.
     """
 
     def __init__(
@@ -211,13 +212,21 @@ class LinearisedRun:
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
 
     def gram(self, channel: int, colour: Colour) -> Gram:
-        """Whitened sums of one channel, for one colour of its error."""
+        """Whitened sums of the channel with index `channel`, for one assumption on its correlated error; cached."""
         if (channel, colour) not in self._grams:
             (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
-        """Innovations at the noises of C colours and levels, each with (K,) kick sizes; 0 for known unknowns."""
+        """Sums of the innovations (prediction errors) of the run at several noise settings.
+
+        Args:
+            noises: C settings of the sensor noise.
+            kicks: (K,) standard deviations of the kicks, each of which is combined with each sensor noise.
+
+        Returns:
+            Sums for C K settings and all P unknowns of the problem; 0 for those that are treated as known.
+        """
         acting = self._acting
         if acting.all() and self._wanted.all():
             return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
@@ -263,17 +272,28 @@ class LinearisedRun:
         return range(len(self.rows))
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Smooth the run after a (P,) change of the unknowns: (J, n) states and (J, n) kicks."""
+        """Smooth the motion of the run after a change of the unknowns.
+
+        Args:
+            noise: process and sensor noise.
+            change: (P,) change of the unknowns.
+
+        Returns:
+            (J, n) states at the beginning of the pieces, and (J, n) kicks there.
+        """
         moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def left(self, begin: int, end: int) -> float:
-        """Mean squared residual over the noise variance in the pieces from `begin` to `end`."""
+        """Mean squared residual over the noise variance, in the pieces with indices from `begin` up to `end`."""
         residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
         return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
     def smoothed_until(self, known: int) -> np.ndarray:
-        """(J, n) states smoothed with the samples of the first `known` pieces, for kicks that one piece detects."""
+        """(J, n) states, smoothed with the samples of the first `known` pieces alone.
+
+        The kicks have the size of the accuracy with which one piece determines a speed.
+        """
         channels = len(self.rows)
         sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
         sums[known:] = 0.0
@@ -284,7 +304,15 @@ class LinearisedRun:
         return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(N,) weights of samples by channel after a (P,) change, larger for samples that noise does not explain."""
+        """Find glitches: samples that the noise does not explain.
+
+        Args:
+            noise: process and sensor noise.
+            change: (P,) change of the unknowns from the point of linearisation.
+
+        Returns:
+            By channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for a glitch.
+        """
         change = change[self._wanted]
         moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
         found = []

@@ -1,8 +1,9 @@
-"""Find how an unmeasured motion began: many start states are tried on the first stretch of each run.
+"""Find the start state of a motion that was not measured: many start states are tried on the first part of each run.
 
-A descent from one guess fails: at angle 0 with the gripper at rest the guess is a saddle point, and the cost of a
-recording of ten periods has ten minima. So the start of each run is searched alone, from many start states, over its
-first stretch; those that fit about as well as the best are followed while the stretch grows, which separates them.
+A fit from one guess fails: at angle 0 with the gripper at rest the guess is a saddle point, and the cost of a recording
+of ten periods has ten minima. So the start state of each run is searched separately, from many guesses, over the first
+part of the run. The guesses that fit about as well as the best are compared over longer and longer parts, until one is
+clearly better.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,27 +15,26 @@ from armdyn.identify.fit import CHI2_NEAR_NOISE, determined, duration, first_par
 from armdyn.identify.problem import Problem
 
 DESCENDED_STARTS = 8
-"""Number of start states, the best of all, from which a descent is made on the first stretch."""
+"""Number of start states, those with the least cost, from which a fit starts on the first part of a run."""
 FOLLOWED_STARTS = 4
-"""Number of these that are followed over longer stretches."""
+"""Largest number of start states that are compared over longer parts of a run."""
 RIVAL_COST_RATIO = 2.0
-"""Ratio of the costs, multiplied over the stretches so far, up to which two start states are both followed: where a
-short stretch hardly distinguishes two, the cost of the wrong one grows many times with the stretch. It is a product,
-because the model's error is smallest on the first stretch."""
+"""Ratio of the cost of a start state to that of the best, multiplied over all parts so far, up to which both are kept.
+The cost of a wrong one grows many times as the part grows."""
 STRETCH_GROWTH = 2.0
-"""Ratio of the lengths of a stretch and the one before."""
+"""Ratio of the length of a part of a run to that of the part before."""
 
 
 def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find how the motion of each run began.
+    """Find the start state of every run, for a model that simulates a motion which was not measured.
 
     Args:
         problem: model, runs and noise.
         values: (P,) start values.
 
     Returns:
-        (P,) values with the runs' start states, and (P,) values in which the shared ones are fitted to the starts as
-        well.
+        (P,) values with the start states found, and (P,) values in which the parameters shared by all runs are fitted
+        to the first parts of the runs as well.
     """
     begin, shared = values.copy(), []
     for i, run in enumerate(problem.runs):
@@ -50,7 +50,7 @@ def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np
 
 
 def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(P,) values that fit the first part of a single run best, with a global search for its start state.
+    """Fit the first part of a single run, with a global search for its start state; return (P,) values.
 
     Args:
         single: problem of one run.
@@ -100,7 +100,10 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
 
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
-    """(P,) bool: unknowns of `free` to fit to a stretch of `window` s: the base, and effects where it is long."""
+    """(P,) bool: unknowns of `free` that can be fitted to `window` s of a run.
+
+    Those of effects that all runs share are left out if the part is too short for them.
+    """
     return free if window >= problem.model.settled_window else free & (problem.per_run | ~problem.is_effect)
 
 

@@ -1,8 +1,8 @@
-"""Output-error fits that start at the measured motion, so that they do not get lost in a wrong minimum.
+"""Fit simulated runs to recordings (output error), from start values that lead to the right minimum.
 
-A slightly wrong pendulum that is simulated from one state over a long recording is soon in another phase, and a descent
-ends in one of many minima. Here the model is first linearised around the measured motion, with kicks (process noise)
-for what the model lacks; the kicks then shrink to nothing, and the measured motion changes into the simulated one.
+A slightly wrong pendulum that is simulated over a long recording is soon in another phase, and a fit ends in one of
+many wrong minima. Here the model is first linearised around the measured motion, with kicks (process noise) for what
+the model lacks. Then the kicks shrink to nothing, and the measured motion changes gradually into the simulated one.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,28 +20,29 @@ from armdyn.identify.state_space.starts import alike, likeliest_starts
 from armdyn.physics.simulated import simulated
 
 DIFFERENT_VALUE_SHARE = 0.1
-"""Relative difference from which a value that a recording shows directly is tried as well as the model's own."""
+"""Relative difference above which a value that a recording shows directly is tried in addition to the model's value."""
 SKETCH_STEPS = 5
-"""Steps after which only the better ones of several starts are continued."""
+"""Number of steps after which only the better ones of several fits are continued."""
 OTHER_STARTS = 3
-"""Number of values, taken while the kicks shrink, from which a fit with large errors is tried as well."""
+"""Number of further start values that are tried where a fit has large errors."""
 OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
-"""Factors on the sizes of effects from which fits with large errors are tried as well."""
+"""Factors on the sizes of effects that are tried as start values where a fit has large errors."""
 SMALLER_MOTION_FACTORS = (0.4, 0.7)
-"""Factors on the starts from which a fit without effects is tried as well: without a friction a swing that decays is
-nearest to a smaller one. Two free swings of a link leave 0.50 rad from either, 0.94 rad from the measured start."""
+"""Factors on the start states that are tried where a fit without effects has large errors: without friction a decaying
+swing is best imitated by a smaller one. For two free swings of a link the error falls from 0.94 to 0.50 rad."""
 WRONG_MOTION_KICK = 10.0
-"""Kicks, relative to the accuracy with which one piece determines a speed, beyond which a motion that was derived from
-a force may be a wrong one."""
+"""Size of the kicks, relative to the accuracy with which one piece of the motion determines a speed, above which a
+motion that was derived from a force may be wrong."""
 MAX_FIT_STEPS, RANKING_STEPS = 30, 10
-"""Largest number of steps of a fit, and of a fit that only ranks a set among others."""
+"""Largest number of steps of a fit, and of a fit that only ranks a set of effects among others."""
 MAX_PREDICTED_SAMPLES = 5_000_000
-"""Samples that a fit with large errors may predict in trying other start values: five seconds. All start values are
-tried in recordings of up to 37,000 samples, five minutes of a swing; fewer in longer ones, none beyond 111,000."""
+"""Number of samples that may be predicted (in five seconds) to try other start values where a fit has large errors. All
+start values are tried for recordings of up to 37,000 samples (five minutes of a swing), fewer for longer ones, none
+above 111,000."""
 
 
 def shows_motion(problem: Problem) -> bool:
-    """Whether every run contains the motion itself, and not only a force that depends on it."""
+    """Whether every run of a problem has a measured motion, and not only a measured force that depends on it."""
     model = simulated(problem.model)
     values = problem.start()
     return all(
@@ -53,22 +54,24 @@ def shows_motion(problem: Problem) -> bool:
 
 
 class AroundMotion:
-    """Runs linearised around their measured motion, and the fits that start there.
+    """Optimises sets of effects with process noise around the measured motion of runs, and gives start values for fits.
 
     Args:
         problem: problem of the model with every effect that may be fitted; training runs come first.
         training: number of runs that are fitted; the others are only predicted.
         present: (P,) bool, unknowns of effects that the model already has.
-        options: (P,) start values each, of which the likeliest is used.
+        options: several (P,) start values, of which the likeliest is used.
 
     Attributes:
-        box: the linearised runs.
+        box: the runs, which can be linearised and optimised.
         measured: whether the motion itself was measured, and not only a force.
-        base: (P,) bool, unknowns fitted in every set: those of the base model that the runs identify without added
-            effects. A mass is not visible in an angle, and a drag that is fitted with it would change it.
-        point: point at which the base is optimised.
-        seen: (P,) bool, unknowns that change something in these runs, or have a prior.
-        places: start values by unknown, for unknowns without influence while their effect is absent; see `places`.
+        of_starts: (P,) bool, unknowns of the runs' start states.
+        base: (P,) bool, unknowns that are fitted with every set of effects: those of the base model that the runs
+            identify without added effects.
+        point: point at which these unknowns are optimised without added effects.
+        seen: (P,) bool, unknowns that have an influence on these runs, or a prior.
+        places: start values, by index of the unknown, of thresholds: unknowns without influence while their effect is
+            absent.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
@@ -92,7 +95,7 @@ class AroundMotion:
 
     @property
     def names_of_places(self) -> dict[str, float]:
-        """Start values by parameter name, for parameters without influence while their effect is absent."""
+        """Start values, by parameter name, of thresholds: parameters without influence while their effect is absent."""
         return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
 
     def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, NoiseAndMotion]:
@@ -142,9 +145,12 @@ class AroundMotion:
         return self.box.settled(free, point, NEARBY_LOOKS) if self.box.is_cut(point) else point
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
-        """Optimise the runs with (P,) `free` unknowns, other effects at null, starting from the most similar set.
+        """Optimise values, noise and motions for a set of effects, starting from the most similar set so far.
 
-        Where `like` is given, the point of that set is a second start; the better result counts.
+        Args:
+            free: (P,) bool, unknowns that are fitted; other effects have their null values.
+            like: (P,) bool, unknowns of an optimised set from which a second optimisation starts; the better result is
+                returned.
         """
         key = free.tobytes()
         if key not in self._settled:
@@ -157,7 +163,7 @@ class AroundMotion:
         return self._settled[key][1]
 
     def settled_point(self, free: np.ndarray) -> NoiseAndMotion | None:
-        """The point optimised with (P,) `free` unknowns; None where it was not computed."""
+        """The point that was optimised for the (P,) bool unknowns `free`; None if it was not computed."""
         found = self._settled.get(free.tobytes())
         return None if found is None else found[1]
 
@@ -173,7 +179,14 @@ class AroundMotion:
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-        """By run and channel, (N,) weights of the samples at the most similar optimised set; see `NoiseAndMotion`."""
+        """Weights of the samples, by run and channel, from the most similar optimised set; above 1 for glitches.
+
+        Args:
+            free: (P,) bool, unknowns of the set for which weights are needed.
+
+        Returns:
+            By run and channel, (N,) variance of each sample relative to that of ordinary ones.
+        """
         return self._near(free).weights
 
     def _near(self, free: np.ndarray) -> NoiseAndMotion:
@@ -188,14 +201,14 @@ class AroundMotion:
         )
 
     def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
-        """(P,) start values for a fit of the whole runs, the likeliest first; computed when needed."""
+        """(P,) start values for a fit of whole simulated runs with (P,) bool unknowns `free`, the likeliest first."""
         return self.box.starts(free, self._near(free))
 
     def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-        """(P,) start values in which the effects, or without effects the motion, have other sizes than in `starts`.
+        """(P,) further start values: with other sizes of the effects, or, for a set without effects, of the motion.
 
-        The best size of a wrong effect over whole runs differs from its size in the linearised runs, and from run to
-        run.
+        The size of a wrong effect that fits whole runs best differs from its size in the linearised runs, and from run
+        to run.
 
         Args:
             free: (P,) bool, unknowns that are fitted.
@@ -213,9 +226,9 @@ class AroundMotion:
             yield from (np.where(self.of_starts, size * first, first) for size in SMALLER_MOTION_FACTORS)
 
     def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) start values for a model whose values are guesses; see `likeliest_starts`.
+        """(P,) start values for a model whose values are only guesses, the likeliest first; see `likeliest_starts`.
 
-        The optimum of a base model that lacks an effect may be far from its optimum with the effect.
+        They are searched for each set of effects, as an added effect may move the optimum far.
         """
         return likeliest_starts(self.problem, self.box.training, free, self._given)
 
@@ -242,10 +255,16 @@ class AroundMotion:
 
 
 def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
-    """The best of the minima reached from (P,) start values, the likeliest of which comes first.
+    """Fit whole simulated runs from several start values and return the best fit.
 
-    At most `others` further starts are tried. A fit that ends at the noise, or near it where `others` is 0, is in the
-    right minimum: then the kicks need not be shrunk step by step.
+    Further start values are computed and tried only where the fit is far above the noise.
+
+    Args:
+        problem: model, runs and noise.
+        free: (P,) bool, unknowns that are fitted.
+        starts: (P,) start values, the likeliest first.
+        others: largest number of start values that are tried after the first two; 0 for a quick fit that only ranks a
+            set of effects.
     """
     values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
@@ -274,7 +293,13 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
-    """Fit a single run: its start and the unknowns (P,) `free`, from its measured motion; the others are fixed."""
+    """Fit a single simulated run, with start values from its measured motion.
+
+    Args:
+        single: problem of one run.
+        values: (P,) values of the unknowns.
+        free: (P,) bool, unknowns that are fitted; the others are fixed.
+    """
     model = simulated(single.model)
     swing = model.swing(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))

@@ -1,4 +1,4 @@
-"""Thresholds of absent effects in runs that are linearised around their motion; see `thresholds`."""
+"""Search for start values of thresholds (see `identify.thresholds`) in runs that are linearised around their motion."""
 
 from dataclasses import replace
 
@@ -10,13 +10,16 @@ from armdyn.identify.thresholds import likeliest
 
 
 def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
-    """Find the likeliest threshold, by unknown, of every effect that has one.
+    """Find the likeliest value of every threshold: an unknown without influence while its effect is absent.
 
     Args:
-        box: all runs, linearised around their motion.
-        point: point at which the base is optimised.
-        base: (P,) bool, unknowns of the base that are fitted.
-        seen: (P,) bool, unknowns that change something while all effects are absent.
+        box: all runs, which can be linearised around their motion.
+        point: point at which the base model is optimised without effects.
+        base: (P,) bool, unknowns of the base model that are fitted.
+        seen: (P,) bool, unknowns that have an influence while all effects are absent.
+
+    Returns:
+        Thresholds by index of the unknown; those without any influence are left out.
     """
     problem, found, values = box.problem, dict[int, float](), point.values.copy()
     hidden = problem.is_effect & box.removable & ~problem.per_run & ~seen

@@ -1,4 +1,4 @@
-"""Score sets of effects around the measured motion: for models that simulate, with process noise."""
+"""Score sets of effects of a model that simulates a motion, by their evidence with process noise."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import combinations
@@ -16,28 +16,28 @@ from armdyn.identify.state_space.noise_evidence import Tables, everywhere
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 
 SCORED_SETS = 16
-"""Changes of a set that are scored in full, those with the best score at a few noises."""
+"""Number of changed sets, those with the best score at a few noise settings, that are scored in full."""
 VERIFIED_SETS = 4
-"""Changes of a set, the best of their kind, that are optimised before one of them is taken."""
+"""Number of changed sets, those with the best score, that are optimised before one of them is chosen."""
 COMPARED_STEPS = 3
-"""Candidates for the next step of a path, the best ones, that are compared by their residual."""
+"""Number of effects, those with the best score, whose residuals are compared to choose the next step of a path."""
 PAIRED_EFFECTS = 36
-"""Effects, the best ones alone, of which pairs are added: more than any catalogue has for a model."""
+"""Number of effects, those with the best score alone, of which pairs are added."""
 MAX_SET_FOR_PAIRS = 3
-"""Largest set to which pairs of effects are added: two effects may be what one imitates."""
+"""Largest number of effects in a set to which pairs of effects are added, because one effect may imitate two."""
 
 POSSIBLE_TIE_NATS = 12.0
-"""Difference of log evidence, nats, below which a set may turn out to be tied when it is optimised itself."""
+"""Difference of log evidence, nats, below which a set is optimised to test whether the runs can tell it apart."""
 MAX_LACKING_SHARE = 0.5
-"""Share of an effect's evidence that a rival may lack and still be optimised itself and compared by its residual:
-seen from the point of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own
-point."""
+"""Share of an effect's evidence that a rival may lack and still be optimised and compared by its residual: linearised
+at the optimum of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own optimum.
+"""
 CACHED_SETS = 4
-"""Optimised sets whose tables are kept, the last ones: two that are compared in turn, and the set they came from."""
+"""Number of optimised sets whose tables are cached, the most recent ones."""
 
 
 class StateSpaceScorer(SetScorer):
-    """Scores sets by their evidence, each at the noise that suits it best.
+    """Scores sets of effects by their evidence, each at its most likely process and sensor noise.
 
     Args:
         study: model, runs and catalogue.
@@ -59,7 +59,7 @@ class StateSpaceScorer(SetScorer):
         self.settle(())
 
     def settle(self, effects: Iterable[Candidate]) -> SetScore:
-        """Optimise a set at its own motion and noise; others are scored from there until the next one is optimised."""
+        """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
         self._at = frozenset(effects)
         point = self._motion.settled(self._free(self._at))
         kept = self._tables.pop(self._at, None)
@@ -116,9 +116,14 @@ class StateSpaceScorer(SetScorer):
         )
 
     def best_set(self, say: Callable[[str], None]) -> SetScore:
-        """The set with the best score: changed by one or two effects more, one exchanged for one or two, or one less.
+        """Search for the set with the best score, starting without effects.
 
-        A change is predicted from the present set; it is taken where it holds at its own motion and noise.
+        In each round one or two effects are added, one is exchanged for one or two, or one is removed. A change is
+        first scored by linearisation at the present set; it is accepted if the changed set is better at its own optimum
+        too.
+
+        Args:
+            say: called with a text on the progress.
         """
         now, refused = self.settle(()), {frozenset[Candidate]()}
         while True:
@@ -139,10 +144,15 @@ class StateSpaceScorer(SetScorer):
             now = self.settle(following.effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """Whether the runs cannot distinguish two sets, by their evidence, each from the other's point, or residual.
+        """Whether the runs cannot tell two sets apart, by their evidence or by their residuals.
 
-        Where the residual is above the noise, another effect is missing too, and an exchange that changes the error by
-        little may be due to it.
+        Where the residual is above the noise, another effect is missing too, so sets whose residuals differ by little
+        count as equal.
+
+        Args:
+            whole: the better set.
+            other: the set that is compared with it.
+            without: the set of the effects that both share.
         """
         standing = self.schwarz_score(whole)
         gap = standing - self.schwarz_score(other)
@@ -192,9 +202,9 @@ class StateSpaceScorer(SetScorer):
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """The set to report next: the one with the smallest output error among those with the best scores.
+        """Of the sets with one of the options added, the one that a report should name first.
 
-        A reader compares errors: an offset of the camera may be more certain than the drag that it hides.
+        It has the smallest error of whole runs among those with the best scores.
         """
         self.settle(now.effects)
         promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.score)

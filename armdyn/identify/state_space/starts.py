@@ -1,4 +1,4 @@
-"""Start values for a model whose values are guesses: the likeliest ones within the bounds.
+"""Search for start values of a fit, for a model whose given values are only guesses.
 
 A motion simulated in short pieces, each started at the measurement, is nearly linear in all values: the cost has few
 minima there, and they lie near the minimum of the whole recording.
@@ -15,24 +15,27 @@ from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.physics.simulated import simulated
 
 TRIED_STARTS, KEPT_STARTS = 24, 3
-"""Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
+"""Number of start values that are tried, and largest number of different results that are returned."""
 START_SPREAD_FACTOR = 3.0
-"""Largest factor between a tried value and the model's value, up or down; where that is 0, in typical sizes."""
+"""Largest ratio of a tried value to the model's value, or of the model's value to a tried one. Where the model's value
+is 0: largest tried value, in typical sizes."""
 SHORT_PIECE_PERIODS = 1.0 / 8.0
-"""Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
-oscillation."""
+"""Length of the short pieces of the motion, in periods of the swing: in half a swing, a stiffness four times too large
+is already another oscillation."""
 START_SEARCH_PERIODS = 8.0
-"""Length of the part of every run in which values are tried, in periods of the swing."""
+"""Length of the first part of every run that is used for the search, in periods of the swing."""
 START_ROUNDS = 4
-"""Rounds in which a start is optimised in short pieces."""
+"""Number of rounds in which values are optimised in short pieces."""
 REPEATED_BEST_STARTS = 3
-"""Number of starts that end at the best optimum found, after which no more are tried."""
+"""Number of start values that lead to the best optimum so far, after which the search ends."""
 SAME_START_SHARE = 0.05
-"""Relative difference up to which two results are the same."""
+"""Relative difference up to which two results are the same optimum."""
 
 
 def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-    """(P,) start values for a fit, the likeliest first; an empty list where no value is a guess, or all diverge.
+    """Find (P,) start values for a fit, the likeliest first.
+
+    The list is empty if no value is a guess, or if all simulations diverge.
 
     Args:
         problem: model and runs; the fitted runs come first.
@@ -68,7 +71,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
 
 
 def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
-    """Whether two (P,) values are nearly equal in the unknowns `where`, (P,) bool."""
+    """Whether two vectors (P,) of values are nearly equal for the unknowns `where`, (P,) bool."""
     return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
 
 
