@@ -50,7 +50,7 @@ class Noise:
 
     Attributes:
         kick: standard deviation of the kicks (process noise), in typical sizes of the speeds.
-        level: by channel, standard deviation of the white sensor noise over the smallest that is possible (`quiet_noise`).
+        level: by channel, standard deviation of the white sensor noise over the least possible one (see `quiet_noise`).
         colour: by channel, sensor error that is correlated in time.
     """
 
