@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.errors import InputError, at, collect
+from armdyn.errors import InputError, collect_errors, error_location
 from armdyn.recording.channels import (
     JOINT_CHANNELS,
     Channel,
@@ -20,7 +20,7 @@ from armdyn.recording.units import si_factor
 from urdf.table_file import join_problems
 
 
-def channels_of(
+def channels_from_arrays(
     time: Any, values: Mapping[str, Any], units: Mapping[str, str], joints: Sequence[str] = ()
 ) -> dict[str, Channel]:
     """Make the channels of a recording from arrays that share their time stamps.
@@ -37,7 +37,7 @@ def channels_of(
     """
     problems: list[str] = []
     stamps: FloatArray | None = None
-    with collect(problems):
+    with collect_errors(problems):
         stamps = _numbers("time", time)
         check_clock(stamps)
     sound = not problems
@@ -46,9 +46,9 @@ def channels_of(
     found: dict[str, Channel] = {}
     for label, raw in columns.items():
         name, written = name_and_unit(label)
-        with collect(problems):
+        with collect_errors(problems):
             value = _numbers(name, raw)
-            with at(f"'{name}'"):
+            with error_location(f"'{name}'"):
                 # Units that are not given are SI.
                 usual = "" if is_auxiliary(name) else channel_units(name)[0]
                 to_si = channel_unit(name, written or _given(units, name) or usual)
@@ -69,7 +69,7 @@ def channels_of(
     return found
 
 
-def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
+def split_frame(frame: Any) -> tuple[Any, dict[str, Any]]:
     """Split a data frame (pandas, polars, pyarrow or a mapping) into its time, (n,) s, and its other columns by name.
 
     The time is the column ``time`` (``time [ms]`` in another unit), else the index of a pandas frame; durations and
@@ -84,14 +84,14 @@ def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
     for label in columns:
         name, unit = name_and_unit(label)
         if name == "time":
-            return seconds(columns.pop(label), unit or "s"), columns
+            return time_in_seconds(columns.pop(label), unit or "s"), columns
     index = getattr(frame, "index", None)
     if index is None or callable(index):
         raise InputError("no 'time' column: add one, in seconds, or name it 'time [ms]'")
-    return seconds(index, "s"), columns
+    return time_in_seconds(index, "s"), columns
 
 
-def seconds(time: Any, unit: str) -> FloatArray:
+def time_in_seconds(time: Any, unit: str) -> FloatArray:
     """Convert time stamps to s, (n,), from numbers in `unit`, durations or dates.
 
     Raises:

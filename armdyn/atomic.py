@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from armdyn.errors import InputError
-from armdyn.read_files import may_replace, refuse_to_replace
+from armdyn.read_files import allow_overwrite, check_overwrite
 
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
@@ -26,8 +26,8 @@ ABANDONED_SECONDS = 86400.0
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text as UTF-8: also after a crash, the file has its old or its complete new content; see `replacing`."""
-    with replacing(path) as file:
+    """Write a text as UTF-8: even after a crash, the file has its old or its new content; see `replace_file`."""
+    with replace_file(path) as file:
         file.write(text.encode("utf-8", errors="replace"))
 
 
@@ -44,7 +44,7 @@ def make_directory(path: Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
+def replace_file(path: Path) -> Iterator[BinaryIO]:
     """Context manager: open a new file for writing, which replaces `path` when the block ends without an error.
 
     Args:
@@ -85,18 +85,18 @@ def _replaceable(path: Path) -> Path:
         raise IsADirectoryError(0, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(0, "it is write-protected")
-    refuse_to_replace(target)
+    check_overwrite(target)
     return target
 
 
 @contextmanager
-def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+def replace_two_files(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
     """Context manager: open two new files that belong together, of which both or none replace the old ones.
 
     Raises:
-        InputError: one of the files cannot be written (see `replacing`); both old files are then unchanged.
+        InputError: one of the files cannot be written (see `replace_file`); both old files are then unchanged.
     """
-    with replacing(first) as one, replacing(second) as other:
+    with replace_file(first) as one, replace_file(second) as other:
         yield one, other
         for path, file in ((first, one), (second, other)):
             if not is_stream(path):
@@ -138,7 +138,7 @@ class GrowingFile:
     another name, and replaces the old one in `finish`.
 
     Args:
-        path: path of the file; see `replacing`.
+        path: path of the file; see `replace_file`.
 
     Attributes:
         stream: stream to write to.
@@ -158,7 +158,7 @@ class GrowingFile:
                 unfinished = f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
                 self._target, self._beside = target, target.with_name(unfinished)
             self.stream = (self._beside or target).open("xb")
-            may_replace(self._beside or target)
+            allow_overwrite(self._beside or target)
 
     def finish(self) -> None:
         """Close the file; where an old file has its name, the new one replaces it.
@@ -172,7 +172,7 @@ class GrowingFile:
                 old = self._target.stat()
                 self._beside.chmod(stat.S_IMODE(old.st_mode))
             self._beside.replace(self._target)
-            may_replace(self._target)
+            allow_overwrite(self._target)
             self._beside = None
 
 
@@ -193,7 +193,7 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
                 os.fchmod(descriptor, mode)  # whatever the umask, and after the owner, which clears bits
             os.fsync(descriptor)  # a disk that is full says so at the latest here
         temporary.replace(target)
-        may_replace(target)
+        allow_overwrite(target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -25,7 +25,7 @@ COMPILE_VARIABLE = "ARMDYN_COMPILE"
 
 
 @cache
-def compiler() -> str | None:
+def find_compiler() -> str | None:
     """The C compiler on the path; None where there is none or ``ARMDYN_COMPILE=0``."""
     if os.environ.get(COMPILE_VARIABLE) == "0":
         return None
@@ -44,7 +44,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
         name: first part of the library's file name.
         functions: functions by name; each keeps its inputs and outputs.
     """
-    command = compiler()
+    command = find_compiler()
     if command is None:
         return dict(functions)
     directory = private_directory()

@@ -28,21 +28,21 @@ class Column:
     Attributes:
         name: name in a data frame, and, with spaces in place of underscores, the heading.
         values: values of any type, None where there is none.
-        form: format of numbers that are not integers.
-        missing: text for None.
-        shares: length of the bar behind each value, 1 = full; empty for no bars.
-        judged: whether the colour of a bar depends on its length.
-        wide: whether narrow tables, on a terminal and in a notebook's card, leave the column out.
+        number_format: format of numbers that are not integers.
+        missing_text: text for None.
+        bar_lengths: length of the bar behind each value, 1 = full; empty for no bars.
+        bar_coloured_by_length: whether the colour of a bar depends on its length.
+        dropped_when_narrow: whether narrow tables, on a terminal and in a notebook's card, leave the column out.
         title: heading of the column; where empty, its name with spaces in place of underscores.
     """
 
     name: str
     values: Sequence[Any]
-    form: str = ".4g"
-    missing: str = "–"
-    shares: Sequence[float] = ()
-    judged: bool = False
-    wide: bool = False
+    number_format: str = ".4g"
+    missing_text: str = "–"
+    bar_lengths: Sequence[float] = ()
+    bar_coloured_by_length: bool = False
+    dropped_when_narrow: bool = False
     title: str = ""
 
     @property
@@ -57,15 +57,15 @@ class Column:
 
     def _text(self, value: Any) -> str:
         if value is None:
-            return self.missing
+            return self.missing_text
         if isinstance(value, bool):
             return "yes" if value else "no"
         if isinstance(value, list | tuple):
             return ", ".join(map(str, value))
-        return format(value, self.form) if isinstance(value, float) else str(value)
+        return format(value, self.number_format) if isinstance(value, float) else str(value)
 
 
-def columns_of(items: Collection[Any], **forms: str) -> list[Column]:
+def attribute_columns(items: Collection[Any], **forms: str) -> list[Column]:
     """Make table columns from items: one column for each attribute named in `forms`, with its number format."""
     return [Column(name, [getattr(item, name) for item in items], form) for name, form in forms.items()]
 
@@ -78,13 +78,13 @@ class Table:
         columns: from left to right.
         caption: a sentence below the table.
         name: name under which a data frame of the table is available; empty for none.
-        folded: text of the line behind which a page hides the table; empty for a visible table.
+        fold_label: text of the line behind which a page hides the table; empty for a visible table.
     """
 
     columns: Sequence[Column]
     caption: str = ""
     name: str = ""
-    folded: str = ""
+    fold_label: str = ""
 
     @classmethod
     def of(cls, header: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> "Table":
@@ -97,14 +97,14 @@ class Table:
         return {column.name: column.values for column in self.columns}
 
     @property
-    def filled(self) -> list[Column]:
+    def nonempty_columns(self) -> list[Column]:
         """Columns that contain at least one value."""
         return [c for c in self.columns if any(value not in (None, "", (), []) for value in c.values)]
 
     @property
-    def narrow(self) -> list[Column]:
+    def narrow_columns(self) -> list[Column]:
         """Columns that are kept where the table must be narrow."""
-        return [column for column in self.filled if not column.wide]
+        return [column for column in self.nonempty_columns if not column.dropped_when_narrow]
 
     def __len__(self) -> int:
         return len(self.columns[0].values) if self.columns else 0
@@ -214,7 +214,7 @@ class Curve:
         time: (n,) times, s.
         value: (n,) values in the unit of the row.
         run: name of the run; of several runs one is visible at a time.
-        dots: whether it consists of measured samples instead of a line.
+        drawn_as_points: whether it consists of measured samples instead of a line.
         half_width: (n,) half the width of a band around it; None for no band.
     """
 
@@ -223,7 +223,7 @@ class Curve:
     time: "FloatArray"
     value: "FloatArray"
     run: str = ""
-    dots: bool = False
+    drawn_as_points: bool = False
     half_width: "FloatArray | None" = None
 
 

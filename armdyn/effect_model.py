@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from armdyn.document import Column, Columns, Table, columns_of
+from armdyn.document import Column, Columns, Table, attribute_columns
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
@@ -82,9 +82,9 @@ class EffectModel(ABC):
     @property
     def named_effects(self) -> tuple[Effect, ...]:
         """The effects that reports list, each on its joints, without the small values of the background."""
-        return self.named_only().effects
+        return self.without_background().effects
 
-    def named_only(self) -> Self:
+    def without_background(self) -> Self:
         """A copy of the model without its background of small values."""
         model = self
         for effect in self.effects:
@@ -98,7 +98,7 @@ class EffectModel(ABC):
         held = self.background.names if self.background is not None else ()
         return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
-    def reachable(self, effect: Effect) -> tuple[str, ...]:
+    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect can act, in the model's order; ``("",)`` where its stage has no joints.
 
         Raises:
@@ -123,20 +123,20 @@ class EffectModel(ABC):
 
         ``("",)`` where the effect's stage has no joints; empty where the model does not have the effect.
         """
-        return next((e.joints or self.reachable(e) for e in self.effects if e.name == effect), ())
+        return next((e.joints or self.possible_joints(e) for e in self.effects if e.name == effect), ())
 
-    def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
+    def parameter_names_by_joint(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by joint; the joint is ``""`` where the effect has none."""
         return {
             joint: tuple(p.name for p in self.parameters.values() if p.effect == effect and p.joint == joint)
             for joint in self.joints_with(effect)
         }
 
-    def lacks(self, effect: Effect) -> bool:
+    def can_add_effect(self, effect: Effect) -> bool:
         """Whether the model can have an effect that it does not have yet, on all of its joints or on some."""
         if effect.acts_on not in self.stages:
             return False
-        return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
+        return not set(effect.joints or self.possible_joints(effect)) <= set(self.joints_with(effect.name))
 
     def with_effect(self, effect: Effect) -> Self:
         """A copy of the model with one more effect, or with an effect on more joints, at its null value.
@@ -152,7 +152,7 @@ class EffectModel(ABC):
                 f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of base '{self.base}' lacks: "
                 f"choose one that acts on {' or '.join(self.stages)}"
             )
-        reachable = self.reachable(effect)
+        reachable = self.possible_joints(effect)
         if effect.joints and reachable == ("",):
             listed = ",".join(effect.joints)
             raise InputError(f"the effect '{effect.name}' acts on the {effect.acts_on}: leave out ':{listed}'")
@@ -192,7 +192,7 @@ class EffectModel(ABC):
         kept = {n: p for n, p in self.parameters.items() if p.effect != name or p.joint in left}
         return self._with((e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left), kept)
 
-    def with_only(self, effects: Collection[str]) -> Self:
+    def with_only_effects(self, effects: Collection[str]) -> Self:
         """A copy of the model that has only the effects with these names; its parameters keep their order."""
         kept = tuple(effect for effect in self.effects if effect.name in effects)
         if len(kept) == len(self.effects):
@@ -223,7 +223,7 @@ class EffectModel(ABC):
         """
         if not 0.0 <= width < inf:
             raise InputError(f"width {width:g}: give a number that is not negative, in typical sizes")
-        bare, known = self.named_only(), {effect.name: effect for effect in effects}
+        bare, known = self.without_background(), {effect.name: effect for effect in effects}
         joints: dict[str, list[str]] = {}
         for name in values:
             quantity, _, joint = name.partition("[")
@@ -250,9 +250,11 @@ class EffectModel(ABC):
         """A copy of the model with all of `effects` that it can have, the new ones at their null values and fixed."""
         model = self
         for effect in effects:
-            if model.lacks(effect):
+            if model.can_add_effect(effect):
                 had, there = set(model.names), model.joints_with(effect.name)
-                new = (joint for joint in effect.joints or model.reachable(effect) if joint and joint not in there)
+                new = (
+                    joint for joint in effect.joints or model.possible_joints(effect) if joint and joint not in there
+                )
                 model = model.with_effect(effect.on(*new))
                 model = model.with_fixed(*(name for name in model.names if name not in had))
         return model
@@ -276,14 +278,15 @@ class EffectModel(ABC):
         """A copy of the model in which no fit changes the parameters `names`."""
         return self.with_parameters({name: replace(self._parameter(name), fitted=False) for name in names})
 
-    def background_data(self) -> Mapping[str, Callable[[], Columns]]:
+    def background_table(self) -> Mapping[str, Callable[[], Columns]]:
         """The values of the model's background as a table for `Document.data`; empty without a background."""
         return {} if self.background is None else {"background": self._background_columns}
 
     def _background_columns(self) -> Columns:
         held = [self.parameters[name] for name in self.background.names] if self.background is not None else []
-        columns = [Column("parameter", [p.name for p in held]), *columns_of(held, effect="", joint="", value="")]
-        columns += [*columns_of(held, unit=""), Column("typical_sizes", [(p.value - p.null) / p.typical for p in held])]
+        columns = [Column("parameter", [p.name for p in held]), *attribute_columns(held, effect="", joint="", value="")]
+        sizes = [(p.value - p.null) / p.typical for p in held]
+        columns += [*attribute_columns(held, unit=""), Column("typical_sizes", sizes)]
         return Table(columns).values
 
     def _parameter(self, name: str) -> Parameter:

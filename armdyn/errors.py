@@ -30,7 +30,7 @@ class InputError(ArmdynError):
 
 
 @contextmanager
-def at(where: object) -> Iterator[None]:
+def error_location(where: object) -> Iterator[None]:
     """Context manager: put a location, such as a file or an entry, before the message of an input error in the block.
 
     A message that already begins with the location is not changed.
@@ -43,7 +43,7 @@ def at(where: object) -> Iterator[None]:
 
 
 @contextmanager
-def collect(problems: list[str], where: str = "") -> Iterator[None]:
+def collect_errors(problems: list[str], where: str = "") -> Iterator[None]:
     """Context manager: append the message of an input error in the block to a list, instead of raising the error.
 
     The location `where`, if given, is put before the message.
@@ -79,7 +79,7 @@ MAX_SHOWN_MESSAGE_LENGTH = 300
 """Largest number of characters shown of a message from another library; some contain whole matrices."""
 
 
-def sentence_of(error: BaseException, failed: str) -> str:
+def error_sentence(error: BaseException, failed: str) -> str:
     """Describe an exception in one line.
 
     An error of armdyn is described by its message. For any other, a developer needs its type, its message and the line

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from armdyn.document import Column, Document, Section, Table, columns_of
+from armdyn.document import Column, Document, Section, Table, attribute_columns
 from armdyn.effect_model import EffectModel
 from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
@@ -62,7 +62,7 @@ class Model(EffectModel, Displayable):
         return 0.005
 
     @property
-    def settled_window(self) -> float:
+    def min_effect_window(self) -> float:
         """Shortest part of a run, s, in which effects such as friction and creep are identifiable."""
         return 3.0
 
@@ -70,38 +70,38 @@ class Model(EffectModel, Displayable):
         """The base model, its values and its effects, in one line."""
         said = [effect.label for effect in self.named_effects] or ["no effects"]
         said += [self.background.label] if self.background is not None else []
-        return f"{self.about}; {', '.join(said)}"
+        return f"{self.base_summary}; {', '.join(said)}"
 
     __repr__ = __str__
 
     @property
-    def about(self) -> str:
+    def base_summary(self) -> str:
         """The base model and its parameter values in one line, without effects and without constants such as gravity.
 
         A constant is left out while it has its usual value.
         """
         shared = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
-        own = (p for p in shared if not p.considered or p.value != p.null)
+        own = (p for p in shared if not p.is_consider_parameter or p.value != p.null)
         values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
         return f"{self.base}, {values}" if values else self.base
 
     def document(self) -> Document:
         """Build a document with the table of the model's parameters."""
-        shared = {name: p for name, p in self.named_only().parameters.items() if p.scope == "shared"}
+        shared = {name: p for name, p in self.without_background().parameters.items() if p.scope == "shared"}
         values = shared.values()
-        columns = [Column("parameter", list(shared)), *columns_of(values, value=".6g")]
-        columns += [Column("std", [p.std for p in values], ".2g"), *columns_of(values, unit="", fitted="")]
+        columns = [Column("parameter", list(shared)), *attribute_columns(values, value=".6g")]
+        columns += [Column("std", [p.std for p in values], ".2g"), *attribute_columns(values, unit="", fitted="")]
         tables = [Table(columns, name="parameters")]
         said = self.background.sentence if self.background is not None else ""
         sections = [Section("Parameters", said, tables=tables)]
-        return Document(f"Model: {self.base}", f"{self}.", sections, data=self.background_data())
+        return Document(f"Model: {self.base}", f"{self}.", sections, data=self.background_table())
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses, by name, of parameters with one value per run, such as the angle at the start of a swing."""
         del run
         return {}
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start states (values by parameter name) from each of which a fit is tried; empty where one start suffices.
 
         Args:
@@ -120,11 +120,11 @@ class Model(EffectModel, Displayable):
         del theta
         return np.inf
 
-    def between_gaps(self, run: Run) -> tuple[Run, ...]:
+    def split_at_gaps(self, run: Run) -> tuple[Run, ...]:
         """Split a run where samples are missing; the run stays whole where the model can simulate through a gap."""
         return (run,)
 
-    def pieces(self, run: Run) -> Sequence[Run]:
+    def split_into_pieces(self, run: Run) -> Sequence[Run]:
         """Split a run into the parts that are simulated separately, each from a start state; by default one part."""
         return (run,)
 
@@ -151,7 +151,7 @@ class Model(EffectModel, Displayable):
         """The model itself if it describes an arm with joints, links and drives; None for any other base."""
         return None
 
-    def described(self, folder: Path) -> Mapping[str, Any]:
+    def file_entries(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file that define the base model; paths in them are relative to `folder`."""
         del folder
         return {"base": self.base}
@@ -181,16 +181,16 @@ class Model(EffectModel, Displayable):
         return ()
 
     @property
-    def first_guesses(self) -> tuple[str, ...]:
+    def guessed_parameters(self) -> tuple[str, ...]:
         """Names of parameters whose given values are only guesses; those that no run identifies stay near them."""
         return ()
 
-    def following(self, runs: Sequence[Run]) -> Self:
+    def adapted_to(self, runs: Sequence[Run]) -> Self:
         """A copy of the model adapted to what the runs contain, such as a servo's commands; by default no change."""
         del runs
         return self
 
-    def taking(self, run: Run) -> Run:
+    def with_model_channels(self, run: Run) -> Run:
         """A copy of a run in which the further quantities that the model predicts or needs as input are channels."""
         return run
 
@@ -205,27 +205,27 @@ class Model(EffectModel, Displayable):
         return ()
 
     @property
-    def told_beside(self) -> frozenset[str]:
+    def excluded_effects(self) -> frozenset[str]:
         """Names of effects that a diagnosis does not consider; a user can still add them.
 
         The recordings state their values, or they would fit any recording.
         """
         return frozenset()
 
-    def reading(self, run: Run) -> Run:
+    def with_estimated_channels(self, run: Run) -> Run:
         """A copy of a run with estimated channels, such as a joint torque from the position error of its servo."""
         return run
 
-    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+    def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """A model with the `needed` effects that predicts `runs` faster; it may lack any other effect.
 
         While the effects that it lacks are at their null values, both models predict the same. The order of the
         parameters does not change.
         """
         del runs
-        return self.with_only(needed)
+        return self.with_only_effects(needed)
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """Prepare a run for comparison with this model; do this once per run, before its noise is estimated.
 
         An arm's model low-passes the measured torques and keeps fewer samples of them; its predictions for the returned
@@ -241,7 +241,7 @@ class Model(EffectModel, Displayable):
         del beside
         return run
 
-    def jumps(self, run: Run) -> np.ndarray:
+    def jump_times(self, run: Run) -> np.ndarray:
         """(j,) times, s, ascending, at which the prediction for a prepared run may jump."""
         del run
         return np.zeros(0)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from armdyn import atomic
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
@@ -96,7 +96,7 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
     table = read_toml(path, f": make one with 'armdyn new pendulum {path}'")
-    with at(path):
+    with error_location(path):
         return _parsed(table, path.parent, tuple(extra))
 
 
@@ -116,9 +116,9 @@ def model_text(file: ModelFile, folder: Path) -> str:
     """Text of a model file, in TOML; paths in it are relative to `folder`, which will hold the file."""
     import tomlkit
 
-    model, background = file.model.named_only(), file.model.background
+    model, background = file.model.without_background(), file.model.background
     document = tomlkit.document()
-    for key, value in {**model.described(folder), **file.description}.items():
+    for key, value in {**model.file_entries(folder), **file.description}.items():
         document[key] = value
     document["effects"] = [effect.label for effect in model.effects]
     parameters = tomlkit.table()
@@ -164,10 +164,10 @@ def base_pendulum(known: Mapping[str, str] | None = None) -> Model:
     """Make a pendulum's model without effects, with known values such as ``{"mass": "80 g +/- 0.4 g"}``."""
     from armdyn.pendulum.model import pendulum_model
 
-    return with_known(pendulum_model(0.35, 0.1), known or {})
+    return with_known_values(pendulum_model(0.35, 0.1), known or {})
 
 
-def with_known(model: Model, known: Mapping[str, str]) -> Model:
+def with_known_values(model: Model, known: Mapping[str, str]) -> Model:
     """Return a copy of a model with known values of parameters.
 
     Args:
@@ -183,7 +183,7 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
         if name not in settable:
             raise UnknownNameError("parameter", name, settable)
         parameter = model.parameters[name]
-        with at(name):
+        with error_location(name):
             value = parse_quantity(text, parameter.unit)
         if value.std is not None:
             model = model.with_prior(name, value.value, value.std)
@@ -221,7 +221,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
     if "background" in table:
         held = read_as(_BackgroundEntry, table["background"], "[background]")
-        with at("[background]"), _own_effects_in_a_file():
+        with error_location("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
             model = model.with_background(held.width, held.values, known.values())
     history = table.get("history", [])

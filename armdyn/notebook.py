@@ -13,7 +13,7 @@ GREY, ORANGE, BLUE, GREEN, VERMILLION = "#7B8794", "#E69F00", "#0072B2", "#009E7
 PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GREY)
 
 
-def card(document: Document) -> str:
+def html_card(document: Document) -> str:
     """Render a document as a short piece of HTML that is readable on light and dark pages."""
     colour = "currentColor" if document.level is None else GREEN if document.level is Level.GOOD else VERMILLION
     head = f"<b>{escape(document.title)}</b><br>{escape(document.verdict)}"
@@ -22,7 +22,7 @@ def card(document: Document) -> str:
 
 
 def _html(table: Table) -> str:
-    columns = table.narrow
+    columns = table.narrow_columns
     if not columns:
         return ""
     header = "".join(f"<th style='text-align:left'>{escape(column.heading)}</th>" for column in columns)
@@ -33,7 +33,7 @@ def _html(table: Table) -> str:
     return folded if len(table) > MAX_CARD_ROWS else made
 
 
-def frame(document: Document, what: str) -> Any:
+def data_frame(document: Document, what: str) -> Any:
     """Convert the table `what` of a document to a pandas data frame; see `Displayable.to_dataframe`."""
     tables = {table.name: lambda table=table: table.values for table in document.tables if table.name}
     made = tables | dict(document.data)
@@ -47,7 +47,7 @@ def frame(document: Document, what: str) -> Any:
     return pd.DataFrame(dict(made[name]()))
 
 
-def figure(document: Document) -> Any:
+def plotly_figure(document: Document) -> Any:
     """Draw the curves of a document as a plotly figure, with a panel for each quantity; see `Displayable.plot`."""
     if document.curves is None:
         raise InputError(f"{document.title}: nothing to plot; of a model plot what 'armdyn.compare' gives")
@@ -60,8 +60,8 @@ def figure(document: Document) -> Any:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
     rows, runs = list(dict.fromkeys(c.row for c in curves)), list(dict.fromkeys(c.run for c in curves))
-    labels = list(dict.fromkeys(c.label for c in curves if not c.dots))
-    palette = (ORANGE, BLUE)[-len(labels) :] if any(c.dots for c in curves) else PALETTE
+    labels = list(dict.fromkeys(c.label for c in curves if not c.drawn_as_points))
+    palette = (ORANGE, BLUE)[-len(labels) :] if any(c.drawn_as_points for c in curves) else PALETTE
     made = make_subplots(len(rows), 1, shared_xaxes=True, vertical_spacing=0.15 / max(len(rows), 1))
     listed: set[tuple[str, str]] = set()
     for curve in curves:
@@ -70,7 +70,7 @@ def figure(document: Document) -> Any:
         thin = slice(None, None, -(-len(curve.time) // MAX_CURVE_POINTS))
         shown: dict[str, Any] = {"legendgroup": curve.label, "showlegend": (curve.run, curve.label) not in listed}
         listed.add((curve.run, curve.label))
-        if curve.dots:
+        if curve.drawn_as_points:
             shown |= {"mode": "markers", "marker": {"color": GREY, "size": 3}}
         else:
             number = labels.index(curve.label)

@@ -72,13 +72,13 @@ class Parameter:
     beside: tuple[str, ...] = ()
 
     @property
-    def considered(self) -> bool:
+    def is_consider_parameter(self) -> bool:
         """Whether it is a consider parameter: no fit changes it, but the standard deviation of its prior counts."""
         return not self.fitted and self.prior is not None and not self.effect
 
-    def shows_in(self, channels: Collection[str]) -> bool:
+    def is_identifiable_from(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can determine the parameter."""
-        return not asked_for(channels, self.needs, self.beside)
+        return not missing_channels(channels, self.needs, self.beside)
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
@@ -94,7 +94,9 @@ class Parameter:
         return replace(self, value=float(value), std=std)
 
 
-def asked_for(channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()) -> tuple[str, ...]:
+def missing_channels(
+    channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()
+) -> tuple[str, ...]:
     """Channels of which a recording would need one in addition to its own; empty where it has what is needed.
 
     Args:
@@ -170,7 +172,7 @@ class RecordedColumn:
     unit: str
     usual: float
 
-    def over(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
+    def interpolate(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
         """Interpolate the quantity, (n,), linearly between its samples; constant before the first and after the last.
 
         Args:

@@ -52,7 +52,7 @@ def _escape(character: str) -> str:
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
-def listed(names: Iterable[str], most: int = 4) -> str:
+def name_list(names: Iterable[str], most: int = 4) -> str:
     """List names for a sentence, separated by commas: the first `most` of them and the number of the others."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

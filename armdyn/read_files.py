@@ -1,8 +1,8 @@
 """Keep a list of the files that a command has read, so that no output overwrites one of them.
 
 A user who chooses an output file cannot know every file that a command reads, such as the URDF that a model names.
-Python calls an audit hook for every file that is opened; files opened by other languages are added by `reading`. Only
-commands keep the list: a user's own program may overwrite what it has read.
+Python calls an audit hook for every file that is opened; files opened by other languages are added by `register_input`.
+Only commands keep the list: a user's own program may overwrite what it has read.
 
 The same hook prevents a command from waiting for ever at a named pipe.
 """
@@ -53,7 +53,7 @@ def _refuse_named_pipe(path: str | bytes) -> None:
 
 
 @contextmanager
-def keeping_inputs() -> Iterator[None]:
+def protect_inputs() -> Iterator[None]:
     """Context manager: refuse to overwrite any file that was read in the block, and to open a named pipe."""
     global _opened, _hooked
     if not _hooked:
@@ -66,19 +66,19 @@ def keeping_inputs() -> Iterator[None]:
         _opened = before
 
 
-def reading(path: Path) -> None:
+def register_input(path: Path) -> None:
     """Register as an input a file that is read by a library in another language than Python."""
     sys.audit("open", str(path), "rb", os.O_RDONLY)
 
 
-def may_replace(path: Path) -> None:
+def allow_overwrite(path: Path) -> None:
     """Allow a command to overwrite a file although it has read it, such as a file that it has written itself."""
     identity = _identity(path)
     if _opened is not None and identity is not None:
         _opened.free.add(identity)
 
 
-def refuse_to_replace(path: Path) -> None:
+def check_overwrite(path: Path) -> None:
     """Check that a command may write to a path: a file that it has read, also under another name, is refused.
 
     Raises:

@@ -180,14 +180,14 @@ class Sensor:
         """Dead time, s, for (p,) parameter values."""
         return float(self._function(theta)[0][2, 0])
 
-    def amplified(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def amplify(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Multiply a signal (K, 1 + m) by the gain, for (p,) parameter values."""
         if not self.amplifies:
             return signal
         amplified = signal * self._function(theta)[0][0, 0]
         return self._with(amplified, 0, signal[:, 0], theta)
 
-    def lagged(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    def apply_lag(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Apply the first-order lag to a signal (K, 1 + m); before the start it had its first slope.
 
         Args:
@@ -199,12 +199,12 @@ class Sensor:
             return signal
         tau, steps = float(self._function(theta)[0][1, 0]), np.diff(nodes)
         slope = (signal[1] - signal[0]) / steps[0]
-        following, by_lag = lagged(signal, tau, steps, signal[0] - tau * slope, float(-slope[0]))
+        following, by_lag = first_order_lag(signal, tau, steps, signal[0] - tau * slope, float(-slope[0]))
         return self._with(following, 1, by_lag, theta)
 
     def read(self, signal: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(n, 1 + m) samples with lag and dead time of a signal (K, 1 + m) that already has the gain."""
-        return self.sampled(sampler.coefficients(self.lagged(signal, theta, sampler.nodes)), sampler, theta)
+        return self.sample(sampler.coefficients(self.apply_lag(signal, theta, sampler.nodes)), sampler, theta)
 
     def adjoint(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(K,) weights of the quantity at the nodes whose weighted sum is that of the samples with (n,) `weights`.
@@ -223,13 +223,13 @@ class Sensor:
         weighted[:2] += np.array([1.0, -1.0]) * follows[0] * tau / steps[0]
         return weighted
 
-    def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+    def sample(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(n, 1 + m) samples with dead time of a signal that is given by its (N, 1 + m) coefficients."""
         delay = self.delay(theta) if self.delays else 0.0
         samples = np.asarray(sampler.matrix(delay) @ coefficients)
-        return self.moved(samples, coefficients[:, 0], sampler, theta)
+        return self.add_delay_derivatives(samples, coefficients[:, 0], sampler, theta)
 
-    def moved(
+    def add_delay_derivatives(
         self,
         samples: np.ndarray,
         coefficients: np.ndarray,
@@ -259,7 +259,7 @@ class Sensor:
         return signal
 
 
-def lagged(
+def first_order_lag(
     values: np.ndarray,
     time_constant: float,
     step: float | np.ndarray,
@@ -298,7 +298,7 @@ def lagged(
 
 
 def _lag_shares(time_constant: float, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K-1,) e and (1 - e) tau/dt of a lag over steps; see `lagged`."""
+    """(K-1,) e and (1 - e) tau/dt of a lag over steps; see `first_order_lag`."""
     if time_constant < 1e-3 * step.min():  # e underflows to zero and every term but the linear one with it
         return np.zeros_like(step), max(time_constant, 0.0) / step
     e = np.exp(-step / time_constant)

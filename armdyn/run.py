@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn import atomic
-from armdyn.arrays import channels_of, frame_columns
-from armdyn.document import Column, Curve, Document, Section, Table, columns_of
+from armdyn.arrays import channels_from_arrays, split_frame
+from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_auxiliary
 from armdyn.recording.csv_run import csv_text, read_csv
@@ -47,7 +47,7 @@ class Run(Displayable):
             uncertain unit.
         extra: further quantities by name, such as ``"extra.temperature"``, on which a force may depend; they are not
             compared with predictions, so any sampling rate will do.
-        own: names of further quantities that a user's own base model predicts or needs; these are in `channels`.
+        base_channels: names of further quantities, in `channels`, that a user's own base model predicts or needs.
 
     Raises:
         InputError: a joint is revolute in one channel and prismatic in another.
@@ -67,13 +67,13 @@ class Run(Displayable):
     recorded: datetime | None = field(default=None, kw_only=True)
     asked: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     extra: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
-    own: frozenset[str] = field(default=frozenset(), kw_only=True)
+    base_channels: frozenset[str] = field(default=frozenset(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
-        further = {n: c for n, c in self.channels.items() if is_auxiliary(n) and n not in self.own}
-        kept = {n: c for n, c in self.extra.items() if n not in self.own}
+        further = {n: c for n, c in self.channels.items() if is_auxiliary(n) and n not in self.base_channels}
+        kept = {n: c for n, c in self.extra.items() if n not in self.base_channels}
         object.__setattr__(self, "extra", {**kept, **further})
         object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
@@ -111,7 +111,7 @@ class Run(Displayable):
         Raises:
             InputError: the arrays cannot be used; the message lists all faults.
         """
-        channels = channels_of(time, values, units or {}, joints)
+        channels = channels_from_arrays(time, values, units or {}, joints)
         return cls(name, channels, known or {}, noise or {}, description)
 
     @classmethod
@@ -129,7 +129,7 @@ class Run(Displayable):
         Raises:
             InputError: the frame cannot be used; the message lists all faults.
         """
-        time, values = frame_columns(frame)
+        time, values = split_frame(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
 
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[()]]:
@@ -147,12 +147,12 @@ class Run(Displayable):
 
     def document(self) -> Document:
         """Build the table of channels, and the curves over time: a row for each quantity, a curve for each joint."""
-        channels, values = self.everything, self.everything.values()
+        channels, values = self.all_channels, self.all_channels.values()
         seconds = max((float(c.time[-1] - c.time[0]) for c in values), default=0.0)
         described = f"{self.description}. " if self.description else ""
         columns = [
             Column("channel", list(channels)),
-            *columns_of(values, unit=""),
+            *attribute_columns(values, unit=""),
             Column("samples", [len(c) for c in values]),
             Column("from [s]", [float(c.time[0]) for c in values]),
             Column("to [s]", [float(c.time[-1]) for c in values]),
@@ -169,7 +169,7 @@ class Run(Displayable):
         )
 
     @property
-    def everything(self) -> Mapping[str, Channel]:
+    def all_channels(self) -> Mapping[str, Channel]:
         """All recorded quantities by name: `channels` and `extra`."""
         return {**self.channels, **self.extra}
 
@@ -182,16 +182,16 @@ class Run(Displayable):
 
     def _samples(self) -> dict[str, list[Any]]:
         """Table with a row per time stamp and a column per channel; nan where a channel has no sample."""
-        time = np.unique(np.concatenate([c.time for c in self.everything.values()]))
+        time = np.unique(np.concatenate([c.time for c in self.all_channels.values()]))
         columns: dict[str, list[Any]] = {"time": time.tolist()}
-        for name, c in self.everything.items():
+        for name, c in self.all_channels.items():
             column = np.full(len(time), np.nan)
             column[np.searchsorted(time, c.time)] = c.value
             columns[f"{name} [{c.unit}]"] = column.tolist()
         return columns
 
     def _curves(self) -> list[Curve]:
-        parts = [(*name.partition("."), c) for name, c in self.everything.items()]
+        parts = [(*name.partition("."), c) for name, c in self.all_channels.items()]
         return [Curve(f"{quantity} [{c.unit}]", joint or quantity, c.time, c.value) for quantity, _, joint, c in parts]
 
     @property
@@ -205,7 +205,7 @@ class Run(Displayable):
         return {}
 
     @property
-    def measured(self) -> tuple[str, ...]:
+    def predictable_channels(self) -> tuple[str, ...]:
         """Names of the channels that a model can predict: force, swing angle and rate, joint torques."""
         return tuple(name for name in self.channels if channel_kind(name).measured)
 
@@ -220,9 +220,9 @@ class Run(Displayable):
         Raises:
             UnknownNameError: this run does not have the channel.
         """
-        if name not in self.everything:
-            raise UnknownNameError(f"channel of {self.name}", name, self.everything)
-        return self.everything[name]
+        if name not in self.all_channels:
+            raise UnknownNameError(f"channel of {self.name}", name, self.all_channels)
+        return self.all_channels[name]
 
     def require_informative(self, name: str) -> Channel:
         """The channel `name`, which must have enough samples and must change.
@@ -306,15 +306,16 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         InputError: the run has no channel, or the files cannot be written.
     """
     path = Path(path)
-    if not run.everything:
+    if not run.all_channels:
         raise InputError(f"{run.name}: nothing was recorded, so there is nothing to write to {path}")
     units = {
-        name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
+        name: run.all_channels[name].unit if name in run.all_channels else channel_kind(name).units[0]
+        for name in run.noise
     }
     noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
     sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded, run.asked))
-    with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
-        for file, text in zip(files, (sidecar, csv_text(run.everything)), strict=True):
+    with atomic.replace_two_files(path.with_suffix(".toml"), path) as files:
+        for file, text in zip(files, (sidecar, csv_text(run.all_channels)), strict=True):
             file.write(text.encode("utf-8", errors="replace"))
 
 

@@ -20,9 +20,9 @@ class Displayable(ABC):
 
     def _repr_html_(self) -> str:
         """HTML without scripts, which a notebook shows for the result."""
-        from armdyn.notebook import card
+        from armdyn.notebook import html_card
 
-        return card(self.document())
+        return html_card(self.document())
 
     def plot(self) -> Any:
         """Plot measured and predicted channels over time as a plotly figure; of several runs one is visible at a time.
@@ -30,9 +30,9 @@ class Displayable(ABC):
         Raises:
             InputError: plotly is missing, or there is nothing to plot: compare a model with runs, and plot that.
         """
-        from armdyn.notebook import figure
+        from armdyn.notebook import plotly_figure
 
-        return figure(self.document())
+        return plotly_figure(self.document())
 
     def to_dataframe(self, what: str = "") -> Any:
         """Convert a table of the result to a pandas data frame.
@@ -46,6 +46,6 @@ class Displayable(ABC):
             InputError: pandas is missing.
             UnknownNameError: there is no such table.
         """
-        from armdyn.notebook import frame
+        from armdyn.notebook import data_frame
 
-        return frame(self.document(), what)
+        return data_frame(self.document(), what)

@@ -17,6 +17,6 @@ The limit holds for the whole process, so other Python threads also compute with
 """
 
 
-def keep_one_thread() -> None:
+def use_one_thread_permanently() -> None:
     """Limit linear algebra to one thread for the rest of the process; for processes that belong to armdyn alone."""
     threadpool_limits(limits=1, user_api="blas")

@@ -37,14 +37,14 @@ def load_module(path: Path, holds: str) -> ModuleType:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    with faults_in(path), warnings.catch_warnings():
+    with user_code_errors(path), warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)  # style warnings are the user's own affair
         spec.loader.exec_module(module)
     return module
 
 
 @contextmanager
-def faults_in(path: Path) -> Iterator[None]:
+def user_code_errors(path: Path) -> Iterator[None]:
     """Context manager: turn any exception of a user's file into an `InputError` with the file, line and cause."""
     try:
         yield
@@ -56,11 +56,11 @@ def faults_in(path: Path) -> Iterator[None]:
         else:
             text = str(error) if isinstance(error, ArmdynError) else f"{type(error).__name__}: {error}"
             said = " ".join(text.split())
-        placed = said if said.startswith(str(path)) else f"{place_of(error, path)}: {said[:MAX_EXCEPTION_LENGTH]}"
+        placed = said if said.startswith(str(path)) else f"{error_line(error, path)}: {said[:MAX_EXCEPTION_LENGTH]}"
         raise InputError(placed) from error
 
 
-def place_of(error: BaseException | None, path: Path) -> str:
+def error_line(error: BaseException | None, path: Path) -> str:
     """Text ``"<path>, line <number>"`` of the line in a file where an exception arose; else the path alone."""
     line = error.lineno if isinstance(error, SyntaxError) else None
     trace = error.__traceback__ if error is not None else None

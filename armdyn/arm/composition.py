@@ -15,7 +15,7 @@ from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.parameter import RecordedColumn
@@ -222,7 +222,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
-    columns = columns_of(effects)
+    columns = recorded_columns(effects)
     inputs, shape = ca.SX.sym("w", len(INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
     time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT]

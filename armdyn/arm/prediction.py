@@ -58,13 +58,13 @@ class ChannelPredictor:
         elif not sensor.delays or sensor.delay(own) == 0.0:
             total = self._total(self._samples, *given)
             whole = self._total(self._coefficients, *given).value if sensor.delays else total.value
-            read = sensor.moved(total.block, whole, self._sampler, own)
+            read = sensor.add_delay_derivatives(total.block, whole, self._sampler, own)
         else:
             total = self._total(self._coefficients, *given, of_joints=False)
             at_joints = self._total(self._read_late(sensor.delay(own)), *given, of_bodies=False)
-            read = sensor.sampled(total.block, self._sampler, own)
+            read = sensor.sample(total.block, self._sampler, own)
             on_time = np.asarray(self._sampler.matrix(0.0) @ at_joints.block)
-            read += sensor.moved(on_time, at_joints.value, self._sampler, own, 0.0)
+            read += sensor.add_delay_derivatives(on_time, at_joints.value, self._sampler, own, 0.0)
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
     def _read_late(self, delay: float) -> Reduction:
@@ -119,7 +119,7 @@ class ChannelPredictor:
         if of_joints:
             for i in outer:
                 self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
-        total.block = own.sensor.amplified(total.block, theta[j])
+        total.block = own.sensor.amplify(total.block, theta[j])
         total.value = total.block[:, 0]
         if of_joints:
             self._add(total, own.offset, j, theta[j], bodies, reduced)

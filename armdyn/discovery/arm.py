@@ -28,7 +28,7 @@ def arm_terms(fit: Fit) -> Iterator[Term]:
     """Candidate formulas for the missing torque of every joint whose torque was measured, in the runs of a fit."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
-        for term in (*_of_joint(site, **v), *shapes.of_recorded(site, recorded, v["speed"])):
+        for term in (*_of_joint(site, **v), *shapes.recorded_terms(site, recorded, v["speed"])):
             yield _as_declared(fit, term)
 
 
@@ -36,20 +36,22 @@ def arm_curves(fit: Fit) -> Iterator[Term]:
     """Candidate smooth curves for the missing torque of every joint, over each quantity on which it may depend."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
-        for term in shapes.curves(site, (v["position"], v["speed"], v["load"]), recorded, v["speed"]):
+        for term in shapes.curve_terms(site, (v["position"], v["speed"], v["load"]), recorded, v["speed"]):
             yield _as_declared(fit, term)
 
 
 def _of_joint(site: Site, position: Variable, speed: Variable, load: Variable, time: Variable) -> Iterator[Term]:
     widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_PLACES, JOINT_RUB_PLACES)
-    yield from shapes.of_hinge(site, position, speed, time, grid, widths)
-    yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
-    yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
-    yield from shapes.growing(site, position, JOINT_CABLE_PLACES)
-    yield from shapes.magnets(site, position, JOINT_MAGNET_PLACES)
-    yield from shapes.play(site, speed, position, (0.01 * position.span, 0.05 * position.span))
+    yield from shapes.hinge_terms(site, position, speed, time, grid, widths)
+    yield shapes.power_term(site, load, 2, "saturating motor", "a torque with the square of the load")
+    yield shapes.power_term(
+        site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates"
+    )
+    yield from shapes.cable_terms(site, position, JOINT_CABLE_PLACES)
+    yield from shapes.magnet_terms(site, position, JOINT_MAGNET_PLACES)
+    yield from shapes.gear_play_terms(site, speed, position, (0.01 * position.span, 0.05 * position.span))
     periods = position.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
-    yield from shapes.waves(site, position, periods.tolist())
+    yield from shapes.cogging_terms(site, position, periods.tolist())
 
 
 def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
@@ -68,7 +70,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
         q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
         typical = MISSING_TORQUE_SHARE * float(np.sqrt(np.mean(torque**2)))
         rubs = "joint.with_torque(joint.direction * ({}))"
-        dry = Site("joint", "N m", rubs, typical, "", shown="sign(speed) * ({})", joint=joint)
+        dry = Site("joint", "N m", rubs, typical, "", formula_pattern="sign(speed) * ({})", joint=joint)
         site = Site("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)
         yield (
             site,

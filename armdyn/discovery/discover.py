@@ -71,7 +71,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     first = bare.first()
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
-        return concluded(bare, given, {}, {})
+        return describe_discovery(bare, given, {}, {})
     formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     searched = partial(_searched, study, say)
@@ -84,7 +84,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
         other, drawn = searched(smooth)
         if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
-    return concluded(study, found, terms, {e.name: e for e in catalogue})
+    return describe_discovery(study, found, terms, {e.name: e for e in catalogue})
 
 
 def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Study, Search]:
@@ -132,7 +132,7 @@ def _is_whole(study: Study, found: Search) -> bool:
     )
 
 
-def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
+def describe_discovery(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
     """Describe the result of a search as formulas with values, errors and shares of the error.
 
     Args:
@@ -157,11 +157,11 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         noise=scale.noise,
         units=scale.units,
         explains=shares[-1],
-        leaves_something=last.tests.fails,
-        judged=bool(unfitted[1]),
+        residual_exceeds_noise=last.tests.fails,
+        has_unfitted_run=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        still=all(block.predicted.std() < block.noise for block in start.fit.blocks),
+        nothing_moves=all(block.predicted.std() < block.noise for block in start.fit.blocks),
         missing_force=found.missing_force(law=True),
     )
 
@@ -184,7 +184,7 @@ def _finding(
     tied = [c.effect for step in steps for c in step.tied]
     other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
-        term = term.at({name: values[name].value for name in term.constants if name in values})
+        term = term.with_start_values({name: values[name].value for name in term.constants if name in values})
     return Finding(
         effect=candidate.effect,
         joints=candidate.joints,

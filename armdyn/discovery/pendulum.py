@@ -20,24 +20,24 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
     """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
     widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
-    yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
-    yield from shapes.of_recorded(string, recorded_variables(fit.problem.runs), v["speed"])
+    yield from shapes.hinge_terms(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
+    yield from shapes.recorded_terms(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
-        yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
-        under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnets(under, v["position"], RAIL_MAGNET_PLACES)
+        yield from shapes.magnet_terms(load, v["position"], RAIL_MAGNET_PLACES)
+        under = replace(load, code=below, formula_pattern="{} * ({away} along the line, 1 upwards)")
+        yield from shapes.magnet_terms(under, v["position"], RAIL_MAGNET_PLACES)
         for n in (1, 2, 3):
-            yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
+            yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 
 
 def pendulum_curves(fit: Fit) -> Iterator[Term]:
     """Candidate smooth curves for the missing force, over each quantity on which it may depend."""
     string, load, rail, v = _sites(fit)
-    yield from shapes.curves(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
+    yield from shapes.curve_terms(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
-        yield shapes.curve(load, v["position"])
-        yield shapes.curve(rail, v["along"])
+        yield shapes.curve_term(load, v["position"])
+        yield shapes.curve_term(rail, v["along"])
 
 
 def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
@@ -57,8 +57,8 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
     torque = MISSING_FORCE_SHARE * mass * gravity * length
-    dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
-    string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
+    dry = Site("string", "N m", "string.with_dry_torque({})", torque, formula_pattern="-sign(speed) * {}")
+    string = Site("string", "N m", "string.with_torque({})", torque, dry_friction_site=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
     rail = Site(
         "gripper",

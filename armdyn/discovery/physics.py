@@ -10,7 +10,7 @@ import numpy as np
 
 from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable
-from armdyn.discovery.units import over
+from armdyn.discovery.units import divide_units
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
 from armdyn.physics.definition import RATE_STAGE
@@ -27,19 +27,19 @@ RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width",
 def physics_terms(fit: Fit) -> Iterator[Term]:
     """Candidate formulas for what is missing in the rate of each state, in the runs of a fit without added effects."""
     for site, variables in _states(fit):
-        yield shapes.constant(site)
+        yield shapes.constant_term(site)
         for v in variables:
-            yield from shapes.of_anything(site, v)
+            yield from shapes.rate_terms(site, v)
         for one, other in combinations(variables, 2):
-            what = f"{one.spoken} times {other.spoken}"
-            yield shapes.product(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
+            what = f"{one.name_in_sentence} times {other.name_in_sentence}"
+            yield shapes.product_term(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
 
 
 def physics_curves(fit: Fit) -> Iterator[Term]:
     """Candidate smooth curves for what is missing in the rate of each state, over each state and input."""
     for site, variables in _states(fit):
         for v in variables:
-            yield shapes.curve(site, v)
+            yield shapes.curve_term(site, v)
 
 
 def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
@@ -60,7 +60,7 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
     ]
     variables = [variable for variable in variables if variable.span > 0.0]
     for name, parts in rates.items():
-        unit = over(_plain(units[name], name), ("s", 1))
+        unit = divide_units(_plain(units[name], name), ("s", 1))
         size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 

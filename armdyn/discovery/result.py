@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from armdyn import atomic
-from armdyn.discovery.source import file_text, paragraph
+from armdyn.discovery.source import effects_file_text, indented_lines
 from armdyn.discovery.term import Term
 from armdyn.document import Document, Level, Section, Table
 from armdyn.effects.catalogue import STAGES
@@ -96,11 +96,11 @@ class Discovery(Displayable):
         noise: standard deviation of the noise by channel.
         units: unit by channel.
         explains: share of the squared error that all findings explain.
-        leaves_something: whether the residual is more than noise.
-        judged: whether the error was measured on at least one run that was not fitted.
+        residual_exceeds_noise: whether the residual is more than noise.
+        has_unfitted_run: whether the error was measured on at least one run that was not fitted.
         runs: names of the fitted runs.
         held_out: names of the held-out runs.
-        still: whether all predicted channels of the fitted runs are constant within the noise.
+        nothing_moves: whether all predicted channels of the fitted runs are constant within the noise.
         missing_force: curves of the missing force before and after.
     """
 
@@ -112,11 +112,11 @@ class Discovery(Displayable):
     noise: Mapping[str, float]
     units: Mapping[str, str]
     explains: float
-    leaves_something: bool
-    judged: bool
+    residual_exceeds_noise: bool
+    has_unfitted_run: bool
     runs: tuple[str, ...]
     held_out: tuple[str, ...]
-    still: bool = False
+    nothing_moves: bool = False
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
@@ -132,24 +132,26 @@ class Discovery(Displayable):
         text = f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {in_percent(self.explains)} of "
         text += "the misfit"
         text += (
-            "." if self.judged else ", in the one recording that it was fitted to: hold another one out to believe it."
+            "."
+            if self.has_unfitted_run
+            else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
         in_catalogue = [one for one in self.new if one.known_as]
         known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
         rivals = dict.fromkeys(r for one in self.findings for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
         text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""
-        return text + (" More than noise is left." if self.leaves_something and self.explains < 0.99 else "")
+        return text + (" More than noise is left." if self.residual_exceeds_noise and self.explains < 0.99 else "")
 
     def _why_nothing(self) -> str:
-        if not self.leaves_something:
+        if not self.residual_exceeds_noise:
             still = " But nothing moves by more than the noise: record a motion, which shows a law."
-            return f"Nothing is missing: what is left is noise.{still if self.still else ''}"
+            return f"Nothing is missing: what is left is noise.{still if self.nothing_moves else ''}"
         other = ", and another motion: one alone shows a force in few places and at few speeds"
         return (
             "Something is missing, and no formula and no curve over what this model knows explains it: it may be the "
             "force of another body, or depend on what was not recorded. Record what it may depend on as well, as a "
-            f"column such as 'extra.temperature [degC]'{'' if self.judged else other}."
+            f"column such as 'extra.temperature [degC]'{'' if self.has_unfitted_run else other}."
         )
 
     def file_text(self) -> str:
@@ -161,7 +163,7 @@ class Discovery(Displayable):
         if not self.new:
             raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
         evidence = {one.effect: self._evidence(one) for one in self.new}
-        return file_text(
+        return effects_file_text(
             "Discovered by armdyn: what the model lacked, as effects.", [o.term for o in self.new if o.term], evidence
         )
 
@@ -194,7 +196,7 @@ class Discovery(Displayable):
         if drawn is not None:
             points = ", ".join(f"{x:.3g}: {y:.3g}" for x, y in zip(drawn.x, drawn.as_given, strict=True))
             parts.append(f"The missing force, {drawn.unit}, over the {drawn.against}, {drawn.x_unit}:\n{points}")
-        return "\n\n".join(map(paragraph, parts))
+        return "\n\n".join(map(indented_lines, parts))
 
     def document(self) -> Document:
         """Build the tables: the laws with their values, then the errors."""
@@ -211,7 +213,7 @@ class Discovery(Displayable):
         heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
-        level = Level.CAUTION if self.leaves_something and self.explains < MIN_LAW_SHARE else Level.GOOD
+        level = Level.CAUTION if self.residual_exceeds_noise and self.explains < MIN_LAW_SHARE else Level.GOOD
         data = {"missing_force": lambda: missing_force_columns(self.missing_force)}
         return Document("Discover", self.sentence, sections, level, data=data)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.discovery.term import Constant, Site, Term, Variable
-from armdyn.discovery.units import over
+from armdyn.discovery.units import divide_units
 
 CURVE_VALUES = 7
 """Number of values that define a smooth curve: fewer cannot follow the force of a magnet along its way, and each value
@@ -17,13 +17,13 @@ sharper step. It is equal for all recordings, so that compiled equations can be 
 STEP_WIDTH_SHARE = 0.01
 """Width of a step at zero for a quantity whose unit is not in `STEP_WIDTHS`, as a share of its largest value."""
 PLAY_EXPONENT = 8
-"""Exponent n with which the force of a gear's play approaches its limit; see `play`. Compared with a spring that slips
-at its limit, 1 leaves 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, 8 leaves
-0.15."""
+"""Exponent n with which the force of a gear's play approaches its limit; see `gear_play_terms`. Compared with a spring
+that slips at its limit, 1 leaves 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, 8
+leaves 0.15."""
 Shapes = Iterator[Term]
 
 
-def power(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
+def power_term(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
     """Candidate term for a force k v^n, with a fitted size k.
 
     Args:
@@ -36,25 +36,25 @@ def power(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
     return _single(site, kind, says, (v,), v.name if n == 1 else f"{v.name}**{n}", [(v, n)])
 
 
-def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> Term:
+def product_term(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> Term:
     """Candidate term for a force k v^n w^m, with a fitted size k; `parts` are the quantities with their exponents."""
     shape = " * ".join(v.name if n == 1 else f"{v.name}**{n}" for v, n in parts)
     return _single(site, kind, says, tuple(v for v, _ in parts), shape, parts)
 
 
-def constant(site: Site) -> Term:
+def constant_term(site: Site) -> Term:
     """Candidate term for a constant force."""
     return _single(site, "constant", "something constant", (), "1", [])
 
 
-def of_anything(site: Site, v: Variable) -> Shapes:
+def rate_terms(site: Site, v: Variable) -> Shapes:
     """Candidate terms for the rate of a state: powers of a quantity, a threshold beyond which it acts, and a step."""
-    spoken = v.spoken
-    yield power(site, v, 1, "proportion", f"something in proportion to {spoken}")
+    spoken = v.name_in_sentence
+    yield power_term(site, v, 1, "proportion", f"something in proportion to {spoken}")
     signed = f"{v.name} * ca.fabs({v.name})" if v.low < 0.0 < v.high else f"{v.name}**2"
     yield _single(site, "square", f"something with the square of {spoken}", (v,), signed, [(v, 2)])
-    yield power(site, v, 3, "cube", f"something with the cube of {spoken}")
-    where = {"place": sought(v)}
+    yield power_term(site, v, 3, "cube", f"something with the cube of {spoken}")
+    where = {"place": position_parameter(v)}
     for side, least in (("above", "ca.fmax"), ("below", "ca.fmin")):
         says = f"something that begins {side} a certain {spoken}"
         yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
@@ -65,7 +65,7 @@ def of_anything(site: Site, v: Variable) -> Shapes:
                       f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
 
 
-def of_hinge(
+def hinge_terms(
     site: Site, at: Variable, speed: Variable, time: Variable, grid: tuple[int, int], widths: Sequence[float],
     drag: str = "friction", damping: str = "friction",
 ) -> Shapes:  # fmt: skip
@@ -77,43 +77,43 @@ def of_hinge(
         speed: rate of the angle or position.
         time: time since the start of the run.
         grid: numbers of positions that are tried for stops and for one-sided friction.
-        widths: speeds that are tried for the width of sticky friction; see `sticky`.
+        widths: speeds that are tried for the width of sticky friction; see `sticky_friction_terms`.
         drag: a word for a force against the speed.
         damping: a word for a force against the speed that depends on the position.
     """
-    yield power(site, speed, 3, "cubic drag", f"{drag} with the cube of the speed")
-    yield power(site, at, 2, "crooked spring", f"a torque with the square of the {at.name}")
-    yield power(site, at, 3, "flexure", f"a spring that stiffens with the cube of the {at.name}")
+    yield power_term(site, speed, 3, "cubic drag", f"{drag} with the cube of the speed")
+    yield power_term(site, at, 2, "crooked spring", f"a torque with the square of the {at.name}")
+    yield power_term(site, at, 3, "flexure", f"a spring that stiffens with the cube of the {at.name}")
     grows = f"{damping} that grows with the {at.name}"
-    yield product(site, f"damping by {at.name}", grows, (at, 2), (speed, 1))
-    yield from stops(site, at, grid[0])
-    yield from one_sided(site, at, speed, grid[1])
-    yield from sticky(site, speed, widths)
-    yield from warming(site, speed, time)
+    yield product_term(site, f"damping by {at.name}", grows, (at, 2), (speed, 1))
+    yield from stop_terms(site, at, grid[0])
+    yield from one_sided_friction_terms(site, at, speed, grid[1])
+    yield from sticky_friction_terms(site, speed, widths)
+    yield from warming_friction_terms(site, speed, time)
 
 
-def of_recorded(site: Site, recorded: Sequence[Variable], speed: Variable) -> Shapes:
+def recorded_terms(site: Site, recorded: Sequence[Variable], speed: Variable) -> Shapes:
     """Candidate terms for frictions and torques that depend on recorded quantities, such as a temperature."""
     for v in recorded:
-        yield from recorded_frictions(site, v, speed)
-        yield from recorded_torques(site, v)
+        yield from recorded_friction_terms(site, v, speed)
+        yield from recorded_torque_terms(site, v)
 
 
-def curves(site: Site, variables: Sequence[Variable], recorded: Sequence[Variable], speed: Variable) -> Shapes:
+def curve_terms(site: Site, variables: Sequence[Variable], recorded: Sequence[Variable], speed: Variable) -> Shapes:
     """Candidate smooth curves of a force over each quantity, and of a friction coefficient over each recorded one."""
     for v in variables:
-        yield curve(site, v)
+        yield curve_term(site, v)
     for v in recorded:
-        yield curve(site, v)
-        yield curve(site, v, speed)
+        yield curve_term(site, v)
+        yield curve_term(site, v, speed)
 
 
-def sought(v: Variable) -> Constant:
+def position_parameter(v: Variable) -> Constant:
     """Declare a position parameter whose start value is the middle of a quantity's range, and its bounds the ends."""
     return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
 
 
-def stops(site: Site, v: Variable, places: int) -> Shapes:
+def stop_terms(site: Site, v: Variable, places: int) -> Shapes:
     """Candidate terms for stops: springs k max(0, v - place) or k min(0, v - place) beyond each of `places` positions.
 
     Positions in the upper half of the range are touched from below, the others from above.
@@ -123,12 +123,12 @@ def stops(site: Site, v: Variable, places: int) -> Shapes:
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
         says = f"a spring that is touched {side} a certain {v.name}"
         yield _single(
-            site, "stop", says, (v,), f"{site.resists}{least}(0, {v.name} - place)", [(v, 1)], where,
+            site, "stop", says, (v,), f"{site.resisting_sign}{least}(0, {v.name} - place)", [(v, 1)], where,
             size="stiffness", positive=True, scale=0.3 * v.span,
         )  # fmt: skip
 
 
-def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
+def one_sided_friction_terms(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
     """Candidate terms for friction, viscous or dry, on one side only of each of `places` positions."""
     for where in _places(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
@@ -137,7 +137,7 @@ def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
             yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
 
 
-def magnets(site: Site, v: Variable, places: int) -> Shapes:
+def magnet_terms(site: Site, v: Variable, places: int) -> Shapes:
     """Candidate terms for magnets: a pull k u / (1 + u^2)^2, u = (v - place) / width, to each of `places` positions.
 
     Where the site's expression contains ``{away}``, the force also has a component across the way.
@@ -149,34 +149,36 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
             "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
         }
         u = f"({v.name} - place) / width"
-        across = "{away}" in site.adds
-        shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
-        here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
+        across = "{away}" in site.code
+        shapes = {"pull": f"{site.resisting_sign}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
+        here = replace(
+            site, code=site.code.replace("{away}", u), formula_pattern=site.formula_pattern.replace("{away}", u)
+        )
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
         yield Term("magnet", says, here, (v,), shapes, _size(site), where)
 
 
-def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
+def sticky_friction_terms(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
     """Candidate terms for sticky dry friction k exp(-|v| / width), largest near standstill, one for each width."""
-    assert site.dry is not None
+    assert site.dry_friction_site is not None
     for width in widths:
         where = {"width": _width(v.unit, width)}
         yield _single(
-            site.dry, "sticky seal", "dry friction that is largest near standstill", (v,),
+            site.dry_friction_site, "sticky seal", "dry friction that is largest near standstill", (v,),
             f"ca.exp(-ca.fabs({v.name}) / width)", [], where,
             size="friction", positive=True, scale=0.5,
         )  # fmt: skip
 
 
-def growing(site: Site, v: Variable, places: int) -> Shapes:
+def cable_terms(site: Site, v: Variable, places: int) -> Shapes:
     """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1) and its mirror image.
 
     There is one pair of terms for each of `places` positions.
     """
-    toward = "" if site.resists else "-"
+    toward = "" if site.resisting_sign else "-"
     for where in _places(v, places):
         width = _width(v.unit, 0.4 * v.span, 0.05, 10.0)
-        for back, away in ((site.resists, f"{v.name} - place"), (toward, f"place - {v.name}")):
+        for back, away in ((site.resisting_sign, f"{v.name} - place"), (toward, f"place - {v.name}")):
             yield _single(
                 site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
                 f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], {**where, "width": width},
@@ -184,7 +186,7 @@ def growing(site: Site, v: Variable, places: int) -> Shapes:
             )  # fmt: skip
 
 
-def play(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
+def gear_play_terms(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
     """Candidate terms for a gear's play: a hysteresis force k z, z' = speed (1 - max(0, z sign(speed))^n) / travel.
 
     After a reversal the force grows over the travel to its limit, where z is 1 or -1, and stays there until the motion
@@ -198,10 +200,10 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
     for travel in travels:
         where = {"travel": _width(position.unit, travel), "start": start}
         size = _size(site, positive=True)
-        yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, size, where, (state,))
+        yield Term("backlash", says, site, (speed,), {"k": f"{site.resisting_sign}turned"}, size, where, (state,))
 
 
-def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
+def cogging_terms(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
     """Candidate terms for cogging or an eccentric gear: a sine and a cosine of v, one term for each period."""
     for period in periods:
         where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
@@ -211,7 +213,7 @@ def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
         yield Term("cogging", says, site, (v,), shapes, _size(site), where)
 
 
-def warming(site: Site, v: Variable, time: Variable) -> Shapes:
+def warming_friction_terms(site: Site, v: Variable, time: Variable) -> Shapes:
     """Candidate terms for friction that decreases with time, as grease warms up; `v` is the speed."""
     where = {"warm_up": _width(time.unit, time.span / 2)}
     fade = f"ca.exp(-{time.name} / warm_up)"
@@ -219,14 +221,14 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     yield from _frictions(site, "warming friction", says, time, v, fade, where)
 
 
-def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
+def recorded_friction_terms(site: Site, v: Variable, speed: Variable) -> Shapes:
     """Candidate terms for friction in proportion to exp(c / width) or exp(-c / width) of a recorded quantity c.
 
     Where c comes near zero, there are terms in proportion to c as well; friction in proportion to a temperature in K
     would be nearly constant.
     """
     assert v.column is not None
-    kind, says = f"friction by {v.spoken}", f"friction that depends on the {v.spoken}"
+    kind, says = f"friction by {v.name_in_sentence}", f"friction that depends on the {v.name_in_sentence}"
     width = {"width": Constant(v.unit, v.span / 2, v.span / 4, 0.02 * v.span, 20.0 * v.span)}
     for sign in ("-", ""):
         share = f"ca.exp({sign}({v.name} - {v.column.usual!r}) / width)"
@@ -235,18 +237,18 @@ def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
         yield from _frictions(site, kind, says, v, speed, f"ca.fmax(0, {v.name})", {}, (v, 1))
 
 
-def recorded_torques(site: Site, v: Variable) -> Shapes:
+def recorded_torque_terms(site: Site, v: Variable) -> Shapes:
     """Candidate terms for a torque k c or k c^2 of a recorded quantity c; k (c - place) where c is far from zero."""
-    kind, says = f"torque by {v.spoken}", f"a torque that depends on the {v.spoken}"
+    kind, says = f"torque by {v.name_in_sentence}", f"a torque that depends on the {v.name_in_sentence}"
     if v.comes_near_zero:
-        yield power(site, v, 1, kind, says)
-        yield power(site, v, 2, kind, says)
+        yield power_term(site, v, 1, kind, says)
+        yield power_term(site, v, 2, kind, says)
     else:
         place = {"place": Constant(v.unit, (v.low + v.high) / 2, v.span, v.low - v.span, v.high + v.span)}
         yield _single(site, kind, says, (v,), f"({v.name} - place)", [(v, 1)], place, scale=v.span / 2)
 
 
-def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
+def curve_term(site: Site, v: Variable, speed: Variable | None = None) -> Term:
     """Candidate term for any smooth force over v: a cubic spline with evenly spaced knots.
 
     With `speed`, the spline is the coefficient of a friction in proportion to that speed.
@@ -262,12 +264,12 @@ def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
     )
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     if speed is None:
-        says = f"a smooth function of {v.spoken}"
-        return Term(f"curve over {v.spoken}", says, site, (v,), shapes, _size(site), lines=lines)
-    shapes = {size: f"{site.resists}{speed.name} * {shape}" for size, shape in shapes.items()}
-    says = f"friction in proportion to {speed.name}, by a smooth function of {v.spoken}"
+        says = f"a smooth function of {v.name_in_sentence}"
+        return Term(f"curve over {v.name_in_sentence}", says, site, (v,), shapes, _size(site), lines=lines)
+    shapes = {size: f"{site.resisting_sign}{speed.name} * {shape}" for size, shape in shapes.items()}
+    says = f"friction in proportion to {speed.name}, by a smooth function of {v.name_in_sentence}"
     size = _size(site, [(speed, 1)])
-    return Term(f"curve of friction over {v.spoken}", says, site, (v, speed), shapes, size, lines=lines)
+    return Term(f"curve of friction over {v.name_in_sentence}", says, site, (v, speed), shapes, size, lines=lines)
 
 
 def _frictions(
@@ -286,12 +288,12 @@ def _frictions(
     """
     share_scale = float(np.prod([v.size**n for v, n in counted]))
     yield _single(
-        site, kind, says, (by, speed), f"{site.resists}{speed.name} * {share}", [(speed, 1), *counted], where,
+        site, kind, says, (by, speed), f"{site.resisting_sign}{speed.name} * {share}", [(speed, 1), *counted], where,
         size="coefficient", positive=True, scale=speed.size * share_scale,
     )  # fmt: skip
-    if site.dry is not None:
+    if site.dry_friction_site is not None:
         yield _single(
-            site.dry, kind, f"dry {says}", (by,), share, counted, where,
+            site.dry_friction_site, kind, f"dry {says}", (by,), share, counted, where,
             size="friction", positive=True, scale=share_scale,
         )  # fmt: skip
 
@@ -323,7 +325,7 @@ def _size(
 ) -> Constant:
     """The size of a shape with the unit of these powers; `scale` is the shape in the runs, by default the powers."""
     of_powers = float(np.prod([v.size**n for v, n in powers]))
-    unit = over(site.unit, *((v.unit, n) for v, n in powers))
+    unit = divide_units(site.unit, *((v.unit, n) for v, n in powers))
     typical = site.typical / (of_powers if scale is None else scale)
     return Constant(unit, 0.0, 0.0, 0.0 if positive else -np.inf, typical=typical)
 

@@ -43,7 +43,7 @@ class Variable:
         return self.name if self.column is None else self.column.name
 
     @property
-    def spoken(self) -> str:
+    def name_in_sentence(self) -> str:
         """Name of the quantity in a sentence, such as ``"angle"`` or ``"temperature"``."""
         return self.quantity.rpartition(".")[2]
 
@@ -106,22 +106,22 @@ class Site:
     Attributes:
         stage: name of the stage on which the term's effect acts.
         unit: unit of the added term.
-        adds: code that returns the changed stage, with ``{}`` for the added term.
+        code: code that returns the changed stage, with ``{}`` for the added term.
         typical: typical size of a missing term, in `unit`.
-        resists: sign of a term that opposes the motion: ``"-"`` for a force on the load, empty for a drive's torque,
-            which is positive where it overcomes friction.
-        dry: the place where the size of a dry friction can be added; None where there is none.
-        shown: form of the added term in a formula, with ``{}`` for the term.
+        resisting_sign: sign of a term that opposes the motion: ``"-"`` for a force on the load, empty for a drive's
+            torque, which is positive where it overcomes friction.
+        dry_friction_site: the place where the size of a dry friction can be added; None where there is none.
+        formula_pattern: form of the added term in a formula, with ``{}`` for the term.
         joint: the joint of an arm; empty for other bases.
     """
 
     stage: str
     unit: str
-    adds: str
+    code: str
     typical: float
-    resists: str = "-"
-    dry: "Site | None" = None
-    shown: str = "{}"
+    resisting_sign: str = "-"
+    dry_friction_site: "Site | None" = None
+    formula_pattern: str = "{}"
     joint: str = ""
 
 
@@ -161,7 +161,7 @@ class Term:
 
     Attributes:
         kind: kind of the law in a word or two, such as ``"stop"`` or ``"cubic drag"``.
-        says: what the force does, for a sentence.
+        description: what the force does, for a sentence.
         site: the place in the equations.
         variables: quantities on which the term depends.
         shapes: CasADi expression of each shape, by the name of the size that multiplies it.
@@ -172,7 +172,7 @@ class Term:
     """
 
     kind: str
-    says: str
+    description: str
     site: Site
     variables: tuple[Variable, ...]
     shapes: Mapping[str, str]
@@ -207,9 +207,9 @@ class Term:
         """The formula for a reader, such as ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth {self.kind} through {len(self.shapes)} values"
-        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.shown.format(self.force)).replace("**", "^")
+        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.formula_pattern.format(self.force)).replace("**", "^")
 
-    def at(self, values: Mapping[str, float]) -> "Term":
+    def with_start_values(self, values: Mapping[str, float]) -> "Term":
         """A copy of the term with other start values of its constants, given by name."""
         moved = {n: replace(self.constants[n], value=float(x / self.constants[n].scale)) for n, x in values.items()}
         return replace(self, constants={**self.constants, **moved})

@@ -6,7 +6,7 @@ from collections import Counter
 _PART = re.compile(r"(?P<symbol>[A-Za-z]+)(?:\^(?P<power>-?\d+))?")
 
 
-def over(unit: str, *others: tuple[str, int]) -> str:
+def divide_units(unit: str, *others: tuple[str, int]) -> str:
     """A unit divided by powers of others: ``over("N m", ("rad/s", 3))`` is ``"N m s^3/rad^3"``."""
     powers = _powers(unit)
     for other, power in others:

@@ -46,7 +46,7 @@ def find_several(names: str, extra: Iterable[Effect] = ()) -> tuple[Effect, ...]
     return tuple(find(name.strip(), known) for name in names.split("+"))
 
 
-def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+def catalogue_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Sort effects: those of the catalogue in its order, then a user's own by name."""
     place = {name: i for i, name in enumerate(CATALOGUE)}
     return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 from armdyn.errors import InputError
-from armdyn.parameter import Parameter, Quantity, RecordedColumn, asked_for
+from armdyn.parameter import Parameter, Quantity, RecordedColumn, missing_channels
 
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints on which an effect can act: every joint, those that turn, those with a neighbour of the same kind towards the
@@ -49,21 +49,21 @@ class Effect:
         """The effect's equation: the first line of its function's docstring; without a docstring, its summary."""
         return (self.function.__doc__ or self.summary).strip().split("\n")[0].rstrip(".")
 
-    def shows_in(self, channels: Collection[str]) -> bool:
+    def is_visible_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show the effect: an angle cannot show a load cell's lag."""
-        return not self.asked_for(channels)
+        return not self.missing_channels(channels)
 
-    def asked_for(self, channels: Collection[str]) -> tuple[str, ...]:
+    def missing_channels(self, channels: Collection[str]) -> tuple[str, ...]:
         """Channels of which one must be recorded in addition to `channels` to show the effect; empty if none must."""
-        lacking = [asked_for(channels, (column.name,)) for column in self.columns.values()]
-        lacking.append(asked_for(channels, self.needs))
-        own = [asked_for(channels, q.needs, q.beside) for q in self.quantities.values()]
+        lacking = [missing_channels(channels, (column.name,)) for column in self.columns.values()]
+        lacking.append(missing_channels(channels, self.needs))
+        own = [missing_channels(channels, q.needs, q.beside) for q in self.quantities.values()]
         if all(own):  # one of these channels is enough
             lacking.append(tuple(dict.fromkeys(name for names in own for name in names)))
         return next((names for names in lacking if names), ())
 
     @cached_property
-    def kind(self) -> type:
+    def stage_class(self) -> type:
         """Class of the stage, from the annotation of the function's first argument; `object` without an annotation."""
         said = next(iter(inspect.signature(self.function).parameters.values())).annotation
         return said if isinstance(said, type) and said is not inspect.Parameter.empty else object
@@ -121,7 +121,7 @@ class Effect:
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
-def columns_of(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
+def recorded_columns(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
     """Recorded quantities that some effects use, such as a temperature, each once."""
     return tuple(dict.fromkeys(column for effect in effects for column in effect.columns.values()))
 

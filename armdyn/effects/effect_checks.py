@@ -22,7 +22,7 @@ from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Expression, Memory
 from armdyn.recording.channels import is_auxiliary
 from armdyn.recording.units import si_unit, to_base_units
-from armdyn.user_code import place_of
+from armdyn.user_code import error_line
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 LARGEST_VALUE = 1e100
@@ -231,7 +231,7 @@ def _why(error: BaseException) -> str:
 
 
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
-    place = place_of(error, path)
+    place = error_line(error, path)
     code = getattr(item.function, "__code__", None)
     if place == str(path) and code is not None and Path(code.co_filename) == path:
         place = f"{path}, line {code.co_firstlineno}"

@@ -31,7 +31,7 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
     if path is None:
         return ()
     file = Path(path)
-    own = effects_of(file, vars(load_module(file, "effects")))
+    own = effects_defined_in(file, vars(load_module(file, "effects")))
     if not own:
         raise InputError(f"{file}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
     if stages is not None:
@@ -43,7 +43,7 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
     return own
 
 
-def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
+def available_effects(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
     """Effects that a model can have: those of the catalogue, of its base model and of the user's file.
 
     Args:
@@ -70,7 +70,7 @@ def _check_stages(effects: Iterable[Effect], stages: Iterable[str], path: str | 
             raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
 
 
-def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
+def effects_defined_in(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
     """The effects that a Python file defines, without those that it imports from the catalogue.
 
     Args:

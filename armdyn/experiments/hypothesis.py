@@ -14,7 +14,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.simulate import Rollout, System
-from armdyn.readout import Interpolated, lagged
+from armdyn.readout import Interpolated, first_order_lag
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.even import halfway, slope
@@ -244,7 +244,7 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     _, count, size = basis.functions.shape
     rows, step = basis.functions, float(basis.time[1] - basis.time[0])
     if lag > 0.0:
-        rows = np.stack([lagged(part, lag, step)[0] for part in rows])
+        rows = np.stack([first_order_lag(part, lag, step)[0] for part in rows])
     between = np.asarray(halfway(rows, step)).reshape(3, count - 1, size)
     jerk = slope(rows[2], step)
     return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])

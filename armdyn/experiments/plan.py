@@ -153,7 +153,7 @@ class Plan(Displayable):
         experiments = [
             Column("experiment", [p.experiment.kind for p in self.proposals]),
             Column("separation [std]", [one.separation for one in outlooks], ".1f"),
-            Column("right verdict", chances, ".0%", shares=chances),
+            Column("right verdict", chances, ".0%", bar_lengths=chances),
             Column("what to do", [p.experiment.what for p in self.proposals]),
         ]
         promise = (
@@ -162,7 +162,7 @@ class Plan(Displayable):
             "effect, and the right one."
         )
         names = [h.name for h in self.rivals.hypotheses]
-        believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", shares=beliefs)]
+        believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", bar_lengths=beliefs)]
         tables = [
             Table(experiments, promise, "experiments"),
             Table(believed, "From how well each fits the runs so far."),

@@ -9,7 +9,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.rollout import RollOut
 from armdyn.document import Document, Level, Section
-from armdyn.effects.effect import columns_of
+from armdyn.effects.effect import recorded_columns
 from armdyn.identify.bands import Bands, bands
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
@@ -133,7 +133,7 @@ class Comparison(Displayable):
             data={
                 "samples": lambda: sample_columns(self.fit, self.bands),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
-                **model.background_data(),
+                **model.background_table(),
             },
             curves=partial(curves_of, {"predicted": self.fit}, self.bands),
         )
@@ -241,7 +241,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
             *(
                 f"{run.name}: no '{column.name}': taken to be {column.usual:g} {column.unit}, its usual value"
-                for column in columns_of(study.model.effects)
+                for column in recorded_columns(study.model.effects)
                 for run in (*study.runs, *study.held_out)
                 if column.name not in run.extra
             ),

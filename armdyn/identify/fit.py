@@ -78,7 +78,7 @@ class Fit:
     @property
     def considered(self) -> np.ndarray:
         """(P,) bool: consider parameters, which are not fitted but have a prior whose uncertainty counts."""
-        return ~self.free & np.array([c.parameter.considered for c in self.problem.columns], dtype=bool)
+        return ~self.free & np.array([c.parameter.is_consider_parameter for c in self.problem.columns], dtype=bool)
 
     @property
     def at_bound(self) -> tuple[str, ...]:
@@ -190,8 +190,8 @@ def first_part(run: Run, window: float) -> Run:
 
 def duration(run: Run) -> float:
     """Time from the first to the last sample of a run's channels that a model can predict, s."""
-    return max(float(run.channels[name].time[-1]) for name in run.measured or run.channels) - _begin(run)
+    return max(float(run.channels[name].time[-1]) for name in run.predictable_channels or run.channels) - _begin(run)
 
 
 def _begin(run: Run) -> float:
-    return min(float(run.channels[name].time[0]) for name in run.measured or run.channels)
+    return min(float(run.channels[name].time[0]) for name in run.predictable_channels or run.channels)

@@ -36,7 +36,7 @@ def prepared(
     if not runs:
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
-    runs, held_out, exam = ([model.taking(run) for run in given] for given in (runs, held_out, exam))
+    runs, held_out, exam = ([model.with_model_channels(run) for run in given] for given in (runs, held_out, exam))
     check_distinct_data(model, [*runs, *held_out, *exam])
     held_out, exam = ([_of_channels(model, run, runs) for run in given] for given in (held_out, exam))
     named = with_distinct_names([*runs, *held_out])
@@ -72,7 +72,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
     """
     noise: dict[tuple[str, str], float] = {}
     for run in runs:
-        jumps = model.jumps(run)
+        jumps = model.jump_times(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
             floor = max(ASSUMED_NOISE_SHARE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
@@ -103,7 +103,7 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > MAX_SAMPLES:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
-    parts = model.between_gaps(run)
+    parts = model.split_at_gaps(run)
     for part in parts:
         for name in model.predicted_channels(part):
             part.require_informative(name)
@@ -116,12 +116,12 @@ def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> li
     Args:
         model: the model of the comparison.
         parts: parts of the run between gaps; see `without_gaps`.
-        beside: other runs of the same arm; see `Model.prepared`.
+        beside: other runs of the same arm; see `Model.prepare_run`.
 
     Raises:
         InputError: a signal is constant or too short.
     """
-    return [piece for part in parts for piece in model.pieces(model.prepared(part, beside))]
+    return [piece for part in parts for piece in model.split_into_pieces(model.prepare_run(part, beside))]
 
 
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:

@@ -141,7 +141,7 @@ class Problem:
             if parameter.scope == "shared" and parameter.name not in differing:
                 columns.append(Unknown(parameter.name, _informed(parameter, runs[0]), index, None))
         for i, run in enumerate(runs):
-            guess = model.guess_start(run)
+            guess = model.guess_start_state(run)
             for index, parameter in enumerate(model.parameters.values()):
                 if parameter.scope == "shared" and parameter.name not in differing:
                     continue
@@ -156,12 +156,12 @@ class Problem:
         self.upper = np.array([p.upper for p in parameters])
         self.typical = np.array([p.typical for p in parameters])
         self.null = np.array([p.null for p in parameters])
-        recorded = {name for run in runs for name in run.everything}
-        self.fitted = np.array([p.fitted and p.shows_in(recorded) for p in parameters], dtype=bool)
+        recorded = {name for run in runs for name in run.all_channels}
+        self.fitted = np.array([p.fitted and p.is_identifiable_from(recorded) for p in parameters], dtype=bool)
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
-        guessed = self.of(model.first_guesses) & (self.prior_weight == 0.0)
+        guessed = self.of(model.guessed_parameters) & (self.prior_weight == 0.0)
         self.guess_mean, self.guess_weight = (
             self.start(),
             np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
@@ -284,7 +284,7 @@ class Problem:
     def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
         """A faster model with at least the `needed` effects, and (q,) indices of its parameters in the whole model."""
         if needed not in self._lean:
-            model = self.model.holding(needed, self.runs)
+            model = self.model.reduced_model(needed, self.runs)
             place = {name: i for i, name in enumerate(self.model.names)}
             self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]

@@ -194,7 +194,7 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         if found is None:
             if not effect.parameters():
                 raise InputError(f"the effect '{effect.name}' has no parameter, so there is nothing to fit")
-            if asked := effect.asked_for(study.recorded):
+            if asked := effect.missing_channels(study.recorded):
                 listed = " or ".join(asked)
                 raise InputError(f"the effect '{effect.name}' does not show in these recordings: record {listed} too")
             raise InputError(f"the model already has the effect '{effect.name}'")

@@ -43,7 +43,7 @@ class Study(ABC):
         catalogue_size: number of effects among which the catalogue was chosen, where there were more.
 
     Raises:
-        InputError: a run cannot be used; see `prepare.prepared`.
+        InputError: a run cannot be used; see `prepare_runs`.
     """
 
     later_ties: ClassVar[bool]
@@ -90,16 +90,21 @@ class Study(ABC):
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
-        self.recorded = frozenset(name for run in everything for name in run.everything)
-        shown = [effect for effect in catalogue if effect.shows_in(self.recorded)]
+        self.recorded = frozenset(name for run in everything for name in run.all_channels)
+        shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
         present = (effect for effect in model.effects if effect.quantities)
-        self.present = tuple(Candidate.of(effect.name, model.parts(effect.name)) for effect in present)
+        self.present = tuple(
+            Candidate.of(effect.name, model.parameter_names_by_joint(effect.name)) for effect in present
+        )
         given = set(model.names)
         absent = (
-            (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})
+            (
+                effect.name,
+                {j: ns for j, ns in extended.parameter_names_by_joint(effect.name).items() if not set(ns) <= given},
+            )
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)

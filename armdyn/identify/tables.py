@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
+from armdyn.document import Column, Columns, Curve, Section, Table, attribute_columns
 from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
@@ -31,11 +31,11 @@ def parameter_table(found: Mapping[str, Parameter]) -> Table:
     values = found.values()
     columns = [
         Column("parameter", list(found)),
-        *columns_of(values, value=".6g"),
-        Column("std", [_std(p) for p in values], ".2g", missing="fixed"),
-        *columns_of(values, unit=""),
-        Column("fitted", [p.fitted for p in values], wide=True),
-        Column("what it is", [p.source for p in values], wide=True),
+        *attribute_columns(values, value=".6g"),
+        Column("std", [_std(p) for p in values], ".2g", missing_text="fixed"),
+        *attribute_columns(values, unit=""),
+        Column("fitted", [p.fitted for p in values], dropped_when_narrow=True),
+        Column("what it is", [p.source for p in values], dropped_when_narrow=True),
     ]
     return Table(columns, name="parameters")
 
@@ -55,9 +55,9 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
     unseen = {"exam_rmse": ".4g"} if any(c.exam_rmse is not None for c in values) else {}
     columns = [
         Column("channel", list(found)),
-        *columns_of(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
+        *attribute_columns(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
         Column("chi2_per_sample", [c.chi2_per_sample for c in values], title="χ² per sample"),
-        Column("p of white noise", [c.white for c in values], ".2g", wide=True),
+        Column("p of white noise", [c.white for c in values], ".2g", dropped_when_narrow=True),
     ]
     return Table(columns, caption, "channels", "Statistics: noise, errors, χ² per sample, whiteness")
 
@@ -66,10 +66,10 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
     """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
     worst = places[:MAX_LISTED_PLACES]
     columns = [
-        *columns_of(worst, channel="", run="", against=""),
+        *attribute_columns(worst, channel="", run="", against=""),
         Column("from", [place.start for place in worst], ".3g"),
         Column("to", [place.end for place in worst], ".3g"),
-        *columns_of(worst, unit=""),
+        *attribute_columns(worst, unit=""),
         Column("χ² per sample", [place.chi2_per_sample for place in worst], ".3g"),
     ]
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
@@ -86,7 +86,7 @@ def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator
     predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
     for block in next(iter(fits.values())).blocks:
         row = f"{block.channel} [{block.unit}]"
-        yield Curve(row, "measured", block.time, block.measured.value, block.run, dots=True)
+        yield Curve(row, "measured", block.time, block.measured.value, block.run, drawn_as_points=True)
         key = block.run, block.channel
         for label, values in zip(fits, predicted, strict=True):
             half_width = bands.half_width.get(key) if bands is not None and label == last else None
@@ -138,11 +138,17 @@ def step_table(
     columns = [Column("step", [step_name(step) for step in path])]
     for kind, errors in kinds.items():
         texts = [error_text(rmse, scale, bare=bool(unit)) for rmse in errors]
-        columns.append(Column(f"{kind}{unit}", texts, shares=[relative(rmse, errors[0], scale) for rmse in errors]))
+        columns.append(
+            Column(f"{kind}{unit}", texts, bar_lengths=[relative(rmse, errors[0], scale) for rmse in errors])
+        )
     columns += [
         Column("χ² per sample", [step.chi2_per_sample for step in path]),
         Column("BIC", [step.bic for step in path], ".6g"),
-        Column("what it is", ["; ".join(summaries.get(n, "") for n in step.added) for step in path], wide=True),
+        Column(
+            "what it is",
+            ["; ".join(summaries.get(n, "") for n in step.added) for step in path],
+            dropped_when_narrow=True,
+        ),
     ]
     if any(step.tied_with for step in path):
         columns.append(Column("cannot be told from", [step.tied_with for step in path]))
@@ -173,15 +179,15 @@ def candidate_table(
     columns = [
         Column("effect", [s.effect for s in found]),
         Column("joints", [joint_text(s.joints) for s in found]),
-        Column("what it is", [summaries.get(s.effect, "") for s in found], wide=True),
+        Column("what it is", [summaries.get(s.effect, "") for s in found], dropped_when_narrow=True),
         Column(
             "error",
             [error_text(s.rmse, scale) for s in found],
-            shares=[relative(s.rmse, given, scale) for s in found],
+            bar_lengths=[relative(s.rmse, given, scale) for s in found],
             title="error with it alone",
         ),
         Column("held out", [error_text(s.held_out_rmse, scale) if s.held_out_rmse else None for s in found]),
-        Column("its values", values, wide=True),
+        Column("its values", values, dropped_when_narrow=True),
         Column("delta_bic", [s.delta_bic for s in found], ".1f", title="ΔBIC"),
         Column("p_value", [s.p_value for s in found], ".1e", title="p of chance"),
         Column("tied_with", [", ".join(s.tied_with) for s in found], title="cannot be told from"),
@@ -269,9 +275,9 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
     known = [(name, servo, servo.gain) for name, servo in drives.items() if servo.gain is not None]
     columns = [
         Column("drive", [name for name, _, _ in known]),
-        *columns_of([servo for _, servo, _ in known], joints="", law=""),
-        *columns_of([gain for _, _, gain in known], value=".5g"),
-        Column("std", [gain.std for _, _, gain in known], ".2g", missing="given"),
+        *attribute_columns([servo for _, servo, _ in known], joints="", law=""),
+        *attribute_columns([gain for _, _, gain in known], value=".5g"),
+        Column("std", [gain.std for _, _, gain in known], ".2g", missing_text="given"),
         Column("unloaded", [servo.unloaded for _, servo, _ in known], ".2g", title="std if nothing unknown is carried"),
         Column("unit", [gain.unit for _, _, gain in known]),
         Column("delay", [servo.delay for _, servo, _ in known], ".3g", title="delay [s]"),
@@ -355,7 +361,7 @@ def _link_table(link: "LinkChange") -> Table:
         Column("URDF", [q.described for q in found]),
         # Rounding leaves a tiny number where the exact value is zero.
         Column("repaired", [q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0 for q in found]),
-        *columns_of(found, std=".2g", unit=""),
+        *attribute_columns(found, std=".2g", unit=""),
         Column("determined", ["yes" if q.determined else "not by these runs" for q in found]),
     ]
     caption = (

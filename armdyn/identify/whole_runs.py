@@ -77,7 +77,7 @@ def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
 def _left(study: StateSpaceStudy, effects: Effects) -> float:
     """Residual of a set; of an effect alone, where values are guesses, also from the likeliest other start values."""
     left = study.left((*study.present, *effects))
-    if len(effects) == 1 and study.model.first_guesses:
+    if len(effects) == 1 and study.model.guessed_parameters:
         left = min(left, study.squared_error(_fitted(study, effects)))
     return left
 

@@ -10,7 +10,7 @@ import numpy as np
 from armdyn.arm.carried import joints_described, left_out
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import available
+from armdyn.effects.user import available_effects
 from armdyn.errors import InputError
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
@@ -53,11 +53,11 @@ def inspected(
         adding: effects that the model is about to get, whose values recordings may state.
     """
     if effects is None:
-        effects = available(model) if model is not None else ()
+        effects = available_effects(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
-        runs = [model.taking(run) for run in runs]
-        model = model.following(runs)
+        runs = [model.with_model_channels(run) for run in runs]
+        model = model.adapted_to(runs)
     found = [check for run in runs for check in checks_of(run, model, effects, adding)]
     beside = JOINTS_BESIDE.get(model.base) if model is not None else None
     return Inspection(tuple(runs), by_severity([*found, *(beside(model, runs) if beside else ())]))

@@ -33,16 +33,16 @@ class BoundedSolution:
 
     Attributes:
         x: (..., n) unknowns at the minimum.
-        held: (..., n) -1 for an unknown on its lower bound, 1 on its upper bound, 0 between them.
+        on_bound: (..., n) -1 for an unknown on its lower bound, 1 on its upper bound, 0 between them.
         gradient: (..., n) gradient A x - b.
     """
 
     x: np.ndarray
-    held: np.ndarray
+    on_bound: np.ndarray
     gradient: np.ndarray
 
 
-def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def scale_to_unit_diagonal(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Scale positive definite matrices (..., n, n) to a diagonal of ones, so that units do not matter.
 
     Returns:
@@ -54,13 +54,13 @@ def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def solve_positive(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(..., n) solutions x of A x = b for (..., n, n) positive definite matrices."""
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     return np.asarray(np.linalg.solve(unit, (b / size)[..., None])[..., 0] / size)
 
 
 def log_det(A: np.ndarray) -> np.ndarray:
     """(...) logarithms of the determinants of (..., n, n) positive definite matrices."""
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     return np.asarray(2.0 * np.sum(np.log(size), axis=-1) + np.linalg.slogdet(unit)[1])
 
 
@@ -91,7 +91,7 @@ def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nda
         lower: (..., n) lower bounds, which may be minus infinity.
         upper: (..., n) upper bounds, or one for all, which may be infinity; not below `lower`.
     """
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     shape = np.broadcast_shapes(size.shape, b.shape)
     flat = math.prod(shape[:-1]), shape[-1]
     problems = (np.broadcast_to(part, shape).reshape(flat) for part in (b / size, lower * size, upper * size))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from armdyn.effects.catalogue import natural_order
+from armdyn.effects.catalogue import catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
@@ -104,13 +104,13 @@ class PendulumModel(SimulatedModel):
         name, small = swing_shown(run), self.start_window(theta)
         return small if name is None else min(main_period(run.channels[name]), MAX_SWING_PERIODS * small)
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
-        """Start angle and rate, where an angle was measured; see `Model.guess_start`."""
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
+        """Start angle and rate, where an angle was measured; see `Model.guess_start_state`."""
         if "swing_angle" not in run.channels:
             return {}
         return start_values(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start values to try: orbits in the phase plane, near the measured angle where there is one."""
         pace = 2.0 * np.pi / self.start_window(theta)
         plane = phase_plane(pace)
@@ -124,7 +124,7 @@ class PendulumModel(SimulatedModel):
         length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
         return float(2 * np.pi * np.sqrt(length / gravity))
 
-    def pieces(self, run: Run) -> Sequence[Run]:
+    def split_into_pieces(self, run: Run) -> Sequence[Run]:
         """The run, cut at blind gaps of the gripper (`start.pieces`); below a fixed pivot its free swing."""
         return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
 
@@ -136,15 +136,15 @@ class PendulumModel(SimulatedModel):
     @cached_property
     def formulation(self) -> str:
         """Identifier of the equations; see `SimulatedModel.formulation`."""
-        return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
+        return "_".join(["pendulum", *(e.name for e in catalogue_order(self.effects))])
 
     def dynamics(self) -> PendulumDynamics:
         """Continuous equations with two states and four inputs, for sequential action control."""
-        return _dynamics(natural_order(self.effects), planar=True)
+        return _dynamics(catalogue_order(self.effects), planar=True)
 
     def variational(self) -> VariationalStep:
         """Discrete variational equations, for planning."""
-        return _variational(natural_order(self.effects))
+        return _variational(catalogue_order(self.effects))
 
     def rest_angle(self) -> float:
         """Angle at which the load hangs at rest below a gripper at rest, rad: not 0 in wind or on a tilted line.
@@ -183,7 +183,7 @@ class PendulumModel(SimulatedModel):
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
-        return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
+        return self.with_only_effects({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     @property
     def remembering(self) -> frozenset[str]:
@@ -215,7 +215,7 @@ class PendulumModel(SimulatedModel):
     @cached_property
     def system(self) -> PendulumDynamics:
         """The equations with their effects; see `SimulatedModel.system`."""
-        return _dynamics(natural_order(self.effects))
+        return _dynamics(catalogue_order(self.effects))
 
 
 @lru_cache(maxsize=128)

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
@@ -63,7 +63,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     states = {name: ca.SX.sym(name) for name in physics.states}
     symbols = {channel: ca.SX.sym(channel.replace(".", "_"), ROWS_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
-    recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
+    recorded = {column: ca.SX.sym("recorded") for column in recorded_columns(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
     found = _asked(physics, moment)
     rates_of = _with_rates(moment, found, states, signals)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.effects.catalogue import CATALOGUE, natural_order
+from armdyn.effects.catalogue import CATALOGUE, catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.kept import cached_with_first_argument
@@ -53,8 +53,8 @@ class PhysicsModel(SimulatedModel):
         """Name of the physics, which is the base of its model."""
         return self.physics.name
 
-    def described(self, folder: Path) -> Mapping[str, Any]:
-        """Entries of a model file for this base: the path of the user's file; see `Model.described`.
+    def file_entries(self, folder: Path) -> Mapping[str, Any]:
+        """Entries of a model file for this base: the path of the user's file; see `Model.file_entries`.
 
         Raises:
             InputError: the physics was not read from a file.
@@ -79,7 +79,7 @@ class PhysicsModel(SimulatedModel):
         return self.physics.step
 
     @property
-    def settled_window(self) -> float:
+    def min_effect_window(self) -> float:
         """Length of a run, s, below which friction and creep are not identifiable: three periods."""
         return 3.0 * self.physics.period
 
@@ -102,10 +102,10 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """The equations with their effects; see `SimulatedModel.system`."""
         starts = set(self.start_names)
-        return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulated(self.physics, catalogue_order(self.effects), tuple(n for n in self.names if n not in starts))
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
-        """Start values from measured states and from measured rates of states; see `Model.guess_start`."""
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
+        """Start values from measured states and from measured rates of states; see `Model.guess_start_state`."""
         states = self.physics.states
         guess = self._shown(run, lambda channel: measured_start(channel, START_FIT_SECONDS * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
@@ -120,10 +120,10 @@ class PhysicsModel(SimulatedModel):
                     rates[bare.rates[name]] = rate
         return {**rates, **values}  # a measured value is better than a slope
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Start values to try: a grid over the unmeasured states; see `Model.possible_starts`."""
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """Start values to try: a grid over the unmeasured states; see `Model.possible_start_states`."""
         del theta
-        guess = self.guess_start(run)
+        guess = self.guess_start_state(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
         if len(unknown) not in START_LEVELS:
             return []
@@ -137,8 +137,8 @@ class PhysicsModel(SimulatedModel):
         del theta
         return self.physics.period
 
-    def reachable(self, effect: Effect) -> tuple[str, ...]:
-        """Joints of an effect's stage on which it changes something; see `Model.reachable`.
+    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
+        """Joints of an effect's stage on which it changes something; see `Model.possible_joints`.
 
         Raises:
             UnknownNameError: the effect names a joint that the stage lacks.
@@ -157,7 +157,7 @@ class PhysicsModel(SimulatedModel):
         Raises:
             InputError: the effect changes nothing in this physics.
         """
-        if effect.acts_on in self.stages and not self.reachable(effect):
+        if effect.acts_on in self.stages and not self.possible_joints(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
         return super().with_effect(effect)
 
@@ -166,8 +166,8 @@ class PhysicsModel(SimulatedModel):
         """Effects that add states; see `SimulatedModel.remembering`."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
-    def taking(self, run: Run) -> Run:
-        """Convert a run to the units of the equations; see `Model.taking`."""
+    def with_model_channels(self, run: Run) -> Run:
+        """Convert a run to the units of the equations; see `Model.with_model_channels`."""
         declared = {**self.physics.inputs, **self.physics.outputs}
         found, noise = dict[str, Channel](), dict(run.noise)
         for name, channel in run.extra.items():
@@ -182,7 +182,11 @@ class PhysicsModel(SimulatedModel):
                 found[name] = Channel(channel.time, value, declared[name])
                 if name in noise:
                     noise[name] *= times / factor
-        return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
+        return (
+            replace(run, channels={**run.channels, **found}, base_channels=run.base_channels | set(found), noise=noise)
+            if found
+            else run
+        )
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """Channels of a run that the model predicts; see `Model.predicted_channels`."""
@@ -194,10 +198,10 @@ class PhysicsModel(SimulatedModel):
                 raise InputError(f"{run.source or run.name}: '{name}' is in {run.channels[name].unit}, not in {unit}")
         return channels
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run without outputs recorded before or after its inputs; see `Model.prepared`."""
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+        """The run without outputs recorded before or after its inputs; see `Model.prepare_run`."""
         del beside
-        run = self.taking(run)
+        run = self.with_model_channels(run)
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
@@ -215,8 +219,8 @@ class PhysicsModel(SimulatedModel):
             MAX_COMPARED_RATE * DEFAULT_STEP_PERIODS / self.physics.step,
         )
 
-    def jumps(self, run: Run) -> np.ndarray:
-        """Times at which a held input changes; see `Model.jumps`."""
+    def jump_times(self, run: Run) -> np.ndarray:
+        """Times at which a held input changes; see `Model.jump_times`."""
         held = [run.channels[name] for name in self._held(run)]
         return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
 
@@ -239,8 +243,8 @@ class PhysicsModel(SimulatedModel):
         return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
 
     @property
-    def first_guesses(self) -> tuple[str, ...]:
-        """Parameters with first guesses: all of the physics, and the start; see `Model.first_guesses`."""
+    def guessed_parameters(self) -> tuple[str, ...]:
+        """Parameters with first guesses: all of the physics, and the start; see `Model.guessed_parameters`."""
         return (*(p.name for p in self.physics.parameters), *self.start_names)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
@@ -337,7 +341,7 @@ def _bare(physics: Physics) -> Formulation:
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
     """Joints of its stage on which an effect changes something; empty where the stage is of another type."""
     kind = _bare(physics).kinds.get(effect.acts_on)
-    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
+    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.stage_class)):
         return ()
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}

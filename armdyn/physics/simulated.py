@@ -64,12 +64,12 @@ class SimulatedModel(Model):
         """Names of the effects with which a simulation takes at least twice as long."""
         return self.remembering
 
-    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
-        """A smaller model with at least the `needed` effects, where its compilation pays off; see `Model.holding`."""
-        lean, steps = self.with_only(needed), sum(self.path(run).nodes.shape[1] for run in runs)
+    def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+        """A model with at least the `needed` effects, if its compilation pays off; see `Model.reduced_model`."""
+        lean, steps = self.with_only_effects(needed), sum(self.path(run).nodes.shape[1] for run in runs)
         if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS:
             return lean
-        return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
+        return self.with_only_effects({effect.name for effect in self.effects}.difference(self.slow).union(needed))
 
     @abstractmethod
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
@@ -149,8 +149,8 @@ class SimulatedModel(Model):
             raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run without faulty samples, at a reduced rate; see `Model.prepared`."""
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+        """The run without faulty samples, at a reduced rate; see `Model.prepare_run`."""
         del beside
         return clean(run, self.predicted_channels(run), self.inputs)
 

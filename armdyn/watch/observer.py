@@ -274,7 +274,7 @@ def without_memory(model: ArmModel) -> ArmModel:
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"
             )
-    return model.with_only({effect.name for effect in model.effects} - late)
+    return model.with_only_effects({effect.name for effect in model.effects} - late)
 
 
 def _filtered(

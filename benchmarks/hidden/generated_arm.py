@@ -188,7 +188,7 @@ def exported_error(seed: int) -> tuple[float, float]:
     """Rms error of the exported and of the repaired model on new motions against the true torque, N m."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
-    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in WHY])
+    arm = mended.with_only_effects([effect.name for effect in mended.effects if effect.name not in WHY])
     dynamics, compiled = inverse_dynamics_function(arm), mujoco.MjModel.from_xml_string(mujoco_text(mended)[0])
     data, squares = mujoco.MjData(compiled), []
     for world in robot.fresh():

@@ -55,7 +55,7 @@ def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
     """Root of the summed squares of all joints' errors, N m, with the model as it is."""
     squares = []
     for run in runs:
-        ready = model.prepared(run)
+        ready = model.prepare_run(run)
         found = model.predict(ready, model.theta())
         errors = (ready.channels[name].value - found.values[rows] for name, rows in found.slices.items())
         squares.append(sum(float(np.mean(error**2)) for error in errors))

@@ -64,7 +64,7 @@ def off(model: ArmModel, run: Run) -> dict[str, float]:
 def examine(seed: int) -> hidden_table.Row:
     """One arm."""
     arm = generated.generate(seed)
-    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.reachable(e)}
+    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.possible_joints(e)}
     begun = time.process_time()
     *training, held_out = arm.runs
     row = {"seed": seed, "robot": Path(arm.robot).stem, "law": arm.law, "hidden": len(truth)}
@@ -80,7 +80,7 @@ def examine(seed: int) -> hidden_table.Row:
             "cpu": 0.0,
         }
     missed, false = judged(found, truth)
-    named = found.model.named_only()
+    named = found.model.without_background()
     pulls = {
         name: (named.parameters[name].value - p.value) / named.parameters[name].std
         for name, p in arm.truth.parameters.items()
@@ -104,7 +104,7 @@ def exported_errors(seed: int) -> list[float]:
     arm = generated.generate(seed, tuple(effect for effect in generated.EFFECTS if effect in HELD["mujoco"]))
     *training, held_out = arm.runs
     mended = CheckedStudy.of(arm.known, training, [held_out], trusted=True).repair().model
-    mended = mended.with_only([effect.name for effect in mended.effects if effect.name in HELD["mujoco"]])
+    mended = mended.with_only_effects([effect.name for effect in mended.effects if effect.name in HELD["mujoco"]])
     text = mujoco_text(mended)[0]
     there = [in_mujoco.errors_in_mujoco(text, mended, held_out, step) for step in (SHORT, None)]
     own = [rolled(mended, mended.theta(), w) - w.q for w in in_mujoco.stretches(mended, held_out)]

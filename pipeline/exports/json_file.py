@@ -20,7 +20,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
     A link's values follow from several parameters, whose correlation the model file does not keep: their standard
     deviations are in the answer of `repair --json`.
     """
-    model, named = file.model, file.model.named_only()
+    model, named = file.model, file.model.without_background()
     answer: dict[str, Any] = {
         "schema": "armdyn.parameters/1",
         "base": model.base,

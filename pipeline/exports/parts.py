@@ -111,7 +111,7 @@ def left_over(
         uneven_drives: joints whose drives hold the difference of the directions.
     """
     sentences = []
-    named = model.named_only()
+    named = model.without_background()
     for effect in named.effects:
         joints = [joint for joint in named.joints_with(effect.name) if joint]
         why = WHY.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, columns_of
+from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, attribute_columns
 from armdyn.recording.channels import FloatArray
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
@@ -55,7 +55,7 @@ def _violation_section(report: FeasibilityReport) -> Section:
         Column("limit", [_words(v.limit) for v in listed]),
         Column("of", [v.joint for v in listed]),
         Column("at [s]", [v.time for v in listed], ".3f"),
-        *columns_of(listed, value=".4g", bound=".4g", unit=""),
+        *attribute_columns(listed, value=".4g", bound=".4g", unit=""),
     ]
     sentence = f"{len(report.violations)} stretches of the motion break a limit.{more}"
     return Section("Violations", sentence, tables=[Table(columns)])
@@ -80,9 +80,9 @@ def margin_section(margins: Sequence[Margin]) -> Section:
         Column("limit", [_words(margin.limit) for margin in ordered]),
         Column("of", [margin.joint for margin in ordered]),
         Column("closest", [margin.value for margin in ordered], ".3g"),
-        *columns_of(ordered, bound=".3g", unit=""),
+        *attribute_columns(ordered, bound=".3g", unit=""),
         Column("at [s]", [margin.time for margin in ordered], ".2f"),
-        Column("used", list(map(percent, used)), shares=used, judged=True),
+        Column("used", list(map(percent, used)), bar_lengths=used, bar_coloured_by_length=True),
     ]
     return Section("Limits", sentence, tables=[Table(columns)])
 

@@ -35,7 +35,7 @@ def error_section(shown: Overlays) -> Section:
     for when, step in steps.items():
         shares = [q.explained if q else 0.0 for q in of(kinds[-1], step)]
         bars = [max(share, 0.0) for share in shares]
-        columns.append(Column(f"explained {when}", list(map(in_percent, shares)), shares=bars))
+        columns.append(Column(f"explained {when}", list(map(in_percent, shares)), bar_lengths=bars))
     caption = (
         "Error: root mean square of measured minus predicted. Explained: share of the measured signal's variation "
         f"about its mean, {kinds[-1]}; below 0 the mean alone would do better."

@@ -21,19 +21,19 @@ from pipeline.report.theme import DARK, TEMPLATE
 def table_html(table: Table) -> str:
     """A table as HTML, every text escaped; a column whose cells are all numbers is set to the right."""
     columns = []
-    for column in table.filled:
-        texts, right = column.texts, not column.shares and all(map(_is_number, column.texts))
+    for column in table.nonempty_columns:
+        texts, right = column.texts, not column.bar_lengths and all(map(_is_number, column.texts))
         cells = [_cell("td", text, right) for text in texts]
-        if column.shares:
-            pairs = zip(texts, column.shares, strict=True)
-            cells = [bar(text, share, judged=column.judged) for text, share in pairs]
+        if column.bar_lengths:
+            pairs = zip(texts, column.bar_lengths, strict=True)
+            cells = [bar(text, share, judged=column.bar_coloured_by_length) for text, share in pairs]
         columns.append([_cell("th", column.heading, right), *cells])
     head, *body = [""] if not columns else ["".join(cells) for cells in zip(*columns, strict=True)]
     rows = "".join(f"<tr>{row}</tr>" for row in body)
     caption = f"<p class='caption'>{escape(table.caption)}</p>" if table.caption else ""
     made = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     shown = f"<div class='table'>{made}</div>{caption}"
-    return f"<details><summary>{escape(table.folded)}</summary>{shown}</details>" if table.folded else shown
+    return f"<details><summary>{escape(table.fold_label)}</summary>{shown}</details>" if table.fold_label else shown
 
 
 def _is_number(text: str) -> bool:

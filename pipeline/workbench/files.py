@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from armdyn.quoting import command_text
-from armdyn.read_files import may_replace
+from armdyn.read_files import allow_overwrite
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
 from pipeline.console.inputs import Inputs
@@ -79,7 +79,7 @@ class Writable:
             raise InputError(f"{file} is there already: choose another name, or tick 'write over'")
         if not target.is_file() or self._written.get(target) != _digest(target):
             raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
-        may_replace(target)
+        allow_overwrite(target)
 
     def note(self, file: Path) -> None:
         """Remember that a page has written this file."""

@@ -82,7 +82,9 @@ def test_its_file_must_not_replace_an_input(armdyn, refused, complains):
     complains.line(refused("discover", "m.toml", RECORDINGS / "magnet_1.csv", "--output", "m.toml"))
 
 
-NOTHING = Discovery((), {}, {}, {}, {}, {}, {}, 0.0, leaves_something=True, judged=False, runs=("a.csv",), held_out=())
+NOTHING = Discovery(
+    (), {}, {}, {}, {}, {}, {}, 0.0, residual_exceeds_noise=True, has_unfitted_run=False, runs=("a.csv",), held_out=()
+)
 GIVEN = Inputs(Path("m.toml"), [Path("a.csv")])
 
 
@@ -90,7 +92,7 @@ def test_where_one_motion_shows_no_law_another_one_is_asked_for():
     assert "another motion" in NOTHING.sentence
     (step,) = _next_steps(GIVEN, NOTHING, None)
     assert step.command == "armdyn discover m.toml a.csv --held-out ANOTHER.csv"
-    assert not _next_steps(GIVEN, replace(NOTHING, judged=True), None)
+    assert not _next_steps(GIVEN, replace(NOTHING, has_unfitted_run=True), None)
 
 
 def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
@@ -105,7 +107,7 @@ def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experimen
     )
     law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
-    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), judged=True), Path("law.py"))
+    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), has_unfitted_run=True), Path("law.py"))
     assert steps[-1].command == (
         "armdyn next m.toml a.csv --effects law.py --rivals discovered_flexure,pivot_stiffness --output motion.csv"
     )

@@ -125,7 +125,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
         return []
     acting = fit.free | (fit.values != fit.problem.null)
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
-    problem = Problem(fit.problem.model.with_only(needed), fit.problem.runs, fit.problem.noise)
+    problem = Problem(fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise)
     model = simulated(problem.model)
     values = transferred(fit.values, fit.problem, problem)
     free = transferred_mask(fit.free, fit.problem, problem)

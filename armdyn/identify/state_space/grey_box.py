@@ -254,7 +254,7 @@ class GreyBox:
         yield from reversed(way)
 
     def with_starts(self, point: NoiseAndMotion) -> np.ndarray:
-        """(P,) values of a point, in which the start parameters of each run agree with the first state of its motion."""
+        """(P,) values of a point, with start parameters of each run that agree with the first state of its motion."""
         values = point.values.copy()
         for run, states in zip(self.runs, point.states, strict=True):
             model, theta = run.pieces.model, values[run.places].copy()

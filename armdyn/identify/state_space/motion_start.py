@@ -59,7 +59,7 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     """
     (run,), model = single.runs, single.model
     theta = single.theta(0, values)
-    guesses = model.possible_starts(run, theta)
+    guesses = model.possible_start_states(run, theta)
     if not guesses:
         return values
     moved = free & single.of(list(guesses[0]))
@@ -104,7 +104,7 @@ def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndar
 
     Those of effects that all runs share are left out if the part is too short for them.
     """
-    return free if window >= problem.model.settled_window else free & (problem.per_run | ~problem.is_effect)
+    return free if window >= problem.model.min_effect_window else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)

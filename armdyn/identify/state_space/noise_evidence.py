@@ -327,7 +327,7 @@ class Tables:
         found = solve_bounded(A, g + self._centre[c] / t**2, lower, upper)
         d = found.x
         off = (d - self._centre[c]) / t
-        pulled = np.where(found.held != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
+        pulled = np.where(found.on_bound != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
         return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
 
 

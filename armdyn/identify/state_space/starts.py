@@ -44,7 +44,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         values: (P,) values of the model.
     """
     model = simulated(problem.model)
-    guessed = wanted & problem.of(model.first_guesses) & ~problem.per_run
+    guessed = wanted & problem.of(model.guessed_parameters) & ~problem.per_run
     if not guessed.any():
         return []
     acting = wanted | (values != problem.null)
@@ -53,7 +53,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         first_part(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
-    cut = Problem(model.with_only(needed), runs, problem.noise)
+    cut = Problem(model.with_only_effects(needed), runs, problem.noise)
     free = transferred_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):

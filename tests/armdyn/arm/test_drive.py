@@ -33,7 +33,7 @@ def test_the_cut_off_and_the_noise_below_it_are_found(seed):
 def test_short_recordings_show_together_what_none_shows_alone():
     robot, model, runs, found = drives_of(16, (12.0, 6))
     assert [one.cutoff for one in found.values()] == pytest.approx([robot.worlds[0].drive.smoothing] * 7, rel=0.1)
-    cutoffs = [done.cutoff for run in runs for done in model.prepared(run, runs).done.values()]
+    cutoffs = [done.cutoff for run in runs for done in model.prepare_run(run, runs).done.values()]
     assert max(cutoffs) <= 0.55 * robot.worlds[0].drive.smoothing
 
 
@@ -56,7 +56,7 @@ def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
 
 def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
     robot, model, (run,), _ = drives_of(16)
-    prepared = model.prepared(run)
+    prepared = model.prepare_run(run)
     done = of_all_runs([prepared.done])
     assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())
     assert "The drives smoothed their torques below" in sentence(done)

@@ -43,7 +43,7 @@ def test_hidden_values_are_those_of_the_model_that_predicts_the_recording(effect
     told = given.with_effect(CATALOGUE[effect].on(hidden.joint)).with_values(values)
     errors = {}
     for name, model in (("given", given), ("told", told)):
-        ready = model.prepared(run)
+        ready = model.prepare_run(run)
         found = model.predict(ready, model.theta())
         rows = found.slices[f"tau.{JOINT}"]
         errors[name] = np.sqrt(np.mean((ready.channels[f"tau.{JOINT}"].value - found.values[rows]) ** 2))

@@ -8,11 +8,11 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_terms
-from armdyn.discovery.discover import concluded, discover, predicts_better
+from armdyn.discovery.discover import describe_discovery, discover, predicts_better
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
-from armdyn.effects.user import available
+from armdyn.effects.user import available_effects
 from armdyn.identify.repair import add
 from armdyn.identify.residual.missing_force import between
 from armdyn.identify.residual.tests import residual_tests
@@ -31,7 +31,7 @@ from ...worlds.pendulum import Setup, record
 def test_nothing_is_discovered_where_nothing_is_missing():
     model = pendulum_model(0.368, 0.08)
     run = record("clean", Setup(duration=6.0), np.random.default_rng(3))
-    found = discover(Study.of(model, [run], [], available(model)))
+    found = discover(Study.of(model, [run], [], available_effects(model)))
     assert not found.findings
     assert found.sentence == "Nothing is missing: what is left is noise."
 
@@ -40,7 +40,7 @@ def test_what_stands_still_shows_no_law():
     time, noise = np.arange(0.0, 8.0, 0.02), 1e-3 * np.random.default_rng(1).standard_normal(400)
     run = Run("still", {"swing_angle": Channel(time, noise, "rad")}, {}, {"swing_angle": 1e-3})
     found = discover(Study.of(pendulum_model(0.368, 0.08), [run], [], []))
-    assert found.still
+    assert found.nothing_moves
     assert "record a motion" in found.sentence
 
 
@@ -109,12 +109,15 @@ def test_a_joint_may_have_a_long_name(tmp_path):
 
 def test_nothing_is_discovered_in_a_clean_arm(model):
     given = world("clean arm", 1)
-    assert not discover(Study.of(model, given.runs, [given.held_out], available(model))).findings
+    assert not discover(Study.of(model, given.runs, [given.held_out], available_effects(model))).findings
 
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
     """Viscous friction of a shoulder, then of an elbow, was once found and not told."""
-    run, viscous = world("cogging", 0).runs[0], next(e for e in available(model) if e.name == "joint_viscous_friction")
+    run, viscous = (
+        world("cogging", 0).runs[0],
+        next(e for e in available_effects(model) if e.name == "joint_viscous_friction"),
+    )
     study = Study.of(model, [run], [], [viscous])
     (both,) = study.candidates
     steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
@@ -122,7 +125,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
         effects = group_by_effect((*effects, one))
         fit = study.fit_with(effects, steps[-1].fit)
         steps.append(Step((one,), (), effects, fit, residual_tests(fit, [])))
-    found = concluded(study, Search(tuple(steps)), {}, {viscous.name: viscous})
+    found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
     (law,) = found.findings
     assert law.joints == ("shoulder", "elbow")
     assert law.explains == pytest.approx(found.explains)
@@ -131,7 +134,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
 @pytest.mark.slow
 def test_cogging_is_discovered_beside_friction(model):
     given = world("cogging", 0)
-    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
+    found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
     (law,) = found.new
     assert (law.kind, law.joints) == ("cogging", ("elbow",))
     assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}

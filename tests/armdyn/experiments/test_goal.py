@@ -58,7 +58,7 @@ def test_effects_that_no_motion_can_tell_apart_are_refused_with_the_reason(shoul
     with complains(InputError):
         separating(shoulder, coulomb, coulomb, 100.0)
     with complains(TaskFailedError):
-        separating(shoulder.with_only([]), find("payload"), find("payload_twin", [_twin()]), 100.0)
+        separating(shoulder.with_only_effects([]), find("payload"), find("payload_twin", [_twin()]), 100.0)
 
 
 def _twin():

@@ -115,7 +115,7 @@ def test_a_held_out_run_keeps_the_mass_that_was_weighed_for_it():
 
 def test_where_the_gripper_moved_unseen_a_run_is_cut_and_time_goes_on():
     run = recorded("gap_and_jitter").runs[0]
-    first, second = model_for("gap_and_jitter").pieces(run)
+    first, second = model_for("gap_and_jitter").split_into_pieces(run)
     assert second.began == 0.0
     assert "while no position was recorded" in first.warnings[0]
     assert second.channels["load_force"].time[0] > first.channels["load_force"].time[-1] + 1.9
@@ -125,7 +125,7 @@ def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
     time = np.delete(np.arange(0.0, 4.0, 0.01), slice(100, 300))
     still = Channel(time, np.full(len(time), 0.1), "m")
     run = Run("a.csv", {"gripper_x": still, "load_force": Channel(time, np.cos(time), "N")})
-    assert model_for("plain").pieces(run) == (run,)
+    assert model_for("plain").split_into_pieces(run) == (run,)
 
 
 def test_what_was_left_out_is_said():

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
-from armdyn.readout import Interpolated, Sensor, lagged
+from armdyn.readout import Interpolated, Sensor, first_order_lag
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import differentiated, smoothed_motion
@@ -122,19 +122,19 @@ def test_lag_is_the_solution_of_its_differential_equation(tau):
         lambda t, z: (np.interp(t, GRID, SIGNAL) - z) / tau, (0, GRID[-1]), SIGNAL[:1], "RK45", GRID, max_step=DT / 4,
         rtol=1e-10, atol=1e-12,
     )  # fmt: skip
-    assert np.abs(lagged(SIGNAL[:, None], tau, DT)[0][:, 0] - exact.y[0]).max() < 1e-6
+    assert np.abs(first_order_lag(SIGNAL[:, None], tau, DT)[0][:, 0] - exact.y[0]).max() < 1e-6
 
 
 def test_no_lag_changes_nothing():
-    assert np.array_equal(lagged(SIGNAL[:, None], 0.0, DT)[0][:, 0], SIGNAL)
+    assert np.array_equal(first_order_lag(SIGNAL[:, None], 0.0, DT)[0][:, 0], SIGNAL)
 
 
 @pytest.mark.parametrize("tau", [0.0, 1e-3, 0.02, 0.3])
 def test_lag_derivative_matches_finite_differences(tau):
     h = 1e-7
-    above, below = (lagged(SIGNAL[:, None], max(tau + s, 0.0), DT)[0][:, 0] for s in (h, -h))
+    above, below = (first_order_lag(SIGNAL[:, None], max(tau + s, 0.0), DT)[0][:, 0] for s in (h, -h))
     measured = (above - below) / (2 * h if tau > h else h)
-    assert np.abs(lagged(SIGNAL[:, None], tau, DT)[1] - measured).max() < 2e-4 * np.abs(measured).max()
+    assert np.abs(first_order_lag(SIGNAL[:, None], tau, DT)[1] - measured).max() < 2e-4 * np.abs(measured).max()
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.3])
@@ -142,8 +142,8 @@ def test_lag_of_uneven_samples_is_that_of_the_same_polygon(uneven):
     stamps = GRID + uneven * DT * np.sin(37 * GRID)
     fine = np.unique(np.concatenate([stamps, 0.5 * (stamps[1:] + stamps[:-1])]))
     polygon = np.interp(fine, stamps, SIGNAL)
-    finer = lagged(polygon[:, None], 0.04, np.diff(fine))[0][:, 0]
-    coarse = lagged(SIGNAL[:, None], 0.04, np.diff(stamps))[0][:, 0]
+    finer = first_order_lag(polygon[:, None], 0.04, np.diff(fine))[0][:, 0]
+    coarse = first_order_lag(SIGNAL[:, None], 0.04, np.diff(stamps))[0][:, 0]
     assert np.abs(coarse - finer[np.searchsorted(fine, stamps)]).max() < 1e-12
 
 

@@ -16,7 +16,7 @@ import robots
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
-from armdyn.codegen import compiler
+from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError
@@ -85,7 +85,7 @@ def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
         )
         assert float(dynamics.get("friction")) > 0.0
         assert back.arm.slides[i] == model.arm.slides[i]
-    links_alone = model.with_only(["link_inertia", "payload", "base_tilt"])
+    links_alone = model.with_only_effects(["link_inertia", "payload", "base_tilt"])
     for state in zip(*states(model, 50), strict=True):
         np.testing.assert_allclose(np.array(rigid(*state))[:, 0], by_formulas(links_alone, *state), atol=1e-9)
     document = ET.fromstring(text)
@@ -143,14 +143,14 @@ def test_gain_and_offset_of_a_drive_go_with_its_command(bare_arm, tmp_path):
 @pytest.fixture
 def in_c(bare_arm, tmp_path, armdyn):
     """An arm with many effects, and the library of its exported C file, which compiles without a warning."""
-    if compiler() is None:
+    if find_compiler() is None:
         pytest.skip("needs a C compiler")
     model = with_effects(bare_arm, IN_FUNCTIONS)
     description = {"robot": model.arm.robot.name, "joints": list(model.joints)}
     write_model_file(tmp_path / "m.toml", ModelFile(model, description))
     assert armdyn("export", "m.toml", "--output", "m.c")[0] == 0
     strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
-    subprocess.run([compiler(), *strict, "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True,
+    subprocess.run([find_compiler(), *strict, "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True,
                    cwd=tmp_path)  # fmt: skip
     return model, ctypes.CDLL(str(tmp_path / "m.so"))
 
@@ -251,7 +251,7 @@ def test_what_a_format_cannot_hold_is_named(bare_arm):
     assert functions_of(model)[1] == []
     late = with_effects(bare_arm, ["torque_delay"])
     assert all("belongs to the torque sensor" in notes[0] for notes in (functions_of(late)[1], mujoco_text(late)[1]))
-    one_joint = model.with_only(["joint_asymmetric_friction"])
+    one_joint = model.with_only_effects(["joint_asymmetric_friction"])
     q, v, a = states(one_joint, 5)
     ours = np.array([by_formulas(one_joint, *state) for state in zip(q, v, a, strict=True)])
     unequal = [
@@ -279,7 +279,7 @@ def with_background(arm, named, small, own=()):
     for one in (*(CATALOGUE[name] for name in small), *own):
         whole = whole.with_effect(one)
     values = {p.name: 0.02 * p.typical for p in whole.parameters.values() if p.effect not in named}
-    bare = whole.with_only(named)
+    bare = whole.with_only_effects(named)
     return bare.with_background(0.1, values, [*CATALOGUE.values(), *own]), whole.with_values(values)
 
 

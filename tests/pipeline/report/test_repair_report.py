@@ -15,7 +15,7 @@ from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.tables import fall_sentence, link_section, step_table
-from armdyn.notebook import card, frame
+from armdyn.notebook import data_frame, html_card
 from pipeline.answers import link_answer
 from pipeline.console.screen import finish, show
 from pipeline.report.page import page_html
@@ -86,7 +86,7 @@ def test_the_repair_path_tells_total_errors_and_the_exams():
     assert rows[0][:5] == ("as given", "5", "10", "7", "9")
     assert rows[1][:4] == ("+ payload", "0.5", "–", "–")
     assert rows[1][-1] == "A mass at the tool."
-    assert columns["fitted [N m]"].shares == pytest.approx([1.0, 0.1])
+    assert columns["fitted [N m]"].bar_lengths == pytest.approx([1.0, 0.1])
     assert "took part in nothing" in table.caption
     assert "took part in choosing" in table.caption
     assert fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."
@@ -98,10 +98,10 @@ VALUES = [0.0123456, None, 7.0]
 TABLE = Table(
     [
         Column("effect", ["linear_drag", "<wind>", "path_tilt"]),
-        Column("rmse_now", VALUES, ".3g", missing="none"),
+        Column("rmse_now", VALUES, ".3g", missing_text="none"),
         Column("joints", [(), (), ()]),
-        Column("what it is", ["air", "more air", "a tilt"], wide=True),
-        Column("bars", [1, 2, 3], shares=[0.1, 0.5, 1.0]),
+        Column("what it is", ["air", "more air", "a tilt"], dropped_when_narrow=True),
+        Column("bars", [1, 2, 3], bar_lengths=[0.1, 0.5, 1.0]),
     ],
     "Less is better.",
     "effects",
@@ -128,7 +128,7 @@ def on_a_page(_):
 
 
 def in_a_notebook(_):
-    return unescape(re.sub(r"<[^>]+>", " ", card(DOCUMENT)))
+    return unescape(re.sub(r"<[^>]+>", " ", html_card(DOCUMENT)))
 
 
 @pytest.mark.parametrize("shown", [on_a_terminal, on_a_page, in_a_notebook])
@@ -143,11 +143,11 @@ def test_the_verdict_and_every_cell_are_shown(shown, capsys):
 
 def test_a_data_frame_holds_the_values_and_not_their_texts(complains):
     pytest.importorskip("pandas", reason="data frames need pandas: pip install 'armdyn[notebook]'")
-    made = frame(DOCUMENT, "effects")
+    made = data_frame(DOCUMENT, "effects")
     assert list(made.columns) == ["effect", "rmse_now", "joints", "what it is", "bars"]
     assert made["rmse_now"].iloc[0] == VALUES[0]
     with complains(UnknownNameError):
-        frame(DOCUMENT, "effect")
+        data_frame(DOCUMENT, "effect")
 
 
 def test_a_long_table_says_how_much_of_it_is_left_out(capsys):

@@ -81,7 +81,7 @@ NASTY_SECTION = Section(
     f"Title {NASTY}",
     NASTY,
     [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
-    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], shares=[0.5])], NASTY, folded=NASTY)],
+    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], bar_lengths=[0.5])], NASTY, fold_label=NASTY)],
     {NASTY: NASTY, "other": "other"},
 )
 
