@@ -64,7 +64,8 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
             if any(entry.check for entry in found.values()) or not set(missing) - set(_missing(found, joints)):
                 raise InputError(
                     f"{foreign.name}: its joints ({name_list(own)}) are not called as the robot's "
-                    f"({name_list(joints.arm)}): let armdyn propose which is which with --guess, or give the right robot"
+                    f"({name_list(joints.arm)}): let armdyn propose which is which with --guess, or give the right "
+                    "robot"
                 )
             renamed = {entries[name].joint: entry.joint for name, entry in found.items()}
             notes += [f"joint '{a}' of the recording is '{b}' of the robot" for a, b in renamed.items() if a != b]
