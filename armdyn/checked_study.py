@@ -16,9 +16,9 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.motion_polish import polished
+from armdyn.identify.motion_polish import fit_to_motion
 from armdyn.identify.repair import Repair, add, fitted_model, repair
-from armdyn.identify.selection.set_score import BELIEF_NATS
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
@@ -213,7 +213,7 @@ class CheckedStudy:
         model, after = found.model, self._telling(found.after)
         arm, declared = model.as_arm(), None if self.declared is None else self.declared.as_arm()
         if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
-            model = polished(arm, [run.recording for run in self.study.runs], declared.drives)
+            model = fit_to_motion(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
                 n: replace(p, value=model.value(n), std=model.parameters[n].std)
                 for n, p in after.parameters.items()
@@ -243,5 +243,5 @@ def absent_in_motion(found: Repair) -> frozenset[str]:
     """Names of added effects none of whose values the motion distinguishes from zero by `BELIEF_NATS`."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
-    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > BELIEF_NATS * (p.std or 0.0) ** 2}
+    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > ACCEPTANCE_NATS * (p.std or 0.0) ** 2}
     return frozenset(p.effect for p in values if p.effect not in present)

@@ -167,7 +167,7 @@ class Section:
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 
-class Level(Enum):
+class ResultLevel(Enum):
     """How good a result is, which decides its colour; the value is a word for readers who see no colours."""
 
     GOOD = "done"
@@ -249,7 +249,7 @@ class Document:
     title: str
     verdict: str
     sections: Sequence[Section] = ()
-    level: Level | None = None
+    level: ResultLevel | None = None
     subtitle: str = ""
     key_figures: Sequence[KeyFigure] = ()
     notes: Sequence[str] = ()

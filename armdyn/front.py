@@ -10,7 +10,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify import repair as repairs
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.repair import Repair, require_found
+from armdyn.identify.repair import Repair, require_fit
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
@@ -29,7 +29,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
         WrongRecordingError: a recording contradicts its declaration; see `inspect`.
         TaskFailedError: the fit has failed.
     """
-    return require_found(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
+    return require_fit(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:

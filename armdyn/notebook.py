@@ -3,7 +3,7 @@
 from html import escape
 from typing import Any
 
-from armdyn.document import MAX_CARD_ROWS, Curve, Document, Level, Table
+from armdyn.document import MAX_CARD_ROWS, Curve, Document, ResultLevel, Table
 from armdyn.errors import InputError, UnknownNameError
 
 MAX_CURVE_POINTS = 2000
@@ -15,7 +15,7 @@ PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GRE
 
 def html_card(document: Document) -> str:
     """Render a document as a short piece of HTML that is readable on light and dark pages."""
-    colour = "currentColor" if document.level is None else GREEN if document.level is Level.GOOD else VERMILLION
+    colour = "currentColor" if document.level is None else GREEN if document.level is ResultLevel.GOOD else VERMILLION
     head = f"<b>{escape(document.title)}</b><br>{escape(document.verdict)}"
     tables = "".join(_html(table) for table in document.tables if table.name)
     return f"<div style='border-left:4px solid {colour};padding:2px 12px;max-width:60em'>{head}{tables}</div>"
@@ -55,7 +55,7 @@ def plotly_figure(document: Document) -> Any:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
 
-        from armdyn.notebook_figure import KeptFigure
+        from armdyn.notebook_figure import PortableFigure
     except ImportError as error:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
@@ -99,7 +99,7 @@ def plotly_figure(document: Document) -> Any:
         ]
         menu = {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
         made.update_layout(updatemenus=[menu])
-    return KeptFigure(made)
+    return PortableFigure(made)
 
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 from scipy.sparse import csr_matrix
 
-from armdyn.codegen import Buffered
+from armdyn.codegen import BufferedFunction
 from armdyn.physics.definition import Expression
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, LowPass, SplineSamples, basis_matrix
 
@@ -39,7 +39,7 @@ class Sampler(ABC):
         """
 
 
-class Interpolated(Sampler):
+class InterpolatingSampler(Sampler):
     """Sampler that interpolates the signal by cubic polynomials between the nodes.
 
     After the last node the signal is constant; before the first node it continues with its first slope.
@@ -109,7 +109,7 @@ class Interpolated(Sampler):
         return _rows(values, columns, len(nodes))
 
 
-class LowPassed(Sampler):
+class LowPassSampler(Sampler):
     """Sampler that low-passes the signal without phase shift.
 
     Args:
@@ -150,7 +150,7 @@ class LowPassed(Sampler):
         return matrix.multiply((at >= self.nodes[0])[:, None]).tocsr() if derivative else matrix
 
 
-class Sensor:
+class SensorReadout:
     """A sensor with gain, first-order lag and dead time: reading(t) = [gain quantity]_lagged (t - delay).
 
     Its methods take and return signals (K, 1 + m): the quantity at K times, and its derivatives with respect to m
@@ -170,7 +170,9 @@ class Sensor:
 
     def __init__(self, theta: Expression, gain: Expression = 1, lag: Expression = 0, delay: Expression = 0) -> None:
         settings = ca.densify(ca.SX(ca.vertcat(gain, lag, delay)))
-        self._function = Buffered(ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))]))
+        self._function = BufferedFunction(
+            ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))])
+        )
         depends = (ca.which_depends(settings[i], theta, 1, False) if theta.numel() else [] for i in range(3))
         self._columns = [np.flatnonzero(which) for which in depends]
         self.amplifies = len(self._columns[0]) > 0
@@ -209,7 +211,7 @@ class Sensor:
     def adjoint(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(K,) weights of the quantity at the nodes whose weighted sum is that of the samples with (n,) `weights`.
 
-        It is the adjoint of `read`, for a sampler whose coefficients are the signal itself, such as `Interpolated`.
+        It is the adjoint of `read`, for a sampler whose coefficients are the signal, as for `InterpolatingSampler`.
         """
         signal = np.asarray(sampler.matrix(self.delay(theta) if self.delays else 0.0).T @ weights)
         if not self.lags:

@@ -20,9 +20,9 @@ import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import blocks_of, predictions
-from armdyn.identify.prepare import noise_of_runs
-from armdyn.identify.problem import Problem, chi2_of
+from armdyn.identify.holdout import all_blocks, predict_runs
+from armdyn.identify.prepare import run_noise
+from armdyn.identify.problem import Problem, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -95,11 +95,14 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     """
     if not fresh:
         return {}
-    noise = noise_of_runs(study.model, fresh)
+    noise = run_noise(study.model, fresh)
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}
-    for key, blocks in (("held_out", blocks_of(predictions(problem, fresh))), ("in_turn", study.held_out_blocks(fit))):
-        chi2[key] = chi2_of(blocks) / sum(len(b.residual) for b in blocks) if blocks else None
+    for key, blocks in (
+        ("held_out", all_blocks(predict_runs(problem, fresh))),
+        ("in_turn", study.held_out_blocks(fit)),
+    ):
+        chi2[key] = chi2_sum(blocks) / sum(len(b.residual) for b in blocks) if blocks else None
     return chi2
 
 

@@ -26,7 +26,7 @@ from armdyn.discovery.discover import discover
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 from armdyn.model import Model
@@ -91,7 +91,7 @@ def errors(study: Study, fit: Fit) -> dict[str, float]:
     return {kind: worst(blocks) for kind, blocks in kinds.items() if blocks}
 
 
-def worst(blocks: Sequence[Block]) -> float:
+def worst(blocks: Sequence[ResidualBlock]) -> float:
     """Of the runs' channels, the largest rms error over the noise."""
     return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 2)
 

@@ -13,7 +13,7 @@ from armdyn.arm.prepared import FREQUENCIES, PreparedRun, direction_known, inter
 from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, TorqueSum
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
-from armdyn.readout import Interpolated, LowPassed, Sampler
+from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
 from armdyn.recording.channels import DriveReading
 from armdyn.recording.spikes import without_spikes
 from armdyn.run import Channel, Run
@@ -192,7 +192,7 @@ def predict_at_states(
                 "of its own: leave it out"
             )
     apart = np.arange(len(stretch.time), dtype=float)
-    sampler = Interpolated(apart, apart)
+    sampler = InterpolatingSampler(apart, apart)
     return [ChannelPredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
 
 
@@ -234,9 +234,9 @@ def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPred
     if run.recording is not run:
         stamps, done = stretch.motion.time, run.preparations[name]
         known = direction_known(motion, joint, stamps, done.cutoff)
-        sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
+        sampler = LowPassSampler(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
-        sampler = Interpolated(channel.time, channel.time)
+        sampler = InterpolatingSampler(channel.time, channel.time)
     return ChannelPredictor(stretch, sampler, joint, motion)
 
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.control.questions import Question
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
 from armdyn.physics.simulate import runge_kutta
@@ -20,7 +20,7 @@ SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barri
 @lru_cache(maxsize=16)
 def horizon_functions(
     dynamics: tuple[PendulumDynamics, ...], name: str, question: Question, steps: int, dt: float
-) -> tuple[Buffered, Buffered]:
+) -> tuple[BufferedFunction, BufferedFunction]:
     """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
 
     Args:
@@ -107,4 +107,4 @@ def horizon_functions(
             "gradient": ca.Function("gradient", arguments, [total, gradient[:, flip].T]),
         },
     )
-    return Buffered(built["cost"]), Buffered(built["gradient"])
+    return BufferedFunction(built["cost"]), BufferedFunction(built["gradient"])

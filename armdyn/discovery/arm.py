@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Constant, Site, Term, Variable, recorded_variables
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter, TermVariable, recorded_variables
 from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 from armdyn.recording.channels import FloatArray
@@ -24,7 +24,7 @@ MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
 """Shortest and longest of these periods, as a share of the range of the joint's position."""
 
 
-def arm_terms(fit: Fit) -> Iterator[Term]:
+def arm_terms(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for the missing torque of every joint whose torque was measured, in the runs of a fit."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
@@ -32,7 +32,7 @@ def arm_terms(fit: Fit) -> Iterator[Term]:
             yield _as_declared(fit, term)
 
 
-def arm_curves(fit: Fit) -> Iterator[Term]:
+def arm_curves(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for the missing torque of every joint, over each quantity on which it may depend."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
@@ -40,7 +40,9 @@ def arm_curves(fit: Fit) -> Iterator[Term]:
             yield _as_declared(fit, term)
 
 
-def _of_joint(site: Site, position: Variable, speed: Variable, load: Variable, time: Variable) -> Iterator[Term]:
+def _of_joint(
+    site: TermLocation, position: TermVariable, speed: TermVariable, load: TermVariable, time: TermVariable
+) -> Iterator[CandidateTerm]:
     widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_PLACES, JOINT_RUB_PLACES)
     yield from shapes.hinge_terms(site, position, speed, time, grid, widths)
     yield shapes.power_term(site, load, 2, "saturating motor", "a torque with the square of the load")
@@ -54,7 +56,7 @@ def _of_joint(site: Site, position: Variable, speed: Variable, load: Variable, t
     yield from shapes.cogging_terms(site, position, periods.tolist())
 
 
-def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
+def _joints(fit: Fit) -> Iterator[tuple[TermLocation, dict[str, TermVariable]]]:
     """Every joint, with the quantities on which its torque may depend and their ranges in the runs."""
     model = cast(ArmModel, fit.problem.model)
     seen: dict[str, list[FloatArray]] = {}
@@ -70,24 +72,24 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
         q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
         typical = MISSING_TORQUE_SHARE * float(np.sqrt(np.mean(torque**2)))
         rubs = "joint.with_torque(joint.direction * ({}))"
-        dry = Site("joint", "N m", rubs, typical, "", formula_pattern="sign(speed) * ({})", joint=joint)
-        site = Site("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)
+        dry = TermLocation("joint", "N m", rubs, typical, "", formula_pattern="sign(speed) * ({})", joint=joint)
+        site = TermLocation("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)
         yield (
             site,
             {
-                "position": Variable("position", "joint.position", "rad", q),
-                "speed": Variable("speed", "joint.velocity", "rad/s", speed),
-                "load": Variable("load", "joint.load", "N m", torque),
-                "time": Variable("time", "joint.time", "s", time),
+                "position": TermVariable("position", "joint.position", "rad", q),
+                "speed": TermVariable("speed", "joint.velocity", "rad/s", speed),
+                "load": TermVariable("load", "joint.load", "N m", torque),
+                "time": TermVariable("time", "joint.time", "s", time),
             },
         )
 
 
-def _as_declared(fit: Fit, term: Term) -> Term:
+def _as_declared(fit: Fit, term: CandidateTerm) -> CandidateTerm:
     """A term in the units of a typical joint, which the arm scales to the actual joint; see `Arm.parameter`."""
     model, joint = cast(ArmModel, fit.problem.model), term.site.joint
 
-    def declared(constant: Constant) -> Constant:
+    def declared(constant: TermParameter) -> TermParameter:
         return constant.scaled(model.arm.parameter(Quantity(constant.unit, 1.0), "term", "size", joint).typical)
 
     constants = {name: declared(constant) for name, constant in term.constants.items()}

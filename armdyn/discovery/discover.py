@@ -16,25 +16,25 @@ import numpy as np
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.physics import physics_curves, physics_terms
-from armdyn.discovery.result import Discovery, Finding
+from armdyn.discovery.result import DiscoveredLaw, Discovery
 from armdyn.discovery.source import effects_of_terms
-from armdyn.discovery.term import Term, check_same_units, named_terms
+from armdyn.discovery.term import CandidateTerm, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
-from armdyn.identify.explained import Scale
+from armdyn.identify.explained import ChannelScale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import lost_sentence
+from armdyn.identify.lost import failed_fit_sentence
 from armdyn.identify.residual.tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, search
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.threads import one_thread
 
-Terms = Callable[[Fit], Iterator[Term]]
+Terms = Callable[[Fit], Iterator[CandidateTerm]]
 TERMS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
@@ -50,7 +50,7 @@ that the formula leaves."""
 
 
 @one_thread
-def discover(study: Study, progress: Progress | None = None) -> Discovery:
+def discover(study: Study, progress: ProgressCallback | None = None) -> Discovery:
     """Find a formula for the force that the model of a study lacks.
 
     Args:
@@ -69,7 +69,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     say("fitting the model as it is")
     bare = study.choosing_from(())
     first = bare.first()
-    given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
+    given = Search((SearchStep((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return describe_discovery(bare, given, {}, {})
     formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
@@ -78,7 +78,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     terms = named_terms(formulas(first), taken)
     study, found = searched(terms)
     if study.is_lost(found.last.fit):
-        raise TaskFailedError(lost_sentence(found.last.fit))
+        raise TaskFailedError(failed_fit_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = searched(smooth)
@@ -87,7 +87,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     return describe_discovery(study, found, terms, {e.name: e for e in catalogue})
 
 
-def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Study, Search]:
+def _searched(given: Study, say: ProgressCallback, terms: dict[str, CandidateTerm]) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
     size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
@@ -109,7 +109,7 @@ def predicts_better(study: Study, found: Search) -> bool:
     return not unfitted[1] or then < given
 
 
-def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
+def _promising(study: Study, terms: Mapping[str, CandidateTerm]) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution, few of a kind."""
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
@@ -132,7 +132,9 @@ def _is_whole(study: Study, found: Search) -> bool:
     )
 
 
-def describe_discovery(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
+def describe_discovery(
+    study: Study, found: Search, terms: dict[str, CandidateTerm], known: dict[str, Effect]
+) -> Discovery:
     """Describe the result of a search as formulas with values, errors and shares of the error.
 
     Args:
@@ -147,7 +149,7 @@ def describe_discovery(study: Study, found: Search, terms: dict[str, Term], know
     fitted = fitted_parameters(study, last.fit)
     findings = [_finding(study, c, gains, fitted, terms, known) for c in last.effects if c not in start.effects]
     unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
-    scale = Scale.of(last.fit.blocks)
+    scale = ChannelScale.of(last.fit.blocks)
     return Discovery(
         findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
         before=start.fit.rmse(),
@@ -169,11 +171,11 @@ def describe_discovery(study: Study, found: Search, terms: dict[str, Term], know
 def _finding(
     study: Study,
     candidate: Candidate,
-    gains: Mapping[Step, float],
+    gains: Mapping[SearchStep, float],
     fitted: Mapping[str, Parameter],
-    terms: dict[str, Term],
+    terms: dict[str, CandidateTerm],
     known: dict[str, Effect],
-) -> Finding:
+) -> DiscoveredLaw:
     """One effect of the result, with the share that the steps which added it, or one of its joints, explain."""
     own = set(candidate.names)
     steps = [step for step in gains if any(not own.isdisjoint(added.names) for added in step.added)]
@@ -185,7 +187,7 @@ def _finding(
     other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
         term = term.with_start_values({name: values[name].value for name in term.constants if name in values})
-    return Finding(
+    return DiscoveredLaw(
         effect=candidate.effect,
         joints=candidate.joints,
         acts_on=effect.acts_on,
@@ -200,11 +202,11 @@ def _finding(
     )
 
 
-def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str:
+def _formula(name: str, terms: dict[str, CandidateTerm], known: dict[str, Effect]) -> str:
     return terms[name].formula if name in terms else f"{name}: {known[name].equation}"
 
 
-def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]:
+def _distinct(findings: Sequence[DiscoveredLaw], taken: set[str]) -> Iterator[DiscoveredLaw]:
     """Give findings unique names that describe them: ``discovered_stop``, ``discovered_stop_2``."""
     for one in findings:
         if one.term is None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable, recorded_variables
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable, recorded_variables
 from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
@@ -16,7 +16,7 @@ STRING_RUB_PLACES, STRING_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
 to half the distance to the next one."""
 
 
-def pendulum_terms(fit: Fit) -> Iterator[Term]:
+def pendulum_terms(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
     widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
@@ -31,7 +31,7 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
             yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 
 
-def pendulum_curves(fit: Fit) -> Iterator[Term]:
+def pendulum_curves(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for the missing force, over each quantity on which it may depend."""
     string, load, rail, v = _sites(fit)
     yield from shapes.curve_terms(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
@@ -40,7 +40,7 @@ def pendulum_curves(fit: Fit) -> Iterator[Term]:
         yield shapes.curve_term(rail, v["along"])
 
 
-def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
+def _sites(fit: Fit) -> tuple[TermLocation, TermLocation, TermLocation, dict[str, TermVariable]]:
     """String, load and rail, and the quantities on which forces there may depend, with their ranges in the runs."""
     problem, model = fit.problem, fit.problem.model
     at = [problem.theta(i, fit.values) for i in range(len(problem.runs))]
@@ -57,10 +57,10 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
     torque = MISSING_FORCE_SHARE * mass * gravity * length
-    dry = Site("string", "N m", "string.with_dry_torque({})", torque, formula_pattern="-sign(speed) * {}")
-    string = Site("string", "N m", "string.with_torque({})", torque, dry_friction_site=dry)
-    load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
-    rail = Site(
+    dry = TermLocation("string", "N m", "string.with_dry_torque({})", torque, formula_pattern="-sign(speed) * {}")
+    string = TermLocation("string", "N m", "string.with_torque({})", torque, dry_friction_site=dry)
+    load = TermLocation("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
+    rail = TermLocation(
         "gripper",
         "m",
         "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))",
@@ -68,4 +68,4 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
     )
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
-    return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
+    return string, load, rail, {name: TermVariable(name, *what, samples[name]) for name, what in of.items()}

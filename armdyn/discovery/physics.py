@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable
 from armdyn.discovery.units import divide_units
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
@@ -24,7 +24,7 @@ RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width",
 """Names that formulas use for their own parameters, so that a state or input gets another name in them."""
 
 
-def physics_terms(fit: Fit) -> Iterator[Term]:
+def physics_terms(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for what is missing in the rate of each state, in the runs of a fit without added effects."""
     for site, variables in _states(fit):
         yield shapes.constant_term(site)
@@ -35,14 +35,14 @@ def physics_terms(fit: Fit) -> Iterator[Term]:
             yield shapes.product_term(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
 
 
-def physics_curves(fit: Fit) -> Iterator[Term]:
+def physics_curves(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for what is missing in the rate of each state, over each state and input."""
     for site, variables in _states(fit):
         for v in variables:
             yield shapes.curve_term(site, v)
 
 
-def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
+def _states(fit: Fit) -> Iterator[tuple[TermLocation, list[TermVariable]]]:
     """Every state whose rate is no state itself, with states and inputs and their ranges in the runs."""
     model = cast(PhysicsModel, fit.problem.model)
     units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
@@ -55,14 +55,17 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
         for name, values in model.rates(run, theta).items():
             rates.setdefault(name, []).append(values)
     variables = [
-        Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
+        TermVariable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
         for name, parts in samples.items()
     ]
     variables = [variable for variable in variables if variable.span > 0.0]
     for name, parts in rates.items():
         unit = divide_units(_plain(units[name], name), ("s", 1))
         size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-        yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
+        yield (
+            TermLocation(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name),
+            variables,
+        )
 
 
 def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:

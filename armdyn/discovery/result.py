@@ -8,13 +8,13 @@ import numpy as np
 
 from armdyn import atomic
 from armdyn.discovery.source import effects_file_text, indented_lines
-from armdyn.discovery.term import Term
-from armdyn.document import Document, Level, Section, Table
+from armdyn.discovery.term import CandidateTerm
+from armdyn.document import Document, ResultLevel, Section, Table
 from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
-from armdyn.identify.explained import in_percent
-from armdyn.identify.residual.missing_force import ForceCurve, pooled
+from armdyn.identify.explained import percent_text
+from armdyn.identify.residual.missing_force import ForceCurve, pool_curves
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE_STAGE
@@ -25,7 +25,7 @@ MIN_LAW_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class DiscoveredLaw:
     """One discovered law: a formula for a missing force with its values, or an effect of the catalogue.
 
     Attributes:
@@ -52,7 +52,7 @@ class Finding:
     explains: float
     known_as: str | None
     rivals: tuple[str, ...]
-    term: Term | None
+    term: CandidateTerm | None
 
     @property
     def joint(self) -> str | None:
@@ -104,7 +104,7 @@ class Discovery(Displayable):
         missing_force: curves of the missing force before and after.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[DiscoveredLaw, ...]
     before: Mapping[str, float]
     after: Mapping[str, float]
     held_out_before: Mapping[str, float]
@@ -120,7 +120,7 @@ class Discovery(Displayable):
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
-    def new(self) -> tuple[Finding, ...]:
+    def new(self) -> tuple[DiscoveredLaw, ...]:
         """The discovered laws that are no effects of the catalogue."""
         return tuple(one for one in self.findings if one.term is not None)
 
@@ -129,7 +129,9 @@ class Discovery(Displayable):
         """The result in one or two sentences, for a reader."""
         if not self.findings:
             return self._why_nothing()
-        text = f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {in_percent(self.explains)} of "
+        text = (
+            f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {percent_text(self.explains)} of "
+        )
         text += "the misfit"
         text += (
             "."
@@ -177,7 +179,7 @@ class Discovery(Displayable):
         atomic.write_text(path, self.file_text())
         load_effects(path, (*STAGES, RATE_STAGE))
 
-    def _evidence(self, one: Finding) -> str:
+    def _evidence(self, one: DiscoveredLaw) -> str:
         """The evidence in a docstring: the values, the share that they explain, the data of the picture."""
 
         def errors(before: Mapping[str, float], after: Mapping[str, float]) -> str:
@@ -186,7 +188,7 @@ class Discovery(Displayable):
         text = f"Fitted to {', '.join(self.runs)}" + (
             f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
         )
-        text += f": it explains {in_percent(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
+        text += f": it explains {percent_text(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
         if self.held_out_rmse:
             text += f"; of runs not fitted {errors(self.held_out_before, self.held_out_rmse)}"
         if one.rivals:
@@ -201,7 +203,7 @@ class Discovery(Displayable):
     def document(self) -> Document:
         """Build the tables: the laws with their values, then the errors."""
         laws = [
-            [o.formula, o.label, ", ".join(o.value_texts.values()), in_percent(o.explains), o.known_as or "",
+            [o.formula, o.label, ", ".join(o.value_texts.values()), percent_text(o.explains), o.known_as or "",
              "; ".join(o.rivals)]
             for o in self.findings
         ]  # fmt: skip
@@ -213,14 +215,16 @@ class Discovery(Displayable):
         heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
-        level = Level.CAUTION if self.residual_exceeds_noise and self.explains < MIN_LAW_SHARE else Level.GOOD
+        level = (
+            ResultLevel.CAUTION if self.residual_exceeds_noise and self.explains < MIN_LAW_SHARE else ResultLevel.GOOD
+        )
         data = {"missing_force": lambda: missing_force_columns(self.missing_force)}
         return Document("Discover", self.sentence, sections, level, data=data)
 
 
-def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
+def _curve_of(one: DiscoveredLaw, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The curve of the missing force over the quantity on which a law depends."""
-    mine = [c for c in pooled(curves) if c.joint == one.joint]
+    mine = [c for c in pool_curves(curves) if c.joint == one.joint]
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.discovery.term import Constant, Site, Term, Variable
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter, TermVariable
 from armdyn.discovery.units import divide_units
 
 CURVE_VALUES = 7
@@ -20,10 +20,10 @@ PLAY_EXPONENT = 8
 """Exponent n with which the force of a gear's play approaches its limit; see `gear_play_terms`. Compared with a spring
 that slips at its limit, 1 leaves 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, 8
 leaves 0.15."""
-Shapes = Iterator[Term]
+Shapes = Iterator[CandidateTerm]
 
 
-def power_term(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
+def power_term(site: TermLocation, v: TermVariable, n: int, kind: str, says: str) -> CandidateTerm:
     """Candidate term for a force k v^n, with a fitted size k.
 
     Args:
@@ -36,18 +36,18 @@ def power_term(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
     return _single(site, kind, says, (v,), v.name if n == 1 else f"{v.name}**{n}", [(v, n)])
 
 
-def product_term(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> Term:
+def product_term(site: TermLocation, kind: str, says: str, *parts: tuple[TermVariable, int]) -> CandidateTerm:
     """Candidate term for a force k v^n w^m, with a fitted size k; `parts` are the quantities with their exponents."""
     shape = " * ".join(v.name if n == 1 else f"{v.name}**{n}" for v, n in parts)
     return _single(site, kind, says, tuple(v for v, _ in parts), shape, parts)
 
 
-def constant_term(site: Site) -> Term:
+def constant_term(site: TermLocation) -> CandidateTerm:
     """Candidate term for a constant force."""
     return _single(site, "constant", "something constant", (), "1", [])
 
 
-def rate_terms(site: Site, v: Variable) -> Shapes:
+def rate_terms(site: TermLocation, v: TermVariable) -> Shapes:
     """Candidate terms for the rate of a state: powers of a quantity, a threshold beyond which it acts, and a step."""
     spoken = v.name_in_sentence
     yield power_term(site, v, 1, "proportion", f"something in proportion to {spoken}")
@@ -66,8 +66,8 @@ def rate_terms(site: Site, v: Variable) -> Shapes:
 
 
 def hinge_terms(
-    site: Site, at: Variable, speed: Variable, time: Variable, grid: tuple[int, int], widths: Sequence[float],
-    drag: str = "friction", damping: str = "friction",
+    site: TermLocation, at: TermVariable, speed: TermVariable, time: TermVariable, grid: tuple[int, int],
+    widths: Sequence[float], drag: str = "friction", damping: str = "friction",
 ) -> Shapes:  # fmt: skip
     """Candidate terms for anything that turns: drag, springs, stops, one-sided and sticky friction, warming grease.
 
@@ -92,14 +92,16 @@ def hinge_terms(
     yield from warming_friction_terms(site, speed, time)
 
 
-def recorded_terms(site: Site, recorded: Sequence[Variable], speed: Variable) -> Shapes:
+def recorded_terms(site: TermLocation, recorded: Sequence[TermVariable], speed: TermVariable) -> Shapes:
     """Candidate terms for frictions and torques that depend on recorded quantities, such as a temperature."""
     for v in recorded:
         yield from recorded_friction_terms(site, v, speed)
         yield from recorded_torque_terms(site, v)
 
 
-def curve_terms(site: Site, variables: Sequence[Variable], recorded: Sequence[Variable], speed: Variable) -> Shapes:
+def curve_terms(
+    site: TermLocation, variables: Sequence[TermVariable], recorded: Sequence[TermVariable], speed: TermVariable
+) -> Shapes:
     """Candidate smooth curves of a force over each quantity, and of a friction coefficient over each recorded one."""
     for v in variables:
         yield curve_term(site, v)
@@ -108,12 +110,12 @@ def curve_terms(site: Site, variables: Sequence[Variable], recorded: Sequence[Va
         yield curve_term(site, v, speed)
 
 
-def position_parameter(v: Variable) -> Constant:
+def position_parameter(v: TermVariable) -> TermParameter:
     """Declare a position parameter whose start value is the middle of a quantity's range, and its bounds the ends."""
-    return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
+    return TermParameter(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
 
 
-def stop_terms(site: Site, v: Variable, places: int) -> Shapes:
+def stop_terms(site: TermLocation, v: TermVariable, places: int) -> Shapes:
     """Candidate terms for stops: springs k max(0, v - place) or k min(0, v - place) beyond each of `places` positions.
 
     Positions in the upper half of the range are touched from below, the others from above.
@@ -128,7 +130,7 @@ def stop_terms(site: Site, v: Variable, places: int) -> Shapes:
         )  # fmt: skip
 
 
-def one_sided_friction_terms(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
+def one_sided_friction_terms(site: TermLocation, v: TermVariable, speed: TermVariable, places: int) -> Shapes:
     """Candidate terms for friction, viscous or dry, on one side only of each of `places` positions."""
     for where in _places(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
@@ -137,7 +139,7 @@ def one_sided_friction_terms(site: Site, v: Variable, speed: Variable, places: i
             yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
 
 
-def magnet_terms(site: Site, v: Variable, places: int) -> Shapes:
+def magnet_terms(site: TermLocation, v: TermVariable, places: int) -> Shapes:
     """Candidate terms for magnets: a pull k u / (1 + u^2)^2, u = (v - place) / width, to each of `places` positions.
 
     Where the site's expression contains ``{away}``, the force also has a component across the way.
@@ -146,7 +148,7 @@ def magnet_terms(site: Site, v: Variable, places: int) -> Shapes:
         width = v.span / places
         where = {
             "place": _place(v, float(place), places),
-            "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
+            "width": TermParameter(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
         }
         u = f"({v.name} - place) / width"
         across = "{away}" in site.code
@@ -155,10 +157,10 @@ def magnet_terms(site: Site, v: Variable, places: int) -> Shapes:
             site, code=site.code.replace("{away}", u), formula_pattern=site.formula_pattern.replace("{away}", u)
         )
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-        yield Term("magnet", says, here, (v,), shapes, _size(site), where)
+        yield CandidateTerm("magnet", says, here, (v,), shapes, _size(site), where)
 
 
-def sticky_friction_terms(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
+def sticky_friction_terms(site: TermLocation, v: TermVariable, widths: Sequence[float]) -> Shapes:
     """Candidate terms for sticky dry friction k exp(-|v| / width), largest near standstill, one for each width."""
     assert site.dry_friction_site is not None
     for width in widths:
@@ -170,7 +172,7 @@ def sticky_friction_terms(site: Site, v: Variable, widths: Sequence[float]) -> S
         )  # fmt: skip
 
 
-def cable_terms(site: Site, v: Variable, places: int) -> Shapes:
+def cable_terms(site: TermLocation, v: TermVariable, places: int) -> Shapes:
     """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1) and its mirror image.
 
     There is one pair of terms for each of `places` positions.
@@ -186,7 +188,9 @@ def cable_terms(site: Site, v: Variable, places: int) -> Shapes:
             )  # fmt: skip
 
 
-def gear_play_terms(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
+def gear_play_terms(
+    site: TermLocation, speed: TermVariable, position: TermVariable, travels: Sequence[float]
+) -> Shapes:
     """Candidate terms for a gear's play: a hysteresis force k z, z' = speed (1 - max(0, z sign(speed))^n) / travel.
 
     After a reversal the force grows over the travel to its limit, where z is 1 or -1, and stays there until the motion
@@ -196,24 +200,26 @@ def gear_play_terms(site: Site, speed: Variable, position: Variable, travels: Se
     rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{PLAY_EXPONENT}) / travel"
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
-    start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # no recording contains the motion before it
+    start = TermParameter("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # no recording contains the motion before it
     for travel in travels:
         where = {"travel": _width(position.unit, travel), "start": start}
         size = _size(site, positive=True)
-        yield Term("backlash", says, site, (speed,), {"k": f"{site.resisting_sign}turned"}, size, where, (state,))
+        yield CandidateTerm(
+            "backlash", says, site, (speed,), {"k": f"{site.resisting_sign}turned"}, size, where, (state,)
+        )
 
 
-def cogging_terms(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
+def cogging_terms(site: TermLocation, v: TermVariable, periods: Sequence[float]) -> Shapes:
     """Candidate terms for cogging or an eccentric gear: a sine and a cosine of v, one term for each period."""
     for period in periods:
-        where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
+        where = {"period": TermParameter(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
         turn = f"(2 * ca.pi * {v.name} / period)"
         shapes = {"sine": f"ca.sin{turn}", "cosine": f"ca.cos{turn}"}
         says = f"a force that repeats along {v.name}: cogging or an eccentric gear"
-        yield Term("cogging", says, site, (v,), shapes, _size(site), where)
+        yield CandidateTerm("cogging", says, site, (v,), shapes, _size(site), where)
 
 
-def warming_friction_terms(site: Site, v: Variable, time: Variable) -> Shapes:
+def warming_friction_terms(site: TermLocation, v: TermVariable, time: TermVariable) -> Shapes:
     """Candidate terms for friction that decreases with time, as grease warms up; `v` is the speed."""
     where = {"warm_up": _width(time.unit, time.span / 2)}
     fade = f"ca.exp(-{time.name} / warm_up)"
@@ -221,7 +227,7 @@ def warming_friction_terms(site: Site, v: Variable, time: Variable) -> Shapes:
     yield from _frictions(site, "warming friction", says, time, v, fade, where)
 
 
-def recorded_friction_terms(site: Site, v: Variable, speed: Variable) -> Shapes:
+def recorded_friction_terms(site: TermLocation, v: TermVariable, speed: TermVariable) -> Shapes:
     """Candidate terms for friction in proportion to exp(c / width) or exp(-c / width) of a recorded quantity c.
 
     Where c comes near zero, there are terms in proportion to c as well; friction in proportion to a temperature in K
@@ -229,7 +235,7 @@ def recorded_friction_terms(site: Site, v: Variable, speed: Variable) -> Shapes:
     """
     assert v.column is not None
     kind, says = f"friction by {v.name_in_sentence}", f"friction that depends on the {v.name_in_sentence}"
-    width = {"width": Constant(v.unit, v.span / 2, v.span / 4, 0.02 * v.span, 20.0 * v.span)}
+    width = {"width": TermParameter(v.unit, v.span / 2, v.span / 4, 0.02 * v.span, 20.0 * v.span)}
     for sign in ("-", ""):
         share = f"ca.exp({sign}({v.name} - {v.column.usual!r}) / width)"
         yield from _frictions(site, kind, says, v, speed, share, width)
@@ -237,18 +243,18 @@ def recorded_friction_terms(site: Site, v: Variable, speed: Variable) -> Shapes:
         yield from _frictions(site, kind, says, v, speed, f"ca.fmax(0, {v.name})", {}, (v, 1))
 
 
-def recorded_torque_terms(site: Site, v: Variable) -> Shapes:
+def recorded_torque_terms(site: TermLocation, v: TermVariable) -> Shapes:
     """Candidate terms for a torque k c or k c^2 of a recorded quantity c; k (c - place) where c is far from zero."""
     kind, says = f"torque by {v.name_in_sentence}", f"a torque that depends on the {v.name_in_sentence}"
     if v.comes_near_zero:
         yield power_term(site, v, 1, kind, says)
         yield power_term(site, v, 2, kind, says)
     else:
-        place = {"place": Constant(v.unit, (v.low + v.high) / 2, v.span, v.low - v.span, v.high + v.span)}
+        place = {"place": TermParameter(v.unit, (v.low + v.high) / 2, v.span, v.low - v.span, v.high + v.span)}
         yield _single(site, kind, says, (v,), f"({v.name} - place)", [(v, 1)], place, scale=v.span / 2)
 
 
-def curve_term(site: Site, v: Variable, speed: Variable | None = None) -> Term:
+def curve_term(site: TermLocation, v: TermVariable, speed: TermVariable | None = None) -> CandidateTerm:
     """Candidate term for any smooth force over v: a cubic spline with evenly spaced knots.
 
     With `speed`, the spline is the coefficient of a friction in proportion to that speed.
@@ -265,22 +271,24 @@ def curve_term(site: Site, v: Variable, speed: Variable | None = None) -> Term:
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     if speed is None:
         says = f"a smooth function of {v.name_in_sentence}"
-        return Term(f"curve over {v.name_in_sentence}", says, site, (v,), shapes, _size(site), lines=lines)
+        return CandidateTerm(f"curve over {v.name_in_sentence}", says, site, (v,), shapes, _size(site), lines=lines)
     shapes = {size: f"{site.resisting_sign}{speed.name} * {shape}" for size, shape in shapes.items()}
     says = f"friction in proportion to {speed.name}, by a smooth function of {v.name_in_sentence}"
     size = _size(site, [(speed, 1)])
-    return Term(f"curve of friction over {v.name_in_sentence}", says, site, (v, speed), shapes, size, lines=lines)
+    return CandidateTerm(
+        f"curve of friction over {v.name_in_sentence}", says, site, (v, speed), shapes, size, lines=lines
+    )
 
 
 def _frictions(
-    site: Site,
+    site: TermLocation,
     kind: str,
     says: str,
-    by: Variable,
-    speed: Variable,
+    by: TermVariable,
+    speed: TermVariable,
     share: str,
-    where: Mapping[str, Constant],
-    *counted: tuple[Variable, int],
+    where: Mapping[str, TermParameter],
+    *counted: tuple[TermVariable, int],
 ) -> Shapes:
     """Viscous friction, and dry friction, each times a factor that depends on the quantity `by`.
 
@@ -299,48 +307,48 @@ def _frictions(
 
 
 def _single(
-    site: Site,
+    site: TermLocation,
     kind: str,
     says: str,
-    variables: tuple[Variable, ...],
+    variables: tuple[TermVariable, ...],
     shape: str,
-    powers: Sequence[tuple[Variable, int]],
-    constants: Mapping[str, Constant] | None = None,
+    powers: Sequence[tuple[TermVariable, int]],
+    constants: Mapping[str, TermParameter] | None = None,
     *,
     size: str = "k",
     positive: bool = False,
     scale: float | None = None,
-) -> Term:
+) -> CandidateTerm:
     """A term of one shape; see `_size`."""
     sized = _size(site, powers, scale, positive=positive)
-    return Term(kind, says, site, variables, {size: shape}, sized, constants or {})
+    return CandidateTerm(kind, says, site, variables, {size: shape}, sized, constants or {})
 
 
 def _size(
-    site: Site,
-    powers: Sequence[tuple[Variable, int]] = (),
+    site: TermLocation,
+    powers: Sequence[tuple[TermVariable, int]] = (),
     scale: float | None = None,
     *,
     positive: bool = False,
-) -> Constant:
+) -> TermParameter:
     """The size of a shape with the unit of these powers; `scale` is the shape in the runs, by default the powers."""
     of_powers = float(np.prod([v.size**n for v, n in powers]))
     unit = divide_units(site.unit, *((v.unit, n) for v, n in powers))
     typical = site.typical / (of_powers if scale is None else scale)
-    return Constant(unit, 0.0, 0.0, 0.0 if positive else -np.inf, typical=typical)
+    return TermParameter(unit, 0.0, 0.0, 0.0 if positive else -np.inf, typical=typical)
 
 
-def _places(v: Variable, places: int) -> Iterator[dict[str, Constant]]:
+def _places(v: TermVariable, places: int) -> Iterator[dict[str, TermParameter]]:
     """Evenly spaced positions inside the range."""
     for place in np.linspace(v.low, v.high, places + 2)[1:-1]:
         yield {"place": _place(v, float(place), places)}
 
 
-def _place(v: Variable, at: float, places: int) -> Constant:
+def _place(v: TermVariable, at: float, places: int) -> TermParameter:
     spread = v.span / (places + 1) / 2
-    return Constant(v.unit, at, spread, v.low - 0.5 * v.span, v.high + 0.5 * v.span)
+    return TermParameter(v.unit, at, spread, v.low - 0.5 * v.span, v.high + 0.5 * v.span)
 
 
-def _width(unit: str, width: float, narrowest: float = 0.05, widest: float = 20.0) -> Constant:
+def _width(unit: str, width: float, narrowest: float = 0.05, widest: float = 20.0) -> TermParameter:
     """A width, with its bounds as multiples of it."""
-    return Constant(unit, width, width / 2, narrowest * width, widest * width)
+    return TermParameter(unit, width, width / 2, narrowest * width, widest * width)

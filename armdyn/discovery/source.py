@@ -7,7 +7,7 @@ from textwrap import indent, wrap
 
 import numpy as np
 
-from armdyn.discovery.term import Constant, Term
+from armdyn.discovery.term import CandidateTerm, TermParameter
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import effects_defined_in
 from armdyn.user_code import load_module
@@ -39,7 +39,7 @@ SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
 """Symbol on the left side of a formula, by the unit of the term."""
 
 
-def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
+def effects_of_terms(terms: Sequence[CandidateTerm]) -> tuple[Effect, ...]:
     """Make effects of candidate terms, in their order; the effect of a joint's term acts on that joint only."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
@@ -48,7 +48,7 @@ def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
     return tuple(e.on(t.site.joint) if t.site.joint else e for e, t in zip(found, terms, strict=True))
 
 
-def effects_file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
+def effects_file_text(title: str, terms: Iterable[CandidateTerm], evidence: Mapping[str, str] | None = None) -> str:
     """Text of a Python file that defines terms as effects.
 
     Args:
@@ -62,7 +62,7 @@ def effects_file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, 
     return head + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
 
 
-def _effect_text(term: Term, evidence: str) -> str:
+def _effect_text(term: CandidateTerm, evidence: str) -> str:
     constants = {**dict.fromkeys(term.shapes, term.size), **term.constants}
     arguments = [_argument(name, constant) for name, constant in constants.items()]
     columns = [(v.name, v.column) for v in term.variables if v.column is not None]
@@ -79,7 +79,7 @@ def _effect_text(term: Term, evidence: str) -> str:
     )
 
 
-def _returned(term: Term) -> list[str]:
+def _returned(term: CandidateTerm) -> list[str]:
     """Lines that return the changed stage; a sum of many terms gets a variable and a line for each."""
     if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
         return [f"return {term.site.code.format(term.force)}"]
@@ -88,7 +88,7 @@ def _returned(term: Term) -> list[str]:
     return [*total, f"return {term.site.code.format('total')}"]
 
 
-def _argument(name: str, of: Constant) -> str:
+def _argument(name: str, of: TermParameter) -> str:
     """``name=quantity(...)``: a size has no spread, a constant starts at its value."""
     numbers = {"typical": of.typical or of.spread, "null": of.value, "lower": of.lower, "upper": of.upper}
     needed = {key: x for key, x in numbers.items() if abs(x) < np.inf and (x or key != "null")}

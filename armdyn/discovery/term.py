@@ -20,7 +20,7 @@ MAX_RANGE_RATIO_OF_CONSTANT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Variable:
+class TermVariable:
     """A quantity on which a force may depend.
 
     Attributes:
@@ -87,20 +87,20 @@ def check_same_units(runs: Iterable[Run]) -> None:
                 raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: mend one unit")
 
 
-def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
+def recorded_variables(runs: Sequence[Run]) -> list[TermVariable]:
     """Recorded quantities, such as a temperature, that all runs contain and that are not constant."""
     found = []
     for name, first in runs[0].extra.items():
         if all(name in run.extra for run in runs):
             samples = np.concatenate([run.extra[name].value for run in runs])
             column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
-            variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
+            variable = TermVariable(name.replace(".", "_"), "", column.unit, samples, column)
             found += [variable] if variable.span > MAX_RANGE_RATIO_OF_CONSTANT * variable.size else []
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class TermLocation:
     """A place in a model's equations where a term can be added, such as the torque of one joint.
 
     Attributes:
@@ -120,13 +120,13 @@ class Site:
     code: str
     typical: float
     resisting_sign: str = "-"
-    dry_friction_site: "Site | None" = None
+    dry_friction_site: "TermLocation | None" = None
     formula_pattern: str = "{}"
     joint: str = ""
 
 
 @dataclass(frozen=True)
-class Constant:
+class TermParameter:
     """Declaration of a parameter of a term: its size, a position, a width or a period.
 
     Attributes:
@@ -149,14 +149,14 @@ class Constant:
     scope: Scope = "shared"
     typical: float = 0.0
 
-    def scaled(self, scale: float) -> "Constant":
+    def scaled(self, scale: float) -> "TermParameter":
         """A copy divided by `scale`, for a joint of an arm that multiplies declared values by this factor."""
         declared = {name: getattr(self, name) / scale for name in ("value", "spread", "lower", "upper", "typical")}
         return replace(self, **declared, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class CandidateTerm:
     """A candidate term: a sum of fitted sizes times given shapes, added at one place of a model's equations.
 
     Attributes:
@@ -173,11 +173,11 @@ class Term:
 
     kind: str
     description: str
-    site: Site
-    variables: tuple[Variable, ...]
+    site: TermLocation
+    variables: tuple[TermVariable, ...]
     shapes: Mapping[str, str]
-    size: Constant
-    constants: Mapping[str, Constant] = field(default_factory=dict)
+    size: TermParameter
+    constants: Mapping[str, TermParameter] = field(default_factory=dict)
     lines: tuple[str, ...] = ()
     name: str = ""
 
@@ -209,15 +209,15 @@ class Term:
             return f"smooth {self.kind} through {len(self.shapes)} values"
         return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.formula_pattern.format(self.force)).replace("**", "^")
 
-    def with_start_values(self, values: Mapping[str, float]) -> "Term":
+    def with_start_values(self, values: Mapping[str, float]) -> "CandidateTerm":
         """A copy of the term with other start values of its constants, given by name."""
         moved = {n: replace(self.constants[n], value=float(x / self.constants[n].scale)) for n, x in values.items()}
         return replace(self, constants={**self.constants, **moved})
 
 
-def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str, Term]:
+def named_terms(terms: Iterable[CandidateTerm], taken: Collection[str] = ()) -> dict[str, CandidateTerm]:
     """Give terms unique names with numbers, such as ``"discovered_stop_3"``, that are not among `taken`."""
-    found: dict[str, Term] = {}
+    found: dict[str, CandidateTerm] = {}
     numbers = count()
     for term in terms:
         name = next(n for number in numbers if (n := f"{term.stem}_{number}") not in taken)

@@ -14,7 +14,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.simulate import Rollout, System
-from armdyn.readout import Interpolated, first_order_lag
+from armdyn.readout import InterpolatingSampler, first_order_lag
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.even import halfway, slope
@@ -208,7 +208,7 @@ class PredictedExperiment:
         """
         model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
-        sampler, count = Interpolated(motion.time, motion.time), len(motion.time)
+        sampler, count = InterpolatingSampler(motion.time, motion.time), len(motion.time)
         outputs = np.zeros((count, len(CHANNELS)))
         for i, (channel, weight) in enumerate(self.weights.items()):
             part = readings[i * count : (i + 1) * count] * weight

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, Problem, transferred
+from armdyn.identify.problem import Problem, ResidualBlock, transfer_values
 from armdyn.identify.study import Study
 
 COVERAGE_LEVEL = 0.95
@@ -32,27 +32,27 @@ COVERAGE_LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Bands:
+class PredictionBands:
     """Prediction bands of one fitted model.
 
     Attributes:
         half_width: half the width of the band, (n,) in the channel's unit, by run and channel, for training, held-out
             and exam runs.
-        covered: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
+        coverage: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
             values nor to choose the widths.
         level: share of the samples that should be inside the band.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
-    covered: dict[str, float]
+    coverage: dict[str, float]
     level: float = COVERAGE_LEVEL
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Errors (n,) of one channel in one run, and their scales (n,): the square root in the formula of `Bands`."""
+    """Errors (n,) of one channel in one run, and their scales (n,): the square root in the module's formula."""
 
-    block: Block
+    block: ResidualBlock
     scale: np.ndarray
 
     @property
@@ -60,7 +60,7 @@ class _Samples:
         return np.asarray(np.abs(self.block.misfit) / self.scale)
 
 
-def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
+def prediction_bands(study: Study, fit: Fit, covariance: np.ndarray) -> PredictionBands:
     """Compute the prediction bands of a fit; the docstring of the module describes the method.
 
     Args:
@@ -83,7 +83,7 @@ def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
         apart = [s.ratio for s in exam if s.block.channel == channel]
         within = [ratio <= factor[channel] for ratio in apart] if apart else _crossed(judging, channel)
         covered[channel] = float(np.mean(np.concatenate(within)))
-    return Bands(half_width, covered)
+    return PredictionBands(half_width, covered)
 
 
 def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, error: dict[str, float]) -> list[_Samples]:
@@ -91,9 +91,9 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
     uncertain = np.flatnonzero(np.diag(covariance) > 0.0)
     found = []
     for one in fits:
-        place = transferred(np.arange(len(problem.columns), dtype=float), problem, one.problem, missing=-1.0).astype(
-            int
-        )
+        place = transfer_values(
+            np.arange(len(problem.columns), dtype=float), problem, one.problem, missing=-1.0
+        ).astype(int)
         own = np.flatnonzero(np.isin(place, uncertain))
         C = covariance[np.ix_(place[own], place[own])]
         wanted = np.isin(np.arange(len(place)), own)

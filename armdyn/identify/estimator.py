@@ -7,15 +7,15 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Descent, Outcome, descend, off_bounds
+from armdyn.identify.least_squares import Descent, Outcome, descend, free_to_move
 from armdyn.identify.noise import variance_inflation
-from armdyn.identify.problem import FreePart, Problem
+from armdyn.identify.problem import FreeCost, Problem
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-Minimise = Callable[[FreePart, np.ndarray], Descent]
+Minimise = Callable[[FreeCost, np.ndarray], Descent]
 """Function that minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
@@ -78,17 +78,17 @@ def estimate(
     if not free.any():
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]
-    part = FreePart(problem, free, start)
+    part = FreeCost(problem, free, start)
     values, at, evaluations, outcome = minimise(part, start[free])
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")
     names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
-    inside = off_bounds(part, values, at.gradient)
+    inside = free_to_move(part, values, at.gradient)
     at_bound = tuple(name for name, is_inside in zip(names, inside, strict=True) if not is_inside)
-    return Estimate(names, values, covariance(names, at.hessian), evaluations, outcome, at_bound)
+    return Estimate(names, values, parameter_covariance(names, at.hessian), evaluations, outcome, at_bound)
 
 
-def covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
+def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
     """Compute the (p, p) covariance of estimated parameters: the inverse of the Fisher information (Cramér-Rao bound).
 
     Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, §3.7.
@@ -136,7 +136,7 @@ class Estimator(Generic[ModelT]):
         self.model = self.model.with_values(dict(zip(found.names, found.values.tolist(), strict=True)))
         return found
 
-    def widening(self, run: Run) -> float:
+    def std_inflation(self, run: Run) -> float:
         """Factor, at least 1, by which standard deviations must grow because the residual is more than white noise.
 
         It is the square root of `variance_inflation` for the worst channel of `run`. For example, friction that shakes

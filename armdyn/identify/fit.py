@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel, chi2_sum, sample_count
 from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
@@ -36,26 +36,26 @@ class Fit:
         values: (P,) values of all unknowns.
         blocks: residuals at these values, and derivatives with respect to the free unknowns.
         outcome: why the minimisation ended.
-        settled: (P,) values of the unknowns in a fit with process noise, in which random kicks stand for the model's
-            own error; None where they were not computed.
+        process_noise_values: (P,) values of the unknowns in a fit with process noise, in which random kicks stand for
+            the model's own error; None where they were not computed.
     """
 
     problem: Problem
     free: np.ndarray
     values: np.ndarray
-    blocks: tuple[Block, ...]
+    blocks: tuple[ResidualBlock, ...]
     outcome: Outcome
-    settled: np.ndarray | None = None
+    process_noise_values: np.ndarray | None = None
 
     @property
     def samples(self) -> int:
         """Number of measured samples."""
-        return samples_of(self.blocks)
+        return sample_count(self.blocks)
 
     @cached_property
     def chi2(self) -> float:
         """Sum of the squared residuals over the noise variance, without priors."""
-        return chi2_of(self.blocks)
+        return chi2_sum(self.blocks)
 
     @property
     def cost(self) -> float:
@@ -76,7 +76,7 @@ class Fit:
         return float(self.cost + constant + self.free.sum() * np.log(self.samples))
 
     @property
-    def considered(self) -> np.ndarray:
+    def consider_parameters(self) -> np.ndarray:
         """(P,) bool: consider parameters, which are not fitted but have a prior whose uncertainty counts."""
         return ~self.free & np.array([c.parameter.is_consider_parameter for c in self.problem.columns], dtype=bool)
 
@@ -107,9 +107,9 @@ class Fit:
 
 
 @np.errstate(all="ignore")  # the values of a diverging simulation are infinite
-def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
+def channel_rmse(blocks: Sequence[ResidualBlock]) -> dict[str, float]:
     """Root mean square residual by channel, in the channel's unit."""
-    misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in by_channel(blocks).items()}
+    misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in blocks_by_channel(blocks).items()}
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
@@ -127,20 +127,20 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: in
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
-def converged(found: Fit) -> Fit:
+def continue_fit(found: Fit) -> Fit:
     """Continue a fit that ran out of steps, as long as further steps lower the cost noticeably."""
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
         again = fit(found.problem, found.free, found.values, most_steps=CONTINUATION_STEPS)
-        before, found = found, replace(again, settled=found.settled)
+        before, found = found, replace(again, process_noise_values=found.process_noise_values)
         # Where the residual is far above the noise, it takes the noise's place.
         if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL * max(1.0, found.chi2_per_sample):
             break
     return found
 
 
-def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
+def identifiable(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Find the unknowns that the runs and priors identify.
 
     An unknown counts as identifiable where the unknowns before it cannot imitate its influence. Unknowns of the base
@@ -157,10 +157,10 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = problem.expansion(values, free, guesses=False).hessian * np.outer(typical, typical)
-    return independent(whole, free)
+    return independent_columns(whole, free)
 
 
-def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def independent_columns(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Find the unknowns whose derivatives are linearly independent of those of earlier unknowns.
 
     Args:
@@ -183,12 +183,12 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return kept
 
 
-def first_part(run: Run, window: float) -> Run:
+def first_seconds(run: Run, window: float) -> Run:
     """Cut a run `window` s after the first sample of the channels that a model can predict."""
     return until(run, _begin(run) + window)
 
 
-def duration(run: Run) -> float:
+def run_duration(run: Run) -> float:
     """Time from the first to the last sample of a run's channels that a model can predict, s."""
     return max(float(run.channels[name].time[-1]) for name in run.predictable_channels or run.channels) - _begin(run)
 

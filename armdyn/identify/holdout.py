@@ -10,8 +10,8 @@ from math import sqrt
 
 import numpy as np
 
-from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.problem import Block, Problem, transferred, transferred_mask
+from armdyn.identify.fit import Fit, fit, identifiable
+from armdyn.identify.problem import Problem, ResidualBlock, transfer_mask, transfer_values
 from armdyn.run import Run
 
 MAX_ERROR_INCREASE = 0.02
@@ -27,7 +27,7 @@ def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarra
     return fit(alone, free, start)
 
 
-def predictions(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
+def predict_runs(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
     """Predict held-out runs with the values of a fit to other runs; one `Fit` for each.
 
     Args:
@@ -38,18 +38,18 @@ def predictions(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend)
     return [_predicted(found, run, fit_own) for run in held_out]
 
 
-def predictions_in_turn(found: Fit) -> list[Fit]:
+def leave_one_out_predictions(found: Fit) -> list[Fit]:
     """Predict every training run by a fit to the other training runs (leave one out); empty for a single run."""
     if len(found.problem.runs) == 1:
         return []
 
     def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
-        return fit(alone, free, np.where(own, transferred(found.values, found.problem, alone), start))
+        return fit(alone, free, np.where(own, transfer_values(found.values, found.problem, alone), start))
 
     return [_predicted(rest, run, fit_own) for run, rest in _without_each(found)]
 
 
-def blocks_of(fits: Sequence[Fit]) -> list[Block]:
+def all_blocks(fits: Sequence[Fit]) -> list[ResidualBlock]:
     """Residual blocks of several fits in one list."""
     return [block for one in fits for block in one.blocks]
 
@@ -60,8 +60,8 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     for left_out in problem.runs:
         rest = [r for r in problem.runs if r is not left_out]
         others = Problem(problem.model, rest, problem.noise).with_wide_priors(sqrt(found.chi2_per_sample))
-        start = transferred(found.values, problem, others)
-        free = determined(others, transferred_mask(found.free, problem, others), start)
+        start = transfer_values(found.values, problem, others)
+        free = identifiable(others, transfer_mask(found.free, problem, others), start)
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
 
 
@@ -70,7 +70,10 @@ def _predicted(found: Fit, run: Run, fit_own: FitOwn) -> Fit:
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
-    start, own = np.where(apart, alone.start(), transferred(found.values, source, alone)), alone.per_run | apart
+    start, own = (
+        np.where(apart, alone.start_values(), transfer_values(found.values, source, alone)),
+        alone.per_run | apart,
+    )
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
     free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if free.any():
@@ -94,5 +97,5 @@ class HoldoutKind(Enum):
 
     EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
     HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"
-    IN_TURN = "held out: each run predicted from the others; these errors took part in choosing the effects"
+    LEAVE_ONE_OUT = "held out: each run predicted from the others; these errors took part in choosing the effects"
     TRAINING = "a single run: nothing was held out"

@@ -79,7 +79,7 @@ def descend(
     at = problem.evaluate(values)
     evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
     for _ in range(most_steps):
-        free = off_bounds(problem, values, at.gradient)
+        free = free_to_move(problem, values, at.gradient)
         step, size = newton_step(at, free, 0.0)
         if size < tolerance:
             outcome = Outcome.CONVERGED
@@ -106,7 +106,7 @@ def descend(
     return Descent(values, at, evaluations, outcome)
 
 
-def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def free_to_move(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """(p,) bool: False for a parameter on a bound beyond which the cost would fall further."""
     below = (values <= problem.lower) & (gradient > 0)
     above = (values >= problem.upper) & (gradient < 0)

@@ -9,21 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, Problem, by_channel
-from armdyn.identify.sentence import listed
+from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel
+from armdyn.identify.sentence import join_names
 
 MAX_NAMED_PARAMETERS = 3
 """Largest number of parameters that the sentence on a lost fit names."""
 
 
-def left_of_spread(blocks: Sequence[Block]) -> float:
+def residual_variance_ratio(blocks: Sequence[ResidualBlock]) -> float:
     """Variance of the residual over the variance of the measured signal, as a mean over channels.
 
     0 is a perfect prediction, 1 is as good as a constant. Both variances are about the mean of each run, because an
     offset alone does not mean another motion.
     """
     shares = []
-    for mine in by_channel(blocks).values():
+    for mine in blocks_by_channel(blocks).values():
         left, spread = (
             sum(float(np.var(x) * len(x)) for x in parts)
             for parts in ([b.misfit for b in mine], [b.measured.value for b in mine])
@@ -32,10 +32,10 @@ def left_of_spread(blocks: Sequence[Block]) -> float:
     return float(np.mean(shares))
 
 
-def lost_sentence(fit: Fit) -> str:
+def failed_fit_sentence(fit: Fit) -> str:
     """Sentence for a reader that a fit is lost, and which parameters need start values or priors."""
     return (
-        f"lost: give start values or a prior for {listed(_asked(fit))}. The fit leaves more than the signal itself "
+        f"lost: give start values or a prior for {join_names(_asked(fit))}. The fit leaves more than the signal itself "
         "varies by, so it says nothing of what the model lacks."
     )
 

@@ -78,7 +78,7 @@ class _Unknown:
     prior: tuple[float, float]
 
 
-def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
+def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
     """Fit an arm's model to the measured positions of runs by closed-loop simulation, and return it.
 
     A model without drives, or runs without commands, leave the model unchanged.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from armdyn.identify.problem import Block, by_channel
+from armdyn.identify.problem import ResidualBlock, blocks_by_channel
 from armdyn.linear.correlation import correlation_time, lagged_products
 
 WHITENESS_LAGS = 20
@@ -68,7 +68,7 @@ def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
     best, lowest = np.zeros(0), np.inf
     for order in range(MAX_AUTOREGRESSION_ORDER + 1):
         coefficients = autoregression(residuals, order) if order else np.zeros(0)
-        left = np.concatenate([whitened(residual, coefficients) for residual in residuals])
+        left = np.concatenate([whiten(residual, coefficients) for residual in residuals])
         variance = max(float(np.mean(left**2)), np.finfo(float).tiny)
         bic = samples * np.log(variance) + order * np.log(samples)
         if bic < lowest:
@@ -76,7 +76,7 @@ def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
     return best
 
 
-def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+def whiten(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Whiten (n, ...) samples: subtract from each what an autoregression predicts from the samples before it.
 
     The first samples, as many as there are coefficients, are left out.
@@ -103,16 +103,16 @@ class Whitening:
     std: float
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """Whiten (n, ...) samples and scale them to variance one; see `whitened`."""
-        return whitened(rows, self.coefficients) / self.std
+        """Whiten (n, ...) samples and scale them to variance one; see `whiten`."""
+        return whiten(rows, self.coefficients) / self.std
 
 
-def whitening(blocks: Sequence[Block]) -> dict[str, Whitening]:
+def whitening_filters(blocks: Sequence[ResidualBlock]) -> dict[str, Whitening]:
     """Estimate whitening filters, by channel, from the residuals of a fit."""
     found = {}
-    for channel, mine in by_channel(blocks).items():
+    for channel, mine in blocks_by_channel(blocks).items():
         stretches = [block.residual for block in mine]
         coefficients = likeliest_autoregression(stretches)
-        left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
+        left = np.concatenate([whiten(stretch, coefficients) for stretch in stretches])
         found[channel] = Whitening(coefficients, float(np.sqrt(np.mean(left**2))))
     return found

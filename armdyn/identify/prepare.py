@@ -18,7 +18,7 @@ ASSUMED_NOISE_SHARE = 1e-6
 """Smallest standard deviation of the noise that is assumed for a channel, as a share of its range."""
 
 
-def prepared(
+def prepare_runs(
     model: Model, runs: Sequence[Run], held_out: Sequence[Run] = (), exam: Sequence[Run] = ()
 ) -> tuple[list[Run], list[Run], list[Run]]:
     """Check training, held-out and exam runs and prepare them for a comparison with a model.
@@ -40,9 +40,9 @@ def prepared(
     check_distinct_data(model, [*runs, *held_out, *exam])
     held_out, exam = ([_of_channels(model, run, runs) for run in given] for given in (held_out, exam))
     named = with_distinct_names([*runs, *held_out])
-    parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
+    parts = [split_at_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
     beside = list(chain(*parts[: len(named)]))
-    found = [pieces(model, of_run, beside) for of_run in parts]
+    found = [prepare_parts(model, of_run, beside) for of_run in parts]
     kinds = found[: len(runs)], found[len(runs) : len(named)], found[len(named) :]
     training, others, last = (list(chain(*kind)) for kind in kinds)
     return training, others, last
@@ -65,7 +65,7 @@ def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
         yield replace(run, name=name)
 
 
-def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+def run_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
     """Standard deviation of the noise by run and channel: as the recording states it, else estimated from the samples.
 
     The estimate is that of white noise, from differences of neighbouring samples.
@@ -93,7 +93,7 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], flo
     }
 
 
-def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
+def split_at_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     """Check one run, and split it at gaps that the model cannot simulate through.
 
     Raises:
@@ -110,12 +110,12 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     return parts
 
 
-def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
+def prepare_parts(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
     """Prepare the parts of a run for the comparison with a model, and split them as the model simulates them.
 
     Args:
         model: the model of the comparison.
-        parts: parts of the run between gaps; see `without_gaps`.
+        parts: parts of the run between gaps; see `split_at_gaps`.
         beside: other runs of the same arm; see `Model.prepare_run`.
 
     Raises:

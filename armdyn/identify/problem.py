@@ -26,7 +26,7 @@ runs: a stretch of motion determines a length ten times better, and a stretch at
 EFFECT_PRIOR_SIZE = 10.0
 """Standard deviation, in typical sizes, of the wide prior of an effect's parameter about its null value: a parameter
 that few samples determine stays small, and a mass of typical size 1 kg can still become 95 kg."""
-Noise = Mapping[tuple[str, str], float]
+NoiseByChannel = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
 
@@ -48,7 +48,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ResidualBlock:
     """Measured samples of one channel in one run, with the residual of a prediction and its derivatives.
 
     Attributes:
@@ -92,25 +92,25 @@ class Block:
         return np.asarray(np.interp(self.time, signal.time, signal.value))
 
 
-def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
+def blocks_by_channel(blocks: Sequence[ResidualBlock]) -> dict[str, list[ResidualBlock]]:
     """Group blocks by channel; channels keep the order of their first blocks."""
-    found: dict[str, list[Block]] = {}
+    found: dict[str, list[ResidualBlock]] = {}
     for block in blocks:
         found.setdefault(block.channel, []).append(block)
     return found
 
 
-def chi2_of(blocks: Sequence[Block]) -> float:
+def chi2_sum(blocks: Sequence[ResidualBlock]) -> float:
     """Sum of the squared residuals of some blocks, over the noise variance."""
     return float(sum(block.residual @ block.residual for block in blocks))
 
 
-def samples_of(blocks: Sequence[Block]) -> int:
+def sample_count(blocks: Sequence[ResidualBlock]) -> int:
     """Number of samples in some blocks."""
     return sum(len(block.residual) for block in blocks)
 
 
-def deviates(chi2: float, samples: int) -> float:
+def chi2_z_value(chi2: float, samples: int) -> float:
     """By how many standard deviations a sum of squares `chi2` exceeds that of so many samples of white noise."""
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
@@ -131,7 +131,7 @@ class Problem:
     Values that a run states (`Run.known`) are priors: one for all runs where they agree, else one for each run.
     """
 
-    def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
+    def __init__(self, model: Model, runs: Sequence[Run], noise: NoiseByChannel) -> None:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise = model, tuple(runs), noise
@@ -161,13 +161,13 @@ class Problem:
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
-        guessed = self.of(model.guessed_parameters) & (self.prior_weight == 0.0)
+        guessed = self.unknowns_of(model.guessed_parameters) & (self.prior_weight == 0.0)
         self.guess_mean, self.guess_weight = (
-            self.start(),
+            self.start_values(),
             np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
         )
-        self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
-        self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
+        self._whole: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
+        self._partial: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
@@ -175,7 +175,7 @@ class Problem:
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
 
-    def place(self, places: Mapping[str, float]) -> None:
+    def set_thresholds(self, places: Mapping[str, float]) -> None:
         """Set start values, by name, of parameters such as thresholds that have no influence while an effect is null.
 
         The start value becomes the parameter's null value too.
@@ -188,16 +188,16 @@ class Problem:
         self.columns = tuple(moved)
         self.null = np.array([c.parameter.null for c in moved])
 
-    def places(self, run: int) -> np.ndarray:
+    def unknowns_of_run(self, run: int) -> np.ndarray:
         """(p,) indices of the unknowns that are the model's parameters in the run with index `run`."""
         return self._of_run[run]
 
     def _placed(self, run: int) -> np.ndarray:
-        """(p,) positions for one run; see `places`."""
+        """(p,) positions for one run; see `unknowns_of_run`."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
-    def start(self) -> np.ndarray:
+    def start_values(self) -> np.ndarray:
         """(P,) start values of the unknowns: the model's values, and first guesses for unknowns of one run."""
         return np.array([c.parameter.value for c in self.columns])
 
@@ -233,12 +233,12 @@ class Problem:
         held.prior_weight = np.where(unknown, max(1.0, left) / (EFFECT_PRIOR_SIZE * self.typical), self.prior_weight)
         return held
 
-    def key(self, unknown: int) -> tuple[str, str | None]:
+    def unknown_key(self, unknown: int) -> tuple[str, str | None]:
         """Key of an unknown that is the same in other problems: its parameter's name, and its run's name or None."""
         column = self.columns[unknown]
         return column.parameter.name, None if column.run is None else self.runs[column.run].name
 
-    def of(self, names: Sequence[str]) -> np.ndarray:
+    def unknowns_of(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: True for the unknowns that belong to the parameters `names`."""
         wanted = {self.model.names.index(name) for name in names}
         return np.array([c.index in wanted for c in self.columns], dtype=bool)
@@ -252,7 +252,7 @@ class Problem:
         """(p,) parameter vector of the model in the run with index `run`, from (P,) values of the unknowns."""
         return values[self._of_run[run]]
 
-    def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[Block]:
+    def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[ResidualBlock]:
         """Evaluate the residuals of all channels of all runs, and their derivatives; the last few points are cached.
 
         Args:
@@ -260,7 +260,7 @@ class Problem:
             wanted: (P,) bool, unknowns whose derivatives are needed; None means all. Derivatives of the others may be
                 0.
         """
-        held = frozenset(self._effects) if wanted is None else self.needed(values, wanted)
+        held = frozenset(self._effects) if wanted is None else self.needed_effects(values, wanted)
         key, everything = (values.tobytes(), held), (values.tobytes(), frozenset(self._effects))
         if everything in self._whole:  # it serves every fit that starts here, so others must not replace it
             return self._whole[everything]
@@ -268,10 +268,10 @@ class Problem:
         if key not in memory:
             while len(memory) >= CACHED_POINTS:
                 del memory[next(iter(memory))]
-            memory[key] = self._blocks(values, *self.holding(held))
+            memory[key] = self._blocks(values, *self.reduced_model(held))
         return memory[key]
 
-    def needed(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
+    def needed_effects(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
         """Names of the effects that matter for predictions and wanted derivatives.
 
         Args:
@@ -281,7 +281,7 @@ class Problem:
         concerned = self._of_effects & (wanted | (values != self.null))
         return frozenset(compress(self._effects, concerned.any(axis=1) | ~self._of_effects.any(axis=1)))
 
-    def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
+    def reduced_model(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
         """A faster model with at least the `needed` effects, and (q,) indices of its parameters in the whole model."""
         if needed not in self._lean:
             model = self.model.reduced_model(needed, self.runs)
@@ -289,7 +289,7 @@ class Problem:
             self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]
 
-    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[Block]:
+    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[ResidualBlock]:
         found = []
         for i, run in enumerate(self.runs):
             prediction = model.predict(run, self.theta(i, values)[places])
@@ -300,7 +300,7 @@ class Problem:
                 sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
                 measured = run.channels[channel]
                 residual = (measured.value - prediction.values[rows]) / noise
-                found.append(Block(run.name, channel, measured, residual, sensitivities, noise))
+                found.append(ResidualBlock(run.name, channel, measured, residual, sensitivities, noise))
         return found
 
     def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
@@ -335,12 +335,14 @@ class Problem:
         Returns:
             The result, with (P,) values of all unknowns.
         """
-        part = FreePart(self, free, start)
+        part = FreeCost(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
-        return found._replace(values=part.whole(found.values))
+        return found._replace(values=part.all_values(found.values))
 
 
-def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
+def transfer_values(
+    values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None
+) -> np.ndarray:
     """Transfer values of the unknowns of one problem to those of another one, by parameter and run.
 
     Args:
@@ -353,10 +355,10 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
         (P',) values for the unknowns of `target`. A parameter that all runs share in one problem may have one unknown
         for each run in the other.
     """
-    result = target.start() if missing is None else np.full(len(target.columns), missing)
-    place = {source.key(i): i for i in range(len(source.columns))}
+    result = target.start_values() if missing is None else np.full(len(target.columns), missing)
+    place = {source.unknown_key(i): i for i in range(len(source.columns))}
     for i in range(len(target.columns)):
-        name, run = target.key(i)
+        name, run = target.unknown_key(i)
         others = [r.name for r in target.runs] if run is None else [None] * any(r.name == run for r in source.runs)
         key = next((key for key in ((name, run), *((name, other) for other in others)) if key in place), None)
         if key is not None:
@@ -364,12 +366,12 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
     return result
 
 
-def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
+def transfer_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
     """Transfer a (P,) bool mask of the unknowns of `source` to those of `target`, (P',); False for missing ones."""
-    return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
+    return transfer_values(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class FreePart:
+class FreeCost:
     """The cost of a problem as a function of some of its unknowns, while the others are fixed.
 
     Args:
@@ -382,7 +384,7 @@ class FreePart:
         self._problem, self._free, self._start = problem, free, start
         self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
-    def whole(self, values: np.ndarray) -> np.ndarray:
+    def all_values(self, values: np.ndarray) -> np.ndarray:
         """(P,) values of all unknowns, from (p,) values of those that vary."""
         everything = self._start.copy()
         everything[self._free] = values
@@ -390,7 +392,7 @@ class FreePart:
 
     def evaluate(self, values: np.ndarray) -> Expansion:
         """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges."""
-        whole = self.whole(values)
+        whole = self.all_values(values)
         with np.errstate(all="ignore"):  # a diverging simulation has infinite cost, and the step is shortened
             at = self._problem.expansion(whole, self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):

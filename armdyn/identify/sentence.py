@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, least_explained
+from armdyn.identify.explained import ChannelScale, RepairStep, explained_share, least_explained_channel, percent_text
 from armdyn.identify.holdout import HoldoutKind
 
 
@@ -31,7 +31,7 @@ class Verdict(Enum):
 KIND_TEXT = {
     HoldoutKind.EXAM: "on the exam, which took part in nothing,",
     HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
-    HoldoutKind.IN_TURN: "of runs predicted from the others",
+    HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
 NOTICEABLE_CHANGE = 0.01
@@ -48,25 +48,25 @@ NOISE_ERROR_RATIO = 1.1
 
 
 @dataclass(frozen=True)
-class Left:
+class RepairResidual:
     """The residual after a repair, as sentences describe it.
 
     Attributes:
-        something: whether the residual is more than noise.
-        looks_like: description of the residual, without a full stop; may be empty.
+        exceeds_noise: whether the residual is more than noise.
+        description: description of the residual, without a full stop; may be empty.
         searched: whether the catalogue was searched for more effects.
-        further: name of an effect that would explain a little more of the error; empty where there is none.
+        further_effect: name of an effect that would explain a little more of the error; empty where there is none.
         warnings: sentences that a reader must know, such as that a link would have a mass of 241 kg.
     """
 
-    something: bool
-    looks_like: str = ""
+    exceeds_noise: bool
+    description: str = ""
     searched: bool = True
-    further: str = ""
+    further_effect: str = ""
     warnings: Sequence[str] = ()
 
 
-def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Scale, left: Left) -> str:
+def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: ChannelScale, left: RepairResidual) -> str:
     """Describe the result of a repair in two sentences: the added effects with the fall of the error, and the residual.
 
     Args:
@@ -76,11 +76,11 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Sca
         left: the residual.
     """
     first, last = steps[0], steps[-1]
-    before, after = (totals(step.judged(scale), scale.units) for step in (first, last))
+    before, after = (total_errors(step.independent_errors(scale), scale.units) for step in (first, last))
     return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
-def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> str:
+def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: ChannelScale) -> str:
     """Describe in one sentence how a background of small values changes the error.
 
     Args:
@@ -89,14 +89,14 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
         judge: kind of the runs whose errors are given.
         scale: units of the channels.
     """
-    old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
+    old, new = (total_errors(step.independent_errors(scale), scale.units) for step in (before, after))
     return (
         f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
         f"recordings better that it was not fitted to: the error {KIND_TEXT[judge]} {_change(old, new)}."
     )
 
 
-def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
+def total_errors(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
     """Total error of the channels of each unit: the root of their summed squares, by unit.
 
     Args:
@@ -110,7 +110,7 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
     }
 
 
-def added_effects(steps: Sequence[RepairStep]) -> list[str]:
+def added_effect_texts(steps: Sequence[RepairStep]) -> list[str]:
     """Texts such as ``"joint_spring on elbow"`` for the effects that a repair added, in the order of its steps."""
     found: dict[str, list[str]] = {}
     for step in steps[1:]:
@@ -124,12 +124,12 @@ def added_effects(steps: Sequence[RepairStep]) -> list[str]:
 def _found(
     steps: Sequence[RepairStep],
     judge: HoldoutKind,
-    scale: Scale,
+    scale: ChannelScale,
     before: Mapping[str, float],
     after: Mapping[str, float],
     searched: bool,
 ) -> str:
-    added = added_effects(steps)
+    added = added_effect_texts(steps)
     if not added:
         return f"Nothing was added: the error {KIND_TEXT[judge]} is {_sizes(before)}."
     named = (
@@ -140,43 +140,43 @@ def _found(
     several = len(added) > 1
     names = {name for step in steps for name in step.added}
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
-    share = explained(steps[0], steps[-1], scale)
+    share = explained_share(steps[0], steps[-1], scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
-    text = f"{listed(named)} {verb} {is_missing}"
+    text = f"{join_names(named)} {verb} {is_missing}"
     if ties:
-        text += f" (these runs cannot tell {listed(ties, 'or')} from {'them' if several else 'it'})"
+        text += f" (these runs cannot tell {join_names(ties, 'or')} from {'them' if several else 'it'})"
     them = "they explain" if several else "it explains"
     if helps:
-        text += f": {them} {in_percent(share)} of the misfit"
+        text += f": {them} {percent_text(share)} of the misfit"
         # The first effect often explains most, so it is described separately.
         if several and len(steps) > 2 and len(steps[1].added) == 1:
-            alone = explained(steps[0], steps[1], scale)
+            alone = explained_share(steps[0], steps[1], scale)
             if 0.5 < alone < share:
-                text += f", {steps[1].added[0]} alone {in_percent(alone)}"
-        worst = least_explained(steps[0].judged(scale), steps[-1].judged(scale), scale)
+                text += f", {steps[1].added[0]} alone {percent_text(alone)}"
+        worst = least_explained_channel(steps[0].independent_errors(scale), steps[-1].independent_errors(scale), scale)
         if worst is not None and worst[1] < share - LAGGING_SHARE:
             of = worst[0].partition(".")[2] or worst[0]
-            text += f" but only {in_percent(max(worst[1], 0.0))} of that of {of}"
+            text += f" but only {percent_text(max(worst[1], 0.0))} of that of {of}"
     return f"{text}; the error {KIND_TEXT[judge]} {_change(before, after)}."
 
 
-def _left(last: RepairStep, scale: Scale, after: Mapping[str, float], left: Left) -> str:
+def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:
     warned = "".join(f"; but {warning}" for warning in left.warnings)
-    noise = totals({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
+    noise = total_errors({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
     size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > NOISE_ERROR_RATIO else "What is left"
-    if not left.something:
+    if not left.exceeds_noise:
         return (
             f"{size} {'shows no structure that armdyn looks for' if ratio > NOISE_ERROR_RATIO else 'is noise'}{warned}."
         )
     text = f"{size} {'is more than noise' if ratio > NOISE_ERROR_RATIO else 'is not white noise'}"
-    text += f" ({left.looks_like})" if left.looks_like else ""
+    text += f" ({left.description})" if left.description else ""
     if not left.searched:
         text += ": run `armdyn diagnose` to look for more"
-    elif left.further:
-        text += f"; {left.further} would explain a little of it, too little to be named"
+    elif left.further_effect:
+        text += f"; {left.further_effect} would explain a little of it, too little to be named"
     else:
         text += ", and nothing in the catalogue explains it"
     return f"{text}{warned}."
@@ -193,17 +193,17 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
             parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
         else:
             parts.append(f"stays at {_number(old)} {unit}")
-    return listed(parts)
+    return join_names(parts)
 
 
 def _sizes(by_unit: Mapping[str, float]) -> str:
-    return listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
+    return join_names([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
 
 
 def _on(name: str, joints: Sequence[str]) -> str:
     if not joints:
         return name
-    return f"{name} on {listed(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
+    return f"{name} on {join_names(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -211,6 +211,6 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def listed(names: Sequence[str], word: str = "and") -> str:
+def join_names(names: Sequence[str], word: str = "and") -> str:
     """Join names to a text such as ``"a, b and c"``, with `word` before the last one."""
     return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.document import Column, Columns, Curve, Section, Table, attribute_columns
-from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.explained import ChannelScale, RepairStep
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.residual.localise import Place
+from armdyn.identify.residual.localise import FailingRange
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.sentence import MAX_NAMED_JOINTS, totals
+from armdyn.identify.sentence import MAX_NAMED_JOINTS, total_errors
 from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkChange
     from armdyn.arm.rollout import RollOut
-    from armdyn.identify.bands import Bands
+    from armdyn.identify.bands import PredictionBands
 
 MAX_LISTED_PLACES = 6
 """Largest number of ranges in a table of where a model fails."""
@@ -57,12 +57,12 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
         Column("channel", list(found)),
         *attribute_columns(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
         Column("chi2_per_sample", [c.chi2_per_sample for c in values], title="χ² per sample"),
-        Column("p of white noise", [c.white for c in values], ".2g", dropped_when_narrow=True),
+        Column("p of white noise", [c.whiteness_p_value for c in values], ".2g", dropped_when_narrow=True),
     ]
     return Table(columns, caption, "channels", "Statistics: noise, errors, χ² per sample, whiteness")
 
 
-def place_section(title: str, places: Sequence[Place]) -> Section:
+def place_section(title: str, places: Sequence[FailingRange]) -> Section:
     """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
     worst = places[:MAX_LISTED_PLACES]
     columns = [
@@ -75,7 +75,7 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
-def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator[Curve]:
+def prediction_curves(fits: Mapping[str, Fit], bands: "PredictionBands | None" = None) -> Iterator[Curve]:
     """Curves of measured and predicted values over time, for every run and channel.
 
     Args:
@@ -93,7 +93,7 @@ def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator
             yield Curve(row, label, block.time, values[key], block.run, half_width=half_width)
 
 
-def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
+def sample_columns(fit: Fit, bands: "PredictionBands | None" = None) -> Columns:
     """Table with one row per sample: run, channel, time, measured and predicted value, half the width of the band."""
     names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
     columns: dict[str, list[Any]] = {key: [] for key in names}
@@ -121,7 +121,7 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 
 
 def step_table(
-    path: Sequence[RepairStep], scale: Scale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
+    path: Sequence[RepairStep], scale: ChannelScale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
     """Table of how the error falls in a repair: a row for each step, a column with bars for each kind of runs.
 
@@ -139,7 +139,7 @@ def step_table(
     for kind, errors in kinds.items():
         texts = [error_text(rmse, scale, bare=bool(unit)) for rmse in errors]
         columns.append(
-            Column(f"{kind}{unit}", texts, bar_lengths=[relative(rmse, errors[0], scale) for rmse in errors])
+            Column(f"{kind}{unit}", texts, bar_lengths=[relative_error(rmse, errors[0], scale) for rmse in errors])
         )
     columns += [
         Column("χ² per sample", [step.chi2_per_sample for step in path]),
@@ -160,7 +160,7 @@ def step_table(
 
 
 def candidate_table(
-    found: Sequence[Any], given: Mapping[str, float], scale: Scale, summaries: Mapping[str, str]
+    found: Sequence[Any], given: Mapping[str, float], scale: ChannelScale, summaries: Mapping[str, str]
 ) -> Table:
     """Table of effects that may be missing: the error that remains if one is added alone, and the evidence for it.
 
@@ -183,7 +183,7 @@ def candidate_table(
         Column(
             "error",
             [error_text(s.rmse, scale) for s in found],
-            bar_lengths=[relative(s.rmse, given, scale) for s in found],
+            bar_lengths=[relative_error(s.rmse, given, scale) for s in found],
             title="error with it alone",
         ),
         Column("held out", [error_text(s.held_out_rmse, scale) if s.held_out_rmse else None for s in found]),
@@ -200,7 +200,7 @@ def candidate_table(
     return Table(columns, caption, "candidates")
 
 
-def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
+def error_fall_sentence(path: Sequence[RepairStep], scale: ChannelScale) -> str:
     """Sentence on the error before and after a repair, for the kind of runs that were used least for it."""
     steps = len(path) - 1
     if not steps:
@@ -237,7 +237,7 @@ def joint_text(joints: Sequence[str]) -> str:
     return ", ".join(joints) if len(joints) <= MAX_NAMED_JOINTS else f"{len(joints)} joints"
 
 
-def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
+def error_text(rmse: Mapping[str, float], scale: ChannelScale, *, bare: bool = False) -> str:
     """Text such as ``"0.12 N m, 0.3 N"``: the total error of the channels of each unit (root of the summed squares).
 
     Args:
@@ -245,16 +245,16 @@ def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -
         scale: units of the channels.
         bare: whether to leave the units out.
     """
-    sums = totals(rmse, scale.units)
+    sums = total_errors(rmse, scale.units)
     return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
 
-def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
+def relative_error(rmse: Mapping[str, float], given: Mapping[str, float], scale: ChannelScale) -> float:
     """Ratio of an error to that of the model as given, both by channel.
 
     For several units it is the root mean square of their ratios; 0 where there are no errors.
     """
-    now, before = totals(rmse, scale.units), totals(given, scale.units)
+    now, before = total_errors(rmse, scale.units), total_errors(given, scale.units)
     ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 

@@ -10,16 +10,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-PLACE_RANGE_SIZES, PLACES_TRIED = 10.0, 21
+THRESHOLD_RANGE_SIZES, TRIED_THRESHOLDS = 10.0, 21
 """Largest distance of a tried threshold from the declared one, in typical sizes, and number of thresholds tried."""
-PLACE_HALVINGS = 3
+THRESHOLD_HALVINGS = 3
 """Number of times that the distance between tried thresholds is halved around the best one, before a fit starts from
 it."""
-EQUAL_PLACE_NATS = 1e-6
+MIN_THRESHOLD_EVIDENCE_NATS = 1e-6
 """Range of the log evidence over the tried thresholds, nats, up to which the threshold has no influence."""
 
 
-def likeliest(
+def likeliest_thresholds(
     evidence: Callable[[np.ndarray], np.ndarray],
     declared: np.ndarray,
     typical: np.ndarray,
@@ -38,7 +38,7 @@ def likeliest(
     Returns:
         (n,) thresholds, NaN where they have no influence.
     """
-    step = 2.0 * PLACE_RANGE_SIZES / (PLACES_TRIED - 1) * typical
+    step = 2.0 * THRESHOLD_RANGE_SIZES / (TRIED_THRESHOLDS - 1) * typical
     tried, found = list[np.ndarray](), list[np.ndarray]()
 
     def attempt(at: np.ndarray) -> None:
@@ -50,12 +50,12 @@ def likeliest(
         away = np.where(worth == worth.max(axis=0), np.abs(at - declared), np.inf)
         return np.take_along_axis(at, away.argmin(axis=0)[None], axis=0)[0]
 
-    for k in np.arange(PLACES_TRIED) - PLACES_TRIED // 2:
+    for k in np.arange(TRIED_THRESHOLDS) - TRIED_THRESHOLDS // 2:
         attempt(declared + k * step)
     worth = np.array(found)
     with np.errstate(invalid="ignore"):
-        matters = worth.max(axis=0) - worth.min(axis=0) > EQUAL_PLACE_NATS
-    for _ in range(PLACE_HALVINGS if matters.any() else 0):
+        matters = worth.max(axis=0) - worth.min(axis=0) > MIN_THRESHOLD_EVIDENCE_NATS
+    for _ in range(THRESHOLD_HALVINGS if matters.any() else 0):
         step, around = 0.5 * step, best()
         attempt(around - step)
         attempt(around + step)

@@ -19,8 +19,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.residual.tests import stacked
-from armdyn.identify.sentence import listed
+from armdyn.identify.residual.tests import compress_residuals
+from armdyn.identify.sentence import join_names
 from armdyn.kept import cached_with_first_argument
 from armdyn.physics.simulated import simulated
 from armdyn.threads import one_thread
@@ -32,40 +32,44 @@ MIN_TOGETHER_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class Together:
+class UnidentifiedCombination:
     """A combination of parameters that runs do not identify: together they can change without changing a prediction.
 
     Attributes:
         changes: change of each parameter in per cent of its value, or in its unit where the value is 0; the first
             parameter changes by 1.
         units: units of these changes, ``"%"`` or the parameter's unit.
-        unsure: names of all parameters whose standard deviations are meaningless because of this combination.
-        settled_by: states that no channel measures and whose recording would identify the parameters, with units.
+        unidentified_parameters: names of all parameters whose standard deviations are meaningless because of this
+            combination.
+        identifying_states: states that no channel measures and whose recording would identify the parameters, with
+            units.
     """
 
     changes: dict[str, float]
     units: dict[str, str]
-    unsure: frozenset[str]
-    settled_by: tuple[str, ...] = ()
+    unidentified_parameters: frozenset[str]
+    identifying_states: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """One sentence for a reader: which parameters change together, and what would identify them."""
         moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
-        text = f"These runs do not tell {listed(list(self.changes))} from one another: together they may move "
+        text = f"These runs do not tell {join_names(list(self.changes))} from one another: together they may move "
         text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
         first = next(iter(self.changes))
         text += f', --set {first}="... +/- ..."'
-        return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
+        return text + (
+            f", or a recording of {join_names(self.identifying_states, 'or')}" if self.identifying_states else ""
+        )
 
 
 @cached_with_first_argument
 @one_thread
-def moving_together(fit: Fit) -> tuple[Together, ...]:
+def find_unidentified_combinations(fit: Fit) -> tuple[UnidentifiedCombination, ...]:
     """Find combinations of parameters that a fit does not identify although it would identify each one alone."""
     problem = fit.problem
     asked = np.flatnonzero(fit.free | (problem.fitted & ~problem.is_effect))
-    _, J = stacked(problem, problem.blocks(fit.values), fit.values)
+    _, J = compress_residuals(problem, problem.blocks(fit.values), fit.values)
     J = J[:, asked] * problem.typical[asked]
     if not np.isfinite(J).all():
         return ()
@@ -87,7 +91,7 @@ def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
     return list(np.linalg.solve(weak[:, leading], weak))
 
 
-def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> Together:
+def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> UnidentifiedCombination:
     """Describe a (n,) direction of (n,) unknowns in typical sizes; `alone` (n,) are each value's own deviations."""
     problem, values = fit.problem, fit.values
     change = direction * problem.typical[columns]
@@ -107,7 +111,7 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
     whole_direction[columns] = change / np.abs(direction).max()
     off = np.abs(direction) / np.linalg.norm(direction) * alone > 1.0
     unsure = frozenset(problem.columns[k].parameter.name for k in columns[off | part])
-    return Together(changes, units, unsure, _settling(fit, whole_direction))
+    return UnidentifiedCombination(changes, units, unsure, _settling(fit, whole_direction))
 
 
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:

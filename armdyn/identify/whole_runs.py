@@ -42,7 +42,9 @@ NULL_PROBABILITY = 0.0455
 Effects = tuple[Candidate, ...]
 
 
-def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
+def improve_by_whole_runs(
+    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]
+) -> SetScore:
     """Improve a set of effects that was chosen by evidence: whole runs may show a set with a clearly smaller residual.
 
     Args:
@@ -67,7 +69,7 @@ def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, 
         effects = _exchanged(study, scorer, effects)
         say("comparing further effects over whole runs")
         effects = _added(study, scorer, effects)
-    return scorer.settle(_without_nothing(study, effects))
+    return scorer.optimise(_without_nothing(study, effects))
 
 
 def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
@@ -84,8 +86,8 @@ def _left(study: StateSpaceStudy, effects: Effects) -> float:
 
 def _pair_or(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
     """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
-    scorer.settle(())
-    promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED_EFFECTS]
+    scorer.optimise(())
+    promised = sorted(scorer.candidates, key=lambda c: -scorer.evaluate((c,)).score)[:COMPARED_EFFECTS]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:COMPARED_PAIR_EFFECTS]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
     best = min(sets, key=lambda one: _left(study, one) / (1.0 - MIN_SHARE_PER_VALUE) ** len(one))
@@ -100,14 +102,14 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
     """
     refused = {frozenset(whole)}
     while True:
-        now = scorer.settle(whole)
+        now = scorer.optimise(whole)
         most = study.excess(study.quick_fit((*study.present, *whole)))
         options = list[Effects]()
         for gone in whole:
             rest = tuple(c for c in whole if c != gone)
             rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
-            sets = [scorer.of((*rest, c)) for c in rivals]
-            least = now.score - MAX_LACKING_SHARE * (now.score - scorer.of(rest).score)
+            sets = [scorer.evaluate((*rest, c)) for c in rivals]
+            least = now.score - MAX_LACKING_SHARE * (now.score - scorer.evaluate(rest).score)
             near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS_TRIED]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
@@ -121,9 +123,9 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
 def _added(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set, extended by one effect at a time while errors are gross and the residual of whole runs falls enough."""
     while _fitted(study, whole).chi2_per_sample > GROSS_ERROR_RATIO:
-        now = scorer.settle(whole)
+        now = scorer.optimise(whole)
         left = [c for c in scorer.candidates if c not in whole]
-        promised = sorted(left, key=lambda c: -scorer.of((*now.effects, c)).score)[:COMPARED_PAIR_EFFECTS]
+        promised = sorted(left, key=lambda c: -scorer.evaluate((*now.effects, c)).score)[:COMPARED_PAIR_EFFECTS]
         sets = [one for one in ((*whole, c) for c in promised) if _explains(study, whole, one)]
         if not sets:
             return whole
@@ -163,7 +165,7 @@ def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate)
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
     """(k,) distance of an effect's fitted values from those at which it is absent."""
-    own = found.problem.of(one.names) & found.free
+    own = found.problem.unknowns_of(one.names) & found.free
     return found.values[own] - found.problem.null[own]
 
 
@@ -173,7 +175,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
     Biometrika 64, 1977): such an effect is absent only if the residual of whole runs is as small without it, too.
     """
-    own = found.problem.of(one.names) & found.free
+    own = found.problem.unknowns_of(one.names) & found.free
     covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
     known = np.diag(covariance) > 0.0
     if not known.any():
@@ -181,7 +183,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
     if square >= chdtri(int(known.sum()), NULL_PROBABILITY):
         return False
-    placed = not study.motion.names_of_places.keys().isdisjoint(one.names)
+    placed = not study.motion.threshold_values.keys().isdisjoint(one.names)
     return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
 
 

@@ -10,7 +10,7 @@ from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
-from armdyn.readout import Sensor
+from armdyn.readout import SensorReadout
 
 ROWS_PER_INPUT = 3
 """Value, rate and acceleration of every input."""
@@ -98,7 +98,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         slopes=ca.Function("slopes", [s, w, theta], [ca.densify(ca.jacobian(rates, s))]),
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
-        sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
+        sensors={n: SensorReadout(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
         depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),
         measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
         rates={n: m for n in states for m, x in states.items() if _same(rates_of[n], x)},

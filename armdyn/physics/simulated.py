@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
-from armdyn.readout import Interpolated
+from armdyn.readout import InterpolatingSampler
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
 from armdyn.recording.spikes import clean
@@ -198,9 +198,9 @@ def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulato
 
 
 @lru_cache(maxsize=16)
-def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: float) -> Interpolated:
+def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: float) -> InterpolatingSampler:
     """Interpolation from an even grid to the stamps of a channel; cached, because all steps of a fit share it."""
-    return Interpolated(start + dt * np.arange(size), channel.time, spread)
+    return InterpolatingSampler(start + dt * np.arange(size), channel.time, spread)
 
 
 def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:

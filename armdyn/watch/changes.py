@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from armdyn.arm.motion import CERTAIN
-from armdyn.codegen import Buffered
+from armdyn.codegen import BufferedFunction
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import Step
 from armdyn.watch.variances import MIN_VARIANCE
@@ -211,7 +211,7 @@ class Blocks:
         own: (nj, 4) columns X of the joints at the last sample.
     """
 
-    def __init__(self, columns: Buffered, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
+    def __init__(self, columns: BufferedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
         self._columns, self._level = columns, level
         self.begins: deque[float] = deque(maxlen=kept)
         self.sums: deque[Sums] = deque(maxlen=kept)

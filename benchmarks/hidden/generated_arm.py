@@ -103,13 +103,13 @@ def examine(seed: int) -> hidden_table.Row:
     mended = repair(study_of(model, runs, robot.held_out))
     seconds = time.perf_counter() - begun
     missed, false = judged(mended, truth)
-    parameters = mended.named.parameters
+    parameters = mended.model_without_background.parameters
     pulls = {
         name: (parameters[name].value - value) / parameters[name].std
         for name, value in robot.values.items()
         if name in parameters and parameters[name].std
     }
-    again = repair(study_of(mended.named, runs, robot.held_out))
+    again = repair(study_of(mended.model_without_background, runs, robot.held_out))
     return {
         "seed": seed, "robot": Path(robot.name).stem, "rate": round(robot.rate), "runs": len(runs),
         "length": robot.length,

@@ -35,9 +35,9 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.problem import chi2_of
+from armdyn.identify.problem import chi2_sum
 from armdyn.identify.repair import repair
-from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -79,7 +79,7 @@ def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
     return named, named or tie, named and added.get(truth, set(first.joints)) == true_joints(truth)
 
 
-def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]:
+def pulls(study: Study, last: SearchStep, truth: str, size: float) -> dict[str, float]:
     """By true parameter: the final model's error over its standard deviation."""
     fitted = fitted_parameters(study, last.fit)
     true = hidden_arm.true_parameters(truth, size)
@@ -90,10 +90,10 @@ def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]
     }  # fmt: skip
 
 
-def held_out_chi2(study: Study, last: Step) -> float:
+def held_out_chi2(study: Study, last: SearchStep) -> float:
     """Per sample, whole runs held out in turn."""
     blocks = study.held_out_blocks(last.fit)
-    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+    return chi2_sum(blocks) / sum(len(block.residual) for block in blocks)
 
 
 def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
@@ -107,7 +107,7 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     study = study_of(runs)
     if kind == "pairs":
         mended = repair(study)
-        names = [effect.name for effect in mended.named.effects]
+        names = [effect.name for effect in mended.model_without_background.effects]
         tied = {t for step in mended.path for t in step.tied_with}
         exact = set(names) == set(hidden)
         return row | {

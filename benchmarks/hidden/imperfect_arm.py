@@ -100,7 +100,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
         "draws": case.draws, "dominance": case.dominance() if truth else case.largest_single,
         "steps": [[list(step.added), list(step.joints)] for step in mended.path[1:]],
         "removed": [removed_share(*pair) for pair in zip(mended.path[:-1], mended.path[1:], strict=True)],
-        "added": len(mended.named.names) - len(model.names),
+        "added": len(mended.model_without_background.names) - len(model.names),
         "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
     }  # fmt: skip
     if not truth:

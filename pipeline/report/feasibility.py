@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, attribute_columns
+from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table, attribute_columns
 from armdyn.recording.channels import FloatArray
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
@@ -23,7 +23,7 @@ MAX_LIMIT_CURVE_POINTS = 1500
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:
     """Document of one feasibility check, without figures."""
     margins = [margin for margin in report.margins if margin.limit != "line" or margin.used > 1.0]
-    level = Level.GOOD if report.feasible else Level.BAD
+    level = ResultLevel.GOOD if report.feasible else ResultLevel.BAD
     return Document(title, report.sentence, [_violation_section(report), margin_section(margins)], level)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, KeyFigure, Section, Table
-from armdyn.identify.explained import in_percent
+from armdyn.identify.explained import percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
 from pipeline.report.overlay import Overlays, Quality, quality
@@ -35,7 +35,7 @@ def error_section(shown: Overlays) -> Section:
     for when, step in steps.items():
         shares = [q.explained if q else 0.0 for q in of(kinds[-1], step)]
         bars = [max(share, 0.0) for share in shares]
-        columns.append(Column(f"explained {when}", list(map(in_percent, shares)), bar_lengths=bars))
+        columns.append(Column(f"explained {when}", list(map(percent_text, shares)), bar_lengths=bars))
     caption = (
         "Error: root mean square of measured minus predicted. Explained: share of the measured signal's variation "
         f"about its mean, {kinds[-1]}; below 0 the mean alone would do better."
@@ -106,10 +106,10 @@ def key_figures(shown: Overlays) -> list[KeyFigure]:
         noise = float(np.sqrt(sum(map(np.mean, noises))))
         quantity = quantity_of(mine[0].channel, unit)
         title, whose = quantity[:1].upper() + quantity[1:], f"{kind}{', all joints' if len(noises) > 1 else ''}"
-        given = [f"as given {in_percent(before.explained)}; ", f"as given {number(before.rmse, unit)}; "]
+        given = [f"as given {percent_text(before.explained)}; ", f"as given {number(before.rmse, unit)}; "]
         share, error = given if len(shown.steps) > 1 else ("", "")
         figures += [
-            KeyFigure(f"{title} explained", in_percent(after.explained), f"{share}of its variation, {whose}"),
+            KeyFigure(f"{title} explained", percent_text(after.explained), f"{share}of its variation, {whose}"),
             KeyFigure(f"{title} error", number(after.rmse, unit), f"{error}{whose}; noise {number(noise, unit, 2)}"),
         ]
     return figures

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.document import Chart, Column, Document, Level, Section, Table, attribute_columns
+from armdyn.document import Chart, Column, Document, ResultLevel, Section, Table, attribute_columns
 from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
@@ -19,7 +19,9 @@ CHANNEL_HEIGHT = 230
 
 def inspection_document(found: Inspection) -> Document:
     """Document of an inspection: its findings, the worst first."""
-    level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
+    level = (
+        ResultLevel.BAD if not found.usable else ResultLevel.CAUTION if found.of(Severity.SUSPECT) else ResultLevel.GOOD
+    )
     return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
 
 

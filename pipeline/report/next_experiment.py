@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
 from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, Proposal
 from armdyn.experiments.separation import Rival
@@ -60,7 +60,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
         Document("", "") if plan is None else plan.document(),
         title="The next experiment",
         verdict=sentence,
-        level=Level.GOOD if hopeful else Level.CAUTION,
+        level=ResultLevel.GOOD if hopeful else ResultLevel.CAUTION,
         next_steps=steps if output is not None else (),
     )
 

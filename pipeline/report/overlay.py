@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armdyn.document import Section, Widget
-from armdyn.identify.bands import Bands
+from armdyn.identify.bands import PredictionBands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.problem import Block
-from armdyn.identify.residual.localise import Place
+from armdyn.identify.problem import ResidualBlock
+from armdyn.identify.residual.localise import FailingRange
 from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import of_all_runs, sentence
@@ -26,7 +26,8 @@ MIN_CURVE_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
 RUN_KINDS = {
-    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
+    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.LEAVE_ONE_OUT: IN_TURN,
+    HoldoutKind.EXAM: EXAM,
 }  # fmt: skip
 """What a run was to the model whose prediction is shown."""
 
@@ -96,7 +97,7 @@ def quality(curves: Iterable[Overlay], step: int) -> Quality:
 
 
 def overlays(
-    study: Study, fits: Sequence[Fit], places: Sequence[Place] = (), bands: Bands | None = None
+    study: Study, fits: Sequence[Fit], places: Sequence[FailingRange] = (), bands: PredictionBands | None = None
 ) -> list[Overlay]:
     """Overlays of every run of a study with the residuals of fits: training runs, then held-out runs, then exam runs.
 
@@ -117,13 +118,13 @@ def overlays(
     return [replace(curve, half_width=bands.half_width.get((curve.run, curve.channel))) for curve in found]
 
 
-def of_fits(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
+def of_fits(fits: Sequence[Fit], places: Sequence[FailingRange] = ()) -> list[Overlay]:
     """Overlays of the training runs alone."""
     return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
 
 
 def _overlays(
-    runs: Iterable[Run], kind: str, steps: Sequence[Sequence[Block]], places: Sequence[Place] = ()
+    runs: Iterable[Run], kind: str, steps: Sequence[Sequence[ResidualBlock]], places: Sequence[FailingRange] = ()
 ) -> list[Overlay]:
     by_name = {run.name: run for run in runs}
     misfits = [{(block.run, block.channel): block.misfit for block in blocks} for blocks in steps]
@@ -172,8 +173,8 @@ class Overlays:
         study: Study,
         fits: Sequence[Fit],
         steps: Sequence[str],
-        places: Sequence[Place],
-        bands: Bands | None = None,
+        places: Sequence[FailingRange],
+        bands: PredictionBands | None = None,
     ) -> "Overlays":
         """All runs of a study, with bands around the last step's predictions."""
         done = sentence(of_all_runs(run.preparations for run in fits[-1].problem.runs))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armdyn import __version__, atomic
-from armdyn.document import Chart, Document, Level, Section, Table, Widget
+from armdyn.document import Chart, Document, ResultLevel, Section, Table, Widget
 from armdyn.quoting import script_json
 from pipeline.report.theme import DARK, TEMPLATE
 
@@ -61,7 +61,7 @@ def page_html(document: Document) -> str:
     figures: list[dict[str, Any]] = []
     widgets: list[Mapping[str, Any]] = []
     sections = "".join(_section(section, figures, widgets) for section in document.sections)
-    level = document.level or Level.CAUTION
+    level = document.level or ResultLevel.CAUTION
     return Template(template("report", "page.html")).substitute(
         head=page_head(document.title),
         title=escape(document.title),

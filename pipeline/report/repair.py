@@ -6,11 +6,11 @@ from dataclasses import replace
 from armdyn.document import Document, KeyFigure, NextStep, Section
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained import RepairStep, in_percent
+from armdyn.identify.explained import RepairStep, percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
 from armdyn.identify.selection.search import repair_step
-from armdyn.identify.sentence import KIND_TEXT, MAX_NAMED_EFFECTS, added_effects
+from armdyn.identify.sentence import KIND_TEXT, MAX_NAMED_EFFECTS, added_effect_texts
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
 from pipeline.report.fit import dependence_section, error_section, key_figures, runs_of
@@ -49,7 +49,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     figures = list(made.key_figures)
     if len(found.path) > 1:
         whose = KIND_TEXT[study.holdout_kinds[0]].rstrip(",")
-        figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
+        figures.insert(0, KeyFigure("Misfit explained", percent_text(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",
         illustrated(made.sections, found.after.rollout),
@@ -88,7 +88,7 @@ def _illustrated(
 
 def _added(path: Sequence[RepairStep]) -> str:
     """Names of the effects that were added to the given model, for a legend."""
-    effects = added_effects(path)
+    effects = added_effect_texts(path)
     return " + ".join(effects) if len(effects) <= MAX_NAMED_EFFECTS else f"with {len(effects)} effects"
 
 

@@ -296,7 +296,7 @@ def keep(
         TaskFailedError: the fit failed.
     """
     from armdyn.document import NextStep
-    from armdyn.identify.repair import require_found
+    from armdyn.identify.repair import require_fit
     from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
@@ -310,7 +310,7 @@ def keep(
     for target in (model, report, exported):
         if target is not None:
             writable.check(target, over)
-    found = require_found(given.add(bench.effects_of(effects)))
+    found = require_fit(given.add(bench.effects_of(effects)))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
     if opened.effects is not None and is_temporary(opened.effects):
         laws = model.with_name(f"{model.stem}_effects.py")

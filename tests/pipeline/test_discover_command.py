@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from armdyn.discovery.result import Discovery, Finding
-from armdyn.discovery.term import Constant, Site, Term
+from armdyn.discovery.result import DiscoveredLaw, Discovery
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter
 from armdyn.run import read_run
 from pipeline.commands.discover import _next_steps
 from pipeline.console.inputs import Inputs
@@ -96,16 +96,16 @@ def test_where_one_motion_shows_no_law_another_one_is_asked_for():
 
 
 def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
-    term = Term(
+    term = CandidateTerm(
         "flexure",
         "a spring",
-        Site("string", "N m", "{}", 1.0),
+        TermLocation("string", "N m", "{}", 1.0),
         (),
         {},
-        Constant("1", 0.0, 0.0),
+        TermParameter("1", 0.0, 0.0),
         name="discovered_flexure",
     )
-    law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
+    law = DiscoveredLaw("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
     steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), has_unfitted_run=True), Path("law.py"))
     assert steps[-1].command == (

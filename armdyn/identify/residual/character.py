@@ -7,8 +7,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import Whitening, whitening
-from armdyn.identify.problem import by_channel
+from armdyn.identify.noise import Whitening, whitening_filters
+from armdyn.identify.problem import blocks_by_channel
 from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import with_motion
 from armdyn.recording.channels import is_auxiliary
@@ -93,7 +93,7 @@ class ResidualCharacter:
         parts = []
         if self.process_error is not None:
             share = f"({100 * self.process_error:.0f} % vanish with a free state)"
-            parts.append(f"{behaves_like(self.process_error)} {share}")
+            parts.append(f"{probable_cause_text(self.process_error)} {share}")
         if self.terms:
             parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
         if self.peaks:
@@ -101,7 +101,7 @@ class ResidualCharacter:
         return "; ".join(parts)
 
 
-def behaves_like(process_error: float) -> str:
+def probable_cause_text(process_error: float) -> str:
     """Words for the probable cause of a residual, missing dynamics or a sensor error, from its process-error share."""
     if process_error > MIN_DYNAMICS_SHARE:
         return "it behaves like missing dynamics"
@@ -110,7 +110,7 @@ def behaves_like(process_error: float) -> str:
 
 def characterise(fit: Fit) -> ResidualCharacter:
     """Describe the residual of a fit: its probable cause, the signals on which it depends, its frequencies."""
-    filters = whitening(fit.blocks)
+    filters = whitening_filters(fit.blocks)
     return ResidualCharacter(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
 
 
@@ -156,7 +156,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTe
         fit: the fit.
         filters: whitening filter of the residual, by channel.
     """
-    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[ResidualTerm]()
+    covariates, channels, found = fit.covariates(), blocks_by_channel(fit.blocks), list[ResidualTerm]()
     for channel, blocks in channels.items():
         white = filters[channel]
         names = set.intersection(*(set(covariates[b.run]) for b in blocks))
@@ -194,7 +194,7 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
         fit: the fit.
         filters: whitening filter of the residual, by channel.
     """
-    found, channels = [], by_channel(fit.blocks)
+    found, channels = [], blocks_by_channel(fit.blocks)
     for channel, blocks in channels.items():
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Problem, transferred, transferred_mask
-from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.noise_evidence import at_every_kick
-from armdyn.identify.state_space.output_error import AroundMotion
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
+from armdyn.identify.state_space.grey_box import GreyBox, LinearisationPoint
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
+from armdyn.identify.state_space.output_error import EffectSetOptimiser
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import simulated, with_motion
 from armdyn.recording.channels import Channel, FloatArray
@@ -36,7 +36,7 @@ give curves of 8 points, in which dry friction cannot be seen beside viscous fri
 
 
 @dataclass(frozen=True, eq=False)
-class Unexplained:
+class MissingForce:
     """The missing force of one run as a function of time, for one joint where the model has joints.
 
     Attributes:
@@ -90,13 +90,13 @@ class ForceCurve:
     with_background: FloatArray | None = None
 
 
-def unexplained(fit: Fit) -> list[Unexplained]:
+def missing_forces(fit: Fit) -> list[MissingForce]:
     """The missing force in every fitted run of a fit, for every joint."""
     joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
-    return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
+    return _torques(fit, joints) if any(joints.values()) else missing_accelerations(fit)
 
 
-def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
+def force_added_by_repair(given: Fit, repaired: Fit) -> list[MissingForce]:
     """The force that a repair adds to a model, in every run, without the noise of the recordings.
 
     It is the missing force of the model as given if the runs were exactly what the repaired model predicts.
@@ -112,10 +112,10 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
         runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
     ideal = Problem(problem.model, list(runs.values()), problem.noise)
     blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
-    return unexplained(replace(given, problem=ideal, blocks=tuple(blocks)))
+    return missing_forces(replace(given, problem=ideal, blocks=tuple(blocks)))
 
 
-def accelerations(fit: Fit) -> list[Unexplained]:
+def missing_accelerations(fit: Fit) -> list[MissingForce]:
     """The missing acceleration in every run, for a model that simulates a motion; empty for other models.
 
     A smoother estimates the changes of speed (kicks) that the simulation needs, sixteen times per swing, to follow the
@@ -127,16 +127,19 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
     problem = Problem(fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise)
     model = simulated(problem.model)
-    values = transferred(fit.values, fit.problem, problem)
-    free = transferred_mask(fit.free, fit.problem, problem)
+    values = transfer_values(fit.values, fit.problem, problem)
+    free = transfer_mask(fit.free, fit.problem, problem)
     swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-    if fit.settled is None:
-        motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
+    if fit.process_noise_values is None:
+        motion = EffectSetOptimiser(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
-        free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
+        free, values = (
+            free & ~problem.unknowns_of(model.start_names),
+            transfer_values(fit.process_noise_values, fit.problem, problem),
+        )
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
-    point = box.settled(free, box.begin(values), (at_every_kick,) * KICK_ROUNDS)
+    point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A diverging simulation has no curve.
     return [
@@ -144,12 +147,12 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     ]
 
 
-def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained]:
+def _kicked(box: GreyBox, point: LinearisationPoint, index: int) -> list[MissingForce]:
     """The missing acceleration of one run, for each speed of the model."""
     run, states = box.runs[index], point.states[index]
-    model, theta = run.pieces.model, point.values[run.places]
-    around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
-    _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
+    model, theta = run.pieces.model, point.values[run.unknowns]
+    around = run.linearise(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
+    _, kicks = around.smooth(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.motion(theta, states)
     lasting = np.diff(run.pieces.starts)
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
@@ -158,11 +161,11 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     for k, joint in model.forced.items():
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
-        found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
+        found.append(MissingForce(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
 
 
-def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
+def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[MissingForce]:
     """Measured minus predicted torque or force of every joint; `joints` by run and channel."""
     found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
     for block in fit.blocks:
@@ -174,7 +177,7 @@ def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplai
             }
             against["load"] = block.predicted, block.unit
             against |= _recorded(runs[block.run], block.time)
-            found.append(Unexplained(block.run, joint, block.unit, block.time, block.misfit, against))
+            found.append(MissingForce(block.run, joint, block.unit, block.time, block.misfit, against))
     return found
 
 
@@ -183,11 +186,11 @@ def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
     return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
 
 
-def curves(
-    given: Sequence[Unexplained],
-    repaired: Sequence[Unexplained] | None = None,
-    law: Sequence[Unexplained] | None = None,
-    with_background: Sequence[Unexplained] | None = None,
+def force_curves(
+    given: Sequence[MissingForce],
+    repaired: Sequence[MissingForce] | None = None,
+    law: Sequence[MissingForce] | None = None,
+    with_background: Sequence[MissingForce] | None = None,
 ) -> tuple[ForceCurve, ...]:
     """Curves of the missing force over every quantity on which it may depend; the joint with the largest one first.
 
@@ -211,7 +214,7 @@ def curves(
     return tuple(found)
 
 
-def between(
+def compare_missing_forces(
     given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
 ) -> tuple[ForceCurve, ...]:
     """Curves of the missing force before and after a repair.
@@ -223,14 +226,14 @@ def between(
         law: whether to compute the force that the repair adds as well.
     """
     if repaired is None:
-        return curves(unexplained(given))
-    brought = explained(given, repaired) if law else None
-    rest = None if with_background is None else unexplained(with_background)
-    return curves(unexplained(given), unexplained(repaired), brought, rest)
+        return force_curves(missing_forces(given))
+    brought = force_added_by_repair(given, repaired) if law else None
+    rest = None if with_background is None else missing_forces(with_background)
+    return force_curves(missing_forces(given), missing_forces(repaired), brought, rest)
 
 
 def _curve(
-    u: Unexplained,
+    u: MissingForce,
     against: str,
     x: FloatArray,
     x_unit: str,
@@ -285,7 +288,7 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
     return mean, np.sqrt(np.maximum(scatter, usual) / (independent - 1.0)), float(np.median(independent))
 
 
-def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
+def pool_curves(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
     """Combine the curves of all runs into one for each joint and quantity; `ForceCurve.run` is then empty.
 
     Neighbouring points are averaged, with weights from their standard errors, to as many points as one run has.
@@ -302,7 +305,7 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
     order = np.argsort(x, kind="stable")
     place = np.empty(len(x), dtype=np.int64)
     place[order] = np.arange(len(x)) * points // len(x)
-    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    weight = 1.0 / np.maximum(std, min_standard_error(std)) ** 2
     at = np.bincount(place, weight * x) / np.bincount(place, weight)
     curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
     law, small = ([getattr(c, name) for c in mine] for name in ("law", "with_background"))
@@ -319,11 +322,11 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
 
 def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Weighted means over bins of values with different standard errors, and the standard errors of the means."""
-    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    weight = 1.0 / np.maximum(std, min_standard_error(std)) ** 2
     total = np.bincount(place, weight)
     return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
 
 
-def smallest(std: FloatArray) -> float:
+def min_standard_error(std: FloatArray) -> float:
     """Lower limit for the standard errors (b,) of bins, so that a bin without scatter does not get all the weight."""
     return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)

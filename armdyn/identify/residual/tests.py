@@ -13,7 +13,15 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem, by_channel, chi2_of, deviates, samples_of
+from armdyn.identify.problem import (
+    EFFECT_PRIOR_SIZE,
+    Problem,
+    ResidualBlock,
+    blocks_by_channel,
+    chi2_sum,
+    chi2_z_value,
+    sample_count,
+)
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
@@ -23,25 +31,27 @@ parameters can imitate."""
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class ScoreTest:
     """Predicted contribution of one candidate effect to a fit (score test).
 
     Attributes:
         candidate: the candidate effect.
-        drop: predicted decrease of chi2, with the effect's values within their bounds.
-        same_as: names of fitted parameters that imitate the effect, if these runs do not identify it; else empty.
+        chi2_decrease: predicted decrease of chi2, with the effect's values within their bounds.
+        imitated_by: names of fitted parameters that imitate the effect, if these runs do not identify it; else empty.
     """
 
     candidate: Candidate
-    drop: float
-    same_as: tuple[str, ...]
+    chi2_decrease: float
+    imitated_by: tuple[str, ...]
 
 
 ROWS_AT_ONCE = 2**13
 """Number of samples that are factorised at once, which limits the memory."""
 
 
-def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compress_residuals(
+    problem: Problem, blocks: Sequence[ResidualBlock], values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Compress the residuals and derivatives of all samples and priors to at most P + 1 rows.
 
     The compressed residual and derivatives have the same products J'J, J'r and r'r as those of all samples. They come
@@ -65,32 +75,32 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
     return table[:, -1], table[:, :-1]
 
 
-def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
+def score_tests(fit: Fit, candidates: Sequence[Candidate]) -> list[ScoreTest]:
     """Predict how much each candidate effect would lower chi2 if it were added to a fit, the largest decrease first."""
     problem = fit.problem
-    residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
+    residual, jacobian = compress_residuals(problem, problem.blocks(fit.values), fit.values)
     with np.errstate(all="ignore"):
         scaled = jacobian * problem.typical
     if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a diverging simulation predicts nothing
-        return [Score(candidate, 0.0, ()) for candidate in candidates]
+        return [ScoreTest(candidate, 0.0, ()) for candidate in candidates]
     Q, R = np.linalg.qr(scaled[:, fit.free])
     residual = residual - Q @ (Q.T @ residual)
     found = []
     for candidate in candidates:
-        columns = np.flatnonzero(problem.of(candidate.names))
+        columns = np.flatnonzero(problem.unknowns_of(candidate.names))
         found.append(_score(fit, candidate, columns, scaled[:, columns], Q, R, residual))
-    return sorted(found, key=lambda score: -score.drop)
+    return sorted(found, key=lambda score: -score.chi2_decrease)
 
 
-def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
+def linearised_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
     """(P,) values that minimise the cost of the model linearised at a fit, if the parameters `names` are fitted too.
 
     The values are within their bounds; those that the runs do not identify stay within about `EFFECT_PRIOR_SIZE`
     typical sizes.
     """
     problem = fit.problem
-    columns = np.flatnonzero(fit.free | problem.of(names))
-    residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
+    columns = np.flatnonzero(fit.free | problem.unknowns_of(names))
+    residual, jacobian = compress_residuals(problem, problem.blocks(fit.values), fit.values)
     width = EFFECT_PRIOR_SIZE * problem.typical[columns]
     scaled = jacobian[:, columns] * width
     lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
@@ -108,12 +118,12 @@ def _score(
     Q: np.ndarray,
     R: np.ndarray,
     residual: np.ndarray,
-) -> Score:
+) -> ScoreTest:
     problem = fit.problem
     norms = np.linalg.norm(directions, axis=0)
     seen = directions[:, norms > 0]
     if seen.shape[1] == 0:
-        return Score(candidate, 0.0, ())
+        return ScoreTest(candidate, 0.0, ())
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
@@ -121,16 +131,16 @@ def _score(
         weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
-        return Score(candidate, 0.0, imitators)
+        return ScoreTest(candidate, 0.0, imitators)
     step = np.zeros(len(norms))
     step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
     values = fit.values[columns]
     allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
-        return Score(candidate, 0.0, ())
+        return ScoreTest(candidate, 0.0, ())
     change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
-    return Score(candidate, float(change @ change), ())
+    return ScoreTest(candidate, float(change @ change), ())
 
 
 MAX_Z = 5.0
@@ -164,15 +174,15 @@ class ResidualTests:
         return self.z > MAX_Z or self.whiteness < MIN_WHITENESS or self.score < MIN_SCORE_PROBABILITY
 
 
-def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
+def residual_tests(fit: Fit, promised: list[ScoreTest]) -> ResidualTests:
     """Test the residual of a fit against noise.
 
     Args:
         fit: the fit.
-        promised: predicted contributions of the candidate effects; see `scores`.
+        promised: predicted contributions of the candidate effects; see `score_tests`.
     """
-    z = max(deviates(chi2_of(blocks), samples_of(blocks)) for blocks in by_channel(fit.blocks).values())
+    z = max(chi2_z_value(chi2_sum(blocks), sample_count(blocks)) for blocks in blocks_by_channel(fit.blocks).values())
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
-    chances = (float(chdtrc(max(1, len(s.candidate.names)), s.drop)) for s in promised)
+    chances = (float(chdtrc(max(1, len(s.candidate.names)), s.chi2_decrease)) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
     return ResidualTests(z, min(1.0, whiteness), min(1.0, score))

@@ -15,11 +15,11 @@ import numpy as np
 
 from armdyn.identify.fit import Fit, fit
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.problem import Problem, transferred
+from armdyn.identify.problem import Problem, transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.path import Step
-from armdyn.identify.selection.select_effects import by_evidence, select
+from armdyn.identify.selection.path import SearchStep
+from armdyn.identify.selection.select_effects import evidence_rule, search_set
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.run import Run
 
@@ -34,7 +34,7 @@ MAX_BACKGROUND_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class FullModel:
+class AllEffectsFit:
     """Fit of a model with all effects of the catalogue at once.
 
     Effects with strong evidence are fitted freely; the values of all others have a prior with one common width.
@@ -59,27 +59,27 @@ class FullModel:
 
 
 @dataclass(frozen=True)
-class SmallValues:
+class BackgroundFit:
     """Small values of many effects that reports do not name, fitted together with the named effects.
 
     Attributes:
-        width: width of their prior, in typical sizes; see `FullModel`.
+        width: width of their prior, in typical sizes; see `AllEffectsFit`.
         values: the small values by parameter name, in the parameter's unit.
         fit: fit of named effects and small values together.
         covariance: (P, P) covariance of all unknowns of the study.
-        in_turn: predictions of every training run by a fit to the others; empty for a single run.
+        leave_one_out_predictions: predictions of every training run by a fit to the others; empty for a single run.
     """
 
     width: float
     values: dict[str, float]
     fit: Fit
     covariance: np.ndarray
-    in_turn: tuple[Fit, ...]
+    leave_one_out_predictions: tuple[Fit, ...]
 
 
 def fit_full_model(
     study: LinearStudy, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]
-) -> FullModel:
+) -> AllEffectsFit:
     """Fit all effects of the catalogue at once, linearised again at every fit until the residual stops falling.
 
     Args:
@@ -88,22 +88,22 @@ def fit_full_model(
         near: the fit at which the model is linearised first.
         say: called with a text on the progress of the search.
     """
-    best: FullModel | None = None
+    best: AllEffectsFit | None = None
     for _ in range(MAX_EXPANSIONS):
         scorer = study.scorer(near)
-        sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
+        sure = search_set(scorer, evidence_rule(scorer), scorer.evaluate(scorer.split_into_candidates(effects)), say)
         by_width = {
-            s: scorer.predicted(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
+            s: scorer.prediction_log_likelihood(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
             for s in PRIOR_WIDTHS
         }
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
-        found = FullModel(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
+        found = AllEffectsFit(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums predict little of a model that is far from linear.
         if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
-        known, best = scorer.within(effects), found
+        known, best = scorer.split_into_candidates(effects), found
         if width == 0.0 and set(known) == set(sure.effects):
             break
         effects, near = sure.effects, found.fit
@@ -111,7 +111,7 @@ def fit_full_model(
     return best
 
 
-def find_background(full: FullModel, told: Step) -> SmallValues | None:
+def find_background(full: AllEffectsFit, told: SearchStep) -> BackgroundFit | None:
     """Find the small values to add to a model with named effects.
 
     Args:
@@ -122,18 +122,18 @@ def find_background(full: FullModel, told: Step) -> SmallValues | None:
         The small values; None where they do not improve the prediction of other runs.
     """
     study, scorer, before = full.study, full.scorer, full.study.scorer(told.fit)
-    named = before.within(told.effects)
-    unnamed = before.errors_predicted(before.widths(named, 0.0))
-    gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
+    named = before.split_into_candidates(told.effects)
+    unnamed = before.prediction_errors(before.widths(named, 0.0))
+    gained = scorer.prediction_log_likelihood(full.widths) - scorer.log_likelihood(unnamed)
     if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(told.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
-    own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
+    own = np.flatnonzero(problem.unknowns_of(names) & (full.fit.values != problem.null))
     if len(own) == 0:
         return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
     in_turn = tuple(_in_turn(study, scorer, full.widths))
-    return SmallValues(full.width, values, full.fit, full.covariance, in_turn)
+    return BackgroundFit(full.width, values, full.fit, full.covariance, in_turn)
 
 
 def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
@@ -149,12 +149,12 @@ def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tup
 
 
 def _in_turn(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> Iterator[Fit]:
-    """Every training run, predicted by a fit to the others; see `SmallValues.in_turn`."""
-    for run, others in scorer.without_each():
+    """Every training run, predicted by a fit to the others; see `BackgroundFit.leave_one_out_predictions`."""
+    for run, others in scorer.leave_one_out():
         rest = _with_priors(study, scorer, widths, [r for i, r in enumerate(study.runs) if i != run], others)
         alone = Problem(study.problem.model, [study.runs[run]], study.noise)
         free = np.zeros(len(alone.columns), dtype=bool)
-        values = transferred(rest.values, rest.problem, alone)
+        values = transfer_values(rest.values, rest.problem, alone)
         yield Fit(alone, free, values, tuple(alone.blocks(values, free)), rest.outcome)
 
 
@@ -167,12 +167,12 @@ def _with_priors(
     """
     sums, moving = scorer.sums, widths > 0.0
     columns = scorer.columns[moving]
-    start = scorer.values_after(scorer.solution(widths, units))
+    start = scorer.changed_values(scorer.solution(widths, units))
     width = np.zeros(len(start))
     width[columns] = widths[moving] * scorer.typical[moving]
-    problem = Problem(study.problem.model, runs, {**study.problem.noise, **scorer.levels})
-    width = transferred(width, sums.problem, problem, missing=0.0)
+    problem = Problem(study.problem.model, runs, {**study.problem.noise, **scorer.effective_noise})
+    width = transfer_values(width, sums.problem, problem, missing=0.0)
     free = width > 0.0
     unknown = free & (problem.prior_weight == 0.0)
     problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
-    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)
+    return fit(problem, free, transfer_values(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)

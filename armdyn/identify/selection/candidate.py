@@ -11,12 +11,12 @@ class Candidate:
 
     Attributes:
         effect: name of the effect.
-        parts: pairs of a joint and the names of the effect's parameters on it; the joint is ``""`` where the effect
-            acts on the whole model.
+        parameter_names_by_joint: pairs of a joint and the names of the effect's parameters on it; the joint is ``""``
+            where the effect acts on the whole model.
     """
 
     effect: str
-    parts: tuple[tuple[str, tuple[str, ...]], ...]
+    parameter_names_by_joint: tuple[tuple[str, tuple[str, ...]], ...]
 
     @classmethod
     def of(cls, effect: str, parts: Mapping[str, tuple[str, ...]]) -> "Candidate":
@@ -26,12 +26,12 @@ class Candidate:
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Joints on which the effect acts, for an arm; empty where it acts on the whole model."""
-        return tuple(joint for joint, _ in self.parts if joint)
+        return tuple(joint for joint, _ in self.parameter_names_by_joint if joint)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters of the effect, on all its joints."""
-        return tuple(name for _, names in self.parts for name in names)
+        return tuple(name for _, names in self.parameter_names_by_joint for name in names)
 
     @property
     def label(self) -> str:
@@ -39,7 +39,7 @@ class Candidate:
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
 
     @property
-    def spoken(self) -> str:
+    def name_in_sentence(self) -> str:
         """Name of the effect for a sentence, such as ``"joint_spring on elbow"`` or ``"joint_spring on 5 joints"``."""
         if not self.joints:
             return self.effect
@@ -49,15 +49,15 @@ class Candidate:
 
     def split_by_joint(self) -> tuple["Candidate", ...]:
         """Split the candidate into one for each joint."""
-        return tuple(Candidate(self.effect, (part,)) for part in self.parts)
+        return tuple(Candidate(self.effect, (part,)) for part in self.parameter_names_by_joint)
 
     def on(self, joints: Collection[str]) -> "Candidate":
         """A candidate with the same effect on some of its joints only."""
-        return Candidate(self.effect, tuple(part for part in self.parts if part[0] in joints))
+        return Candidate(self.effect, tuple(part for part in self.parameter_names_by_joint if part[0] in joints))
 
-    def without(self, taken: Collection[str]) -> "Candidate":
+    def without_parameters(self, taken: Collection[str]) -> "Candidate":
         """A copy without the parameters `taken`, which a model already has; its `parts` are empty if none remains."""
-        left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parts)
+        left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parameter_names_by_joint)
         return Candidate(self.effect, tuple(part for part in left if part[1]))
 
 
@@ -66,5 +66,7 @@ def group_by_effect(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     found: dict[str, Candidate] = {}
     for c in candidates:
         known = found.get(c.effect)
-        found[c.effect] = c if known is None else Candidate(c.effect, (*known.parts, *c.parts))
+        found[c.effect] = (
+            c if known is None else Candidate(c.effect, (*known.parameter_names_by_joint, *c.parameter_names_by_joint))
+        )
     return tuple(found.values())

@@ -24,7 +24,7 @@ from math import log, sqrt
 import numpy as np
 
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import BELIEF_NATS, SetScore, SetScorer
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, SetScore, SetScorer
 from armdyn.identify.selection.sums import Sums
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
@@ -36,7 +36,7 @@ of a Gen3 arm are not found; with 20 the error on exam runs is below that of the
 imperfect arms, and at most 1.13 times it for the others."""
 NOISE_POWER_RATIO = 1.2
 """Ratio of the residual variance of the wide model to the noise variance up to which the residual counts as noise: for
-clean simulations with many samples it is up to 1.1; see `noisy`."""
+clean simulations with many samples it is up to 1.1; see `max_noise_ratio`."""
 EFFECT_PRICE, VALUE_PRICE = 0.05, 0.01
 """Share of the squared error that an effect on a joint, and each of its parameters, must remove to be a leading effect.
 """
@@ -50,7 +50,7 @@ TRAINING, HELD_OUT = 0, 1
 """Row index of training runs, and of held-out runs, in arrays of errors."""
 
 
-def noisy(samples: float) -> float:
+def max_noise_ratio(samples: float) -> float:
     """Largest ratio of a mean squared residual to the noise variance that counts as noise.
 
     Args:
@@ -60,7 +60,7 @@ def noisy(samples: float) -> float:
     return NOISE_POWER_RATIO * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
-def misfit_of(ratio: np.ndarray) -> np.ndarray:
+def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
     """-2 log likelihood per sample, with the most likely variance of the model's own error.
 
     Args:
@@ -82,12 +82,12 @@ class LinearScorer(SetScorer):
     Attributes:
         columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
         typical: (c,) typical sizes of these unknowns.
-        places: (k,) positions in `columns` of the unknowns of each candidate.
+        positions: (k,) positions in `columns` of the unknowns of each candidate.
         training: indices of the units (one channel in one run) that fits use.
         given_misfit: squared error of the model as given, at this linearisation or at the first one.
     """
 
-    most_named = 8
+    max_ranked_effects = 8
 
     def __init__(
         self,
@@ -100,12 +100,12 @@ class LinearScorer(SetScorer):
         super().__init__(sums.problem, candidates, given, catalogue_size)
         p, self.sums = sums.problem, sums
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
-        of_effects = p.of([name for c in candidates for name in c.names])
+        of_effects = p.unknowns_of([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)
         self.columns = np.append(base, np.flatnonzero(of_effects & moved))
         C, t = self.columns, p.typical[self.columns]
         self.typical, self._base = t, len(base)
-        self.places = {c: len(base) + np.flatnonzero(p.of(c.names)[C[len(base) :]]) for c in candidates}
+        self.positions = {c: len(base) + np.flatnonzero(p.unknowns_of(c.names)[C[len(base) :]]) for c in candidates}
         self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
         self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
         self._latent = sums.driver[C] != C
@@ -125,9 +125,9 @@ class LinearScorer(SetScorer):
         self._simpler: dict[Candidate, int] = {}
         self._variance, self._samples = self._measured()
         self._normals.clear()
-        self.given_misfit = self.of(given).misfit
+        self.given_misfit = self.evaluate(given).misfit
 
-    def compared_with(self, given_misfit: float) -> "LinearScorer":
+    def with_given_misfit(self, given_misfit: float) -> "LinearScorer":
         """A copy of the scorer that compares sets with another squared error of the model as given."""
         other = copy(self)
         other.given_misfit = given_misfit
@@ -186,7 +186,7 @@ class LinearScorer(SetScorer):
         return float(np.average([correlation_time([one]) for one in left], weights=s.count[units]))
 
     @property
-    def levels(self) -> dict[tuple[str, str], float]:
+    def effective_noise(self) -> dict[tuple[str, str], float]:
         """Effective noise of the training runs, by run and channel: with it, a sample has the weight of these fits."""
         return {
             (block.run, block.channel): float(self._weight()[self.sums.channel[i]] ** -0.5)
@@ -210,7 +210,7 @@ class LinearScorer(SetScorer):
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
         for one in effects:
-            found[self.places[one]] = self._wide[self.places[one]]
+            found[self.positions[one]] = self._wide[self.positions[one]]
         return found
 
     def simpler_effects_in(self, one: Candidate) -> int:
@@ -220,8 +220,8 @@ class LinearScorer(SetScorer):
         return self._simpler[one]
 
     def _count_simpler(self, one: Candidate) -> int:
-        own = self.places[one]
-        simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.places[c]) < len(own)]
+        own = self.positions[one]
+        simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.positions[c]) < len(own)]
         if not simpler or not one.joints:
             return 1
         G, others = self._normal(self.training)[0], self._of(simpler)
@@ -273,7 +273,7 @@ class LinearScorer(SetScorer):
         total = self._stages.squared_error(change, np.arange(len(self._stages.count)))
         return (total / np.maximum(self._stages.count, 1.0)).reshape(2, -1)
 
-    def errors_in_turn(self, widths: np.ndarray) -> np.ndarray:
+    def leave_one_out_errors(self, widths: np.ndarray) -> np.ndarray:
         """(c,) mean squared error, by channel, of training runs that are each predicted from the others.
 
         A single run is split into parts.
@@ -289,22 +289,22 @@ class LinearScorer(SetScorer):
             total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
         return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
 
-    def errors_predicted(self, widths: np.ndarray) -> np.ndarray:
+    def prediction_errors(self, widths: np.ndarray) -> np.ndarray:
         """(2, c) mean squared error, by channel, of training runs predicted from the others, and of held-out runs.
 
         Args:
             widths: (c,) prior widths of the unknowns.
         """
         held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
-        return np.array([self.errors_in_turn(widths), held_out])
+        return np.array([self.leave_one_out_errors(widths), held_out])
 
-    def predicted(self, widths: np.ndarray) -> float:
+    def prediction_log_likelihood(self, widths: np.ndarray) -> float:
         """Log likelihood of training runs that are predicted from the others, plus that of held-out runs.
 
         Args:
             widths: (c,) prior widths of the unknowns.
         """
-        return self.log_likelihood(self.errors_predicted(widths))
+        return self.log_likelihood(self.prediction_errors(widths))
 
     def log_likelihood(self, errors: np.ndarray) -> float:
         """Log likelihood of (2, c) mean squared errors of training and held-out runs, by channel."""
@@ -312,9 +312,9 @@ class LinearScorer(SetScorer):
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
-        return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=-1))
+        return np.asarray(-0.5 * np.sum(self._samples * misfit_per_sample(errors / self._variance), axis=-1))
 
-    def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
+    def leave_one_out(self) -> Iterator[tuple[int, np.ndarray]]:
         """For each training run, its index and the units of the other training runs; none for a single run."""
         run = self.sums.run[self._unit[self.training]]
         if len(np.unique(run)) > 1:
@@ -348,7 +348,7 @@ class LinearScorer(SetScorer):
         """(2, c) least mean squared error: that of the noise, where there are samples."""
         return self._noise * (self._samples > 0.0)
 
-    def reading_cost(self, one: SetScore) -> float:
+    def reporting_cost(self, one: SetScore) -> float:
         """Cost of a set in the choice of leading effects: the share of the squared error that it leaves, plus a price.
 
         The price is `EFFECT_PRICE` for each effect and `VALUE_PRICE` for each of its parameters.
@@ -373,7 +373,7 @@ class LinearScorer(SetScorer):
 
     def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
         """(k,) positions of the effects' unknowns among the columns."""
-        return np.concatenate([np.zeros(0, dtype=int), *(self.places[c] for c in effects)])
+        return np.concatenate([np.zeros(0, dtype=int), *(self.positions[c] for c in effects)])
 
     def _is_inside(self, change: np.ndarray, own: np.ndarray) -> bool:
         """Whether no effect relies on a value that the runs pull beyond its bound.
@@ -386,7 +386,7 @@ class LinearScorer(SetScorer):
             return True
         G, slope = self._normal(self.training)
         pull = slope[on] - G[on] @ change
-        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < BELIEF_NATS))
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
 
     def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
         """(k,) approximate scores of a set with each of k additions, without a full solution for each."""
@@ -395,7 +395,7 @@ class LinearScorer(SetScorer):
         return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
 
     def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate `reading_cost` of a set with each of k additions, without a full solution for each."""
+        """(k,) approximate `reporting_cost` of a set with each of k additions, without a full solution for each."""
         errors, _ = self._first_order(now, options)
         length = np.array([self._length((*now.effects, *come)) for come in options])
         return (self._misfit(errors) - self.least_misfit) / self._reducible + length
@@ -423,14 +423,14 @@ class LinearScorer(SetScorer):
         return errors.T.reshape(len(options), 2, -1), freedom
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """Of the sets with one of the options added, the one with the least `reading_cost`."""
-        return min((self.of((*now.effects, *one)) for one in options), key=self.reading_cost)
+        """Of the sets with one of the options added, the one with the least `reporting_cost`."""
+        return min((self.evaluate((*now.effects, *one)) for one in options), key=self.reporting_cost)
 
     def values(self, one: SetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `SetScorer.values`."""
-        return self.values_after(one.change / self.typical)
+        return self.changed_values(one.change / self.typical)
 
-    def values_after(self, change: np.ndarray) -> np.ndarray:
+    def changed_values(self, change: np.ndarray) -> np.ndarray:
         """(P,) values of all unknowns after a (c,) change of the scorer's unknowns, in typical sizes."""
         moved = change != 0.0
         return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
@@ -444,13 +444,13 @@ class LinearScorer(SetScorer):
         training, held_out = self.errors(one.change / self.typical)
         predicted = held_out if not self.sums.training.all() else np.zeros(0)
         if self.sums.training.all() and len(np.unique(self.sums.run)) > 1:
-            predicted = self.errors_in_turn(self.widths(one.effects, 0.0))
+            predicted = self.leave_one_out_errors(self.widths(one.effects, 0.0))
         return self._rms(training), self._rms(predicted)
 
     def _rms(self, errors: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
 
-    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set, and their (P,) standard deviations, which include the model's own error.
 
         Standard deviations of unknowns that are not fitted are 0.

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.select_effects import by_effect, eliminate
+from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.parameter import Parameter
 
@@ -35,7 +35,7 @@ def order_by_gain(
         effects: effects to order, each on one joint; the joints of one effect are added together.
         fixed_effects: effects that are present from the start.
     """
-    now, left = scorer.of(fixed_effects), by_effect([c for c in effects if c not in fixed_effects])
+    now, left = scorer.evaluate(fixed_effects), group_joints_by_effect([c for c in effects if c not in fixed_effects])
     found = list[PathSegment]()
     while left:
         now = scorer.next_reported(now, left)
@@ -45,7 +45,7 @@ def order_by_gain(
     return found
 
 
-def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Find effects that fit and predict as well in place of a part of a set, so that these runs cannot tell them apart.
 
     An effect that needs more parameters than the part is penalised for those that have influence.
@@ -58,13 +58,13 @@ def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
-    without = scorer.of(rest)
+    without = scorer.evaluate(rest)
     plausible_effects = scorer.candidates
     for name in dict.fromkeys(c.effect for c in plausible_effects if c.effect != part[0].effect):
         others = [c for c in plausible_effects if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
             continue
-        other = scorer.of((*rest, *others))
+        other = scorer.evaluate((*rest, *others))
         if not (np.isfinite(other.score) and scorer.schwarz_score(other) > scorer.schwarz_score(without)):
             continue  # it explains nothing, or little of what it would replace
         if scorer.ties(whole, other, without):
@@ -106,8 +106,8 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
             the search found none.
         tied: effects that these runs cannot distinguish from `first`.
     """
-    nothing = scorer.of(scorer.given)
-    found = [scorer.of((*scorer.given, *first))] if first else []
+    nothing = scorer.evaluate(scorer.given)
+    found = [scorer.evaluate((*scorer.given, *first))] if first else []
     plausible_effects = [c for c in scorer.candidates if c not in scorer.given]
     for name in dict.fromkeys(c.effect for c in plausible_effects):
         if not first or name != first[0].effect:
@@ -117,7 +117,7 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
     rest = sorted(worth, key=lambda one: -one.score)
     names = [c.effect for c in tied]
     described = []
-    for one in (*leading, *rest)[: scorer.most_named]:
+    for one in (*leading, *rest)[: scorer.max_ranked_effects]:
         mine = group_by_effect([c for c in one.effects if c not in scorer.given])[0]
         others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
         described.append(_described(scorer, one, mine, nothing, tuple(dict.fromkeys(others))))
@@ -127,8 +127,8 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
 def _alone(scorer: SetScorer, joints: Sequence[Candidate], nothing: SetScore) -> SetScore:
     """An effect on all joints that need it, or on the best one."""
     given = scorer.given
-    several = eliminate(scorer, lambda one: -one.score, scorer.of((*given, *joints)))
-    single = max((scorer.of((*given, c)) for c in joints), key=lambda one: one.score)
+    several = eliminate(scorer, lambda one: -one.score, scorer.evaluate((*given, *joints)))
+    single = max((scorer.evaluate((*given, c)) for c in joints), key=lambda one: one.score)
     return max((several, single, nothing), key=lambda one: one.score)
 
 
@@ -136,9 +136,9 @@ def _described(
     scorer: SetScorer, one: SetScore, named: Candidate, nothing: SetScore, tied: tuple[str, ...]
 ) -> RankedEffect:
     p = scorer.problem
-    own = np.flatnonzero(p.of(named.names))
+    own = np.flatnonzero(p.unknowns_of(named.names))
     rmse, held_out_rmse = scorer.errors_by_channel(one)
-    values, deviations = scorer.fitted(one)
+    values, deviations = scorer.fitted_values(one)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     return RankedEffect(
         effect=named.effect,

@@ -19,13 +19,13 @@ from armdyn.identify.selection.set_score import SetScore, SetScorer
 SCORED_CHANGES = 12
 """Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
 
-Cost = Callable[[SetScore], float]
+SetCost = Callable[[SetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
 """Effects removed from a set, and effects added to it."""
 
 
 @dataclass(frozen=True)
-class Rule:
+class SetRule:
     """A rule for comparing sets of effects.
 
     Attributes:
@@ -33,23 +33,23 @@ class Rule:
         first_order: function that approximates the (k,) costs of a set with each of k additions.
     """
 
-    cost: Cost
+    cost: SetCost
     first_order: Callable[[SetScore, Sequence[Sequence[Candidate]]], np.ndarray]
 
 
-def by_evidence(scorer: LinearScorer) -> Rule:
+def evidence_rule(scorer: LinearScorer) -> SetRule:
     """The rule that prefers sets of effects with strong evidence."""
-    return Rule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
+    return SetRule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
 
 
-def by_share(scorer: LinearScorer) -> Rule:
-    """The rule that prefers small sets of effects that remove most of the squared error; see `reading_cost`."""
-    return Rule(scorer.reading_cost, scorer.first_order_cost)
+def share_rule(scorer: LinearScorer) -> SetRule:
+    """The rule that prefers small sets of effects that remove most of the squared error; see `reporting_cost`."""
+    return SetRule(scorer.reporting_cost, scorer.first_order_cost)
 
 
-def select(
+def search_set(
     scorer: LinearScorer,
-    rule: Rule,
+    rule: SetRule,
     start: SetScore,
     say: Callable[[str], None],
     fixed_effects: Collection[Candidate] | None = None,
@@ -78,7 +78,7 @@ def select(
 
 
 def eliminate(
-    scorer: SetScorer, cost: Cost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
+    scorer: SetScorer, cost: SetCost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
 ) -> SetScore:
     """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
 
@@ -91,15 +91,15 @@ def eliminate(
     fixed_effects = scorer.given if fixed_effects is None else fixed_effects
     while True:
         free = [c for c in now.effects if c not in fixed_effects]
-        parts = [(c,) for c in free] + [own for own in by_effect(free) if len(own) > 1]
-        fewer = (scorer.of([c for c in now.effects if c not in part]) for part in parts)
+        parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
+        fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in parts)
         best = min(fewer, key=cost, default=now)
         if best is now or cost(best) > cost(now):
             return now
         now = best
 
 
-def by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
+def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
     """Group candidates on one joint each by the name of their effect."""
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
@@ -108,13 +108,13 @@ def _additions(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Ca
     del fixed_effects
     left = [c for c in scorer.candidates if c not in now.effects]
     yield from (((), (c,)) for c in left)
-    yield from (((), whole) for whole in by_effect(left) if len(whole) > 1)
+    yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
 def _exchanges(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
     free = [c for c in now.effects if c not in fixed_effects]
     left = [c for c in scorer.candidates if c not in now.effects]
-    for part in [*((c,) for c in free), *(own for own in by_effect(free) if len(own) > 1)]:
+    for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
 
 
@@ -131,14 +131,14 @@ def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candid
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
 
 
-def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
+def _promising(scorer: LinearScorer, rule: SetRule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
     """Sets after the changes with the least predicted cost."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:
         by_gone.setdefault(gone, []).append(come)
     found: list[tuple[float, tuple[Candidate, ...]]] = []
     for gone, options in by_gone.items():
-        rest = scorer.of([c for c in now.effects if c not in gone])
+        rest = scorer.evaluate([c for c in now.effects if c not in gone])
         costs = rule.first_order(rest, options).tolist()
         found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]
+    return [scorer.evaluate(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]

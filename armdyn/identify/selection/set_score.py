@@ -18,7 +18,7 @@ import numpy as np
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
 
-BELIEF_NATS = log(100.0)
+ACCEPTANCE_NATS = log(100.0)
 """Evidence beyond chance, nats, at which an effect is accepted: one false effect in a hundred clean recordings."""
 FURTHER_JOINT_NATS = log(10.0)
 """Evidence beyond chance, nats, at which an accepted effect is also accepted on a further joint."""
@@ -66,7 +66,7 @@ class SetScorer(ABC):
         catalogue_size: number of effects from which the candidates were chosen, if it is larger than theirs.
     """
 
-    most_named: ClassVar[int]
+    max_ranked_effects: ClassVar[int]
     """Largest number of effects in a ranking of those that may be missing."""
 
     def __init__(
@@ -101,16 +101,16 @@ class SetScorer(ABC):
         """
 
     @abstractmethod
-    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set's unknowns as reported, and (P,) their standard deviations."""
 
     @abstractmethod
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
-    def settle(self, effects: Iterable[Candidate]) -> SetScore:
+    def optimise(self, effects: Iterable[Candidate]) -> SetScore:
         """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
-        return self.of(effects)
+        return self.evaluate(effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
         """Whether the runs cannot tell two sets apart.
@@ -123,12 +123,12 @@ class SetScorer(ABC):
         del without
         return self.schwarz_score(whole) - self.schwarz_score(other) < TIE_NATS
 
-    def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    def split_into_candidates(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """Split effects on several joints into the scorer's candidates, each on one joint."""
         names = {name for effect in effects for name in effect.names}
         return tuple(c for c in self.candidates if names.issuperset(c.names))
 
-    def of(self, effects: Iterable[Candidate]) -> SetScore:
+    def evaluate(self, effects: Iterable[Candidate]) -> SetScore:
         """The score of a set of effects; it is computed once."""
         key = frozenset(effects)
         if key not in self._known:
@@ -146,8 +146,8 @@ class SetScorer(ABC):
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + BELIEF_NATS + (on - 1) * FURTHER_JOINT_NATS
-        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + BELIEF_NATS) for c in effects)
+            found += catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS
+        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + ACCEPTANCE_NATS) for c in effects)
 
     def simpler_effects_in(self, one: Candidate) -> int:
         """Number of simpler effects whose sum is one effect; 1 where it is no such sum."""

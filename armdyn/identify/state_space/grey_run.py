@@ -10,15 +10,15 @@ from armdyn.identify.fit import CHI2_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
-    Colour,
-    Gram,
+    ChannelRows,
+    ColouredNoise,
     Innovations,
     PieceChain,
-    Rows,
-    blocks,
-    combined,
-    filtered,
-    smoothed,
+    WhitenedSums,
+    add_channels,
+    filter_run,
+    memory_slices,
+    smooth_run,
 )
 from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import simulated
@@ -45,7 +45,7 @@ MAX_GLITCH_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class Noise:
+class RunNoise:
     """Process noise and sensor noise of one run.
 
     Attributes:
@@ -56,15 +56,15 @@ class Noise:
 
     kick: float
     level: tuple[float, ...]
-    colour: tuple[Colour, ...]
+    colour: tuple[ColouredNoise, ...]
 
 
-def scaled(noise: Noise, factor: float) -> Noise:
+def scale_noise(noise: RunNoise, factor: float) -> RunNoise:
     """A copy of the noise with all standard deviations multiplied by a factor."""
-    return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
+    return RunNoise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
 
 
-class GreyRun:
+class GreyBoxRun:
     """One run, divided into pieces, which can be linearised around a motion.
 
     Args:
@@ -79,7 +79,7 @@ class GreyRun:
         self.problem, self.index, self.swing = problem, index, swing
         self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
         self.pieces = Pieces(model, self.run, share * swing)
-        self.places = problem.places(index)
+        self.unknowns = problem.unknowns_of_run(index)
         self.channels = self.pieces.channels
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
@@ -92,7 +92,7 @@ class GreyRun:
         Args:
             values: (P,) values of the unknowns.
         """
-        theta = values[self.places]
+        theta = values[self.unknowns]
         while True:
             states = self._from_measured(values)
             found = self.pieces.linearised(theta, states, np.zeros(0, dtype=int))
@@ -103,7 +103,7 @@ class GreyRun:
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
-        theta = values[self.places]
+        theta = values[self.unknowns]
         begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
         return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
 
@@ -113,21 +113,21 @@ class GreyRun:
         What the model lacks, such as friction, or a slightly wrong length, would grow to a different swing in a long
         simulation; kicks keep the difference small while the stretch grows.
         """
-        theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
+        theta, even = values[self.unknowns], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled(theta), FIRST_PIECES
         none = np.zeros(len(values), dtype=bool)
-        around = self.around(values, states, even, none)
-        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
+        around = self.linearise(values, states, even, none)
+        while known < len(states) and not around.mean_squared_residual(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
             begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
             for _ in range(MAX_SMOOTHER_STEPS):
-                if not around.finite or around.left(begin, known) < CHI2_NEAR_NOISE:
+                if not around.finite or around.mean_squared_residual(begin, known) < CHI2_NEAR_NOISE:
                     break
-                states = around.smoothed_until(known)
+                states = around.smooth_first_pieces(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
-                around = self.around(values, states, even, none)
+                around = self.linearise(values, states, even, none)
         return states
 
-    def around(
+    def linearise(
         self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray], wanted: np.ndarray
     ) -> "LinearisedRun":
         """Linearise the run at (P,) values of the unknowns and (J, n) states.
@@ -161,7 +161,7 @@ class GreyRun:
         chain = PieceChain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
-            Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
+            ChannelRows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
             for c, quiet, weight in given
         ]
         return LinearisedRun(self, states, chain, rows, definition, wanted)
@@ -172,8 +172,8 @@ class GreyRun:
         Effects that add states are kept, so that all sets of effects have the same states.
         """
         model = self.pieces.model
-        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
-        return self.pieces.of(simulated(lean)), self.places[places]
+        lean, places = self.problem.reduced_model(self.problem.needed_effects(values, wanted) | model.remembering)
+        return self.pieces.of(simulated(lean)), self.unknowns[places]
 
 
 class LinearisedRun:
@@ -190,34 +190,34 @@ class LinearisedRun:
 
     def __init__(
         self,
-        run: GreyRun,
+        run: GreyBoxRun,
         states: np.ndarray,
         chain: PieceChain,
-        rows: Sequence[Rows],
+        rows: Sequence[ChannelRows],
         definition: np.ndarray,
         wanted: np.ndarray,
     ) -> None:
         self.run, self.states, self.chain, self.rows = run, states, chain, rows
         self._definition, self._wanted = definition, wanted
-        self._grams: dict[tuple[int, Colour], Gram] = {}
+        self._grams: dict[tuple[int, ColouredNoise], WhitenedSums] = {}
         direction = np.sqrt(np.diag(chain.kicked))
         n = states.shape[1]
         told = [
-            np.einsum("i,jik,k->j", direction, self.gram(c, Colour()).sums[:, :n, :n], direction)
+            np.einsum("i,jik,k->j", direction, self.whitened_sums(c, ColouredNoise()).sums[:, :n, :n], direction)
             for c in range(len(rows))
         ]
-        self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        self.most_informative_channel = int(np.argmax([np.median(t) for t in told]))
         made = [chain.gap, chain.transition, chain.by_unknown, *(one.value for one in rows)]
         self.finite = all(bool(np.isfinite(x).all()) for x in made)
-        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
+        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.most_informative_channel]), 1e-300)))
 
-    def gram(self, channel: int, colour: Colour) -> Gram:
+    def whitened_sums(self, channel: int, colour: ColouredNoise) -> WhitenedSums:
         """Whitened sums of the channel with index `channel`, for one assumption on its correlated error; cached."""
         if (channel, colour) not in self._grams:
             (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
 
-    def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
+    def innovations(self, noises: Sequence[RunNoise], kicks: np.ndarray) -> Innovations:
         """Sums of the innovations (prediction errors) of the run at several noise settings.
 
         Args:
@@ -229,13 +229,13 @@ class LinearisedRun:
         """
         acting = self._acting
         if acting.all() and self._wanted.all():
-            return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+            return filter_run(self._sums(noises, len(kicks)), self.chain, kicks)
         n, P = self.states.shape[1], len(acting)
         columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
         parts = (
             (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
         )
-        found = filtered(parts, self.chain.of(acting), kicks)
+        found = filter_run(parts, self.chain.of(acting), kicks)
         S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
         gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
         gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
@@ -250,18 +250,22 @@ class LinearisedRun:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
         return np.asarray(acting if acting.sum() < MAX_ACTING_SHARE * len(acting) else np.ones_like(acting))
 
-    def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-        """Sums of consecutive pieces for C noises, as input of `filtered` with `kicks` sizes of the kicks."""
+    def _sums(self, noises: Sequence[RunNoise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        """Sums of consecutive pieces for C noises, as input of `filter_run` with `kicks` sizes of the kicks."""
         width = self.rows[0].width
-        for pieces in blocks(len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)):
+        for pieces in memory_slices(
+            len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)
+        ):
             grams = [
                 self._whitened(c, list(dict.fromkeys(n.colour[c] for n in noises)), pieces) for c in self._channels
             ]
-            found = [combined([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
+            found = [add_channels([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
             sums, logs, rows = (list(part) for part in zip(*found, strict=True))
             yield np.array(sums), np.array(logs), rows[0]
 
-    def _whitened(self, channel: int, colours: Sequence[Colour], pieces: slice) -> dict[Colour, Gram]:
+    def _whitened(
+        self, channel: int, colours: Sequence[ColouredNoise], pieces: slice
+    ) -> dict[ColouredNoise, WhitenedSums]:
         """Sums of one channel over some pieces, by colour."""
         known = {c: self._grams[channel, c].of(pieces) for c in colours if (channel, c) in self._grams}
         new = [c for c in colours if c not in known]
@@ -271,7 +275,7 @@ class LinearisedRun:
     def _channels(self) -> range:
         return range(len(self.rows))
 
-    def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def smooth(self, noise: RunNoise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Smooth the motion of the run after a change of the unknowns.
 
         Args:
@@ -281,29 +285,29 @@ class LinearisedRun:
         Returns:
             (J, n) states at the beginning of the pieces, and (J, n) kicks there.
         """
-        moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
+        moved, kicks = smooth_run(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
-    def left(self, begin: int, end: int) -> float:
+    def mean_squared_residual(self, begin: int, end: int) -> float:
         """Mean squared residual over the noise variance, in the pieces with indices from `begin` up to `end`."""
         residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
         return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
-    def smoothed_until(self, known: int) -> np.ndarray:
+    def smooth_first_pieces(self, known: int) -> np.ndarray:
         """(J, n) states, smoothed with the samples of the first `known` pieces alone.
 
         The kicks have the size of the accuracy with which one piece determines a speed.
         """
         channels = len(self.rows)
-        sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
+        sums = self._at(RunNoise(self.kick_unit, (1.0,) * channels, (ColouredNoise(),) * channels))
         sums[known:] = 0.0
-        return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
+        return self.states + smooth_run(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
 
-    def _at(self, noise: Noise) -> np.ndarray:
+    def _at(self, noise: RunNoise) -> np.ndarray:
         """(J, w, w) whitened sums of all channels for one noise."""
-        return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
+        return add_channels([self.whitened_sums(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
-    def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
+    def glitch_weights(self, noise: RunNoise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """Find glitches: samples that the noise does not explain.
 
         Args:
@@ -314,7 +318,7 @@ class LinearisedRun:
             By channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for a glitch.
         """
         change = change[self._wanted]
-        moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
+        moved, _ = smooth_run(self._at(noise), self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)

@@ -35,7 +35,7 @@ ALL_PIECES = slice(None)
 
 
 @dataclass(frozen=True)
-class Colour:
+class ColouredNoise:
     """Sensor error that is correlated in time (coloured noise): an Ornstein-Uhlenbeck process.
 
     Attributes:
@@ -48,7 +48,7 @@ class Colour:
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
+class WhitenedSums:
     """Sums of products of one channel's whitened samples, for each of J pieces, in units of the white noise.
 
     Attributes:
@@ -61,12 +61,12 @@ class Gram:
     log_std: np.ndarray
     rows: np.ndarray
 
-    def of(self, pieces: slice) -> "Gram":
+    def of(self, pieces: slice) -> "WhitenedSums":
         """The sums of the pieces in a slice."""
-        return Gram(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
+        return WhitenedSums(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
 
 
-class Rows:
+class ChannelRows:
     """Linearised samples of one channel, averaged and arranged by piece (as "rows"), ready to be whitened.
 
     Args:
@@ -105,7 +105,7 @@ class Rows:
         mean = np.bincount(key, weights=share * samples.time, minlength=pieces * m) / np.where(total > 0.0, total, 1.0)
         self.time = mean.reshape(pieces, m)
         self.value = np.zeros((m, pieces, self.width))
-        for some in blocks(pieces, m * group * self.width):
+        for some in memory_slices(pieces, m * group * self.width):
             inside = slice(begins[some.start], begins[some.stop])
             by_state, residual = samples.by_state[inside], (samples.measured - samples.predicted)[inside]
             rows = np.zeros((len(residual), self.width))
@@ -126,7 +126,7 @@ class Rows:
         self.noise = noise / np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colours: Sequence[Colour], pieces: slice = ALL_PIECES) -> list[Gram]:
+    def whitened(self, colours: Sequence[ColouredNoise], pieces: slice = ALL_PIECES) -> list[WhitenedSums]:
         """Whiten the rows of some pieces and sum their products, for each of several correlated sensor errors.
 
         Args:
@@ -135,15 +135,15 @@ class Rows:
         """
         m, J, width = self.value[:, pieces].shape
         sums, logs = np.empty((len(colours), J, width, width)), np.empty((len(colours), J))
-        for some in blocks(J, len(colours) * m * width):
+        for some in memory_slices(J, len(colours) * m * width):
             here = slice(*np.arange(*pieces.indices(self.value.shape[1]))[some][[0, -1]] + [0, 1])
             rows, logs[:, some] = self._scanned(colours, self.value[:, here], self.white[:, here], here)
             each = rows.transpose(1, 2, 0, 3)
             sums[:, some] = each.transpose(0, 1, 3, 2) @ each
         count = self.there[:, pieces].sum(axis=0).astype(float)
-        return [Gram(own, log, count) for own, log in zip(sums, logs, strict=True)]
+        return [WhitenedSums(own, log, count) for own, log in zip(sums, logs, strict=True)]
 
-    def deviates(self, colour: Colour, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def deviates(self, colour: ColouredNoise, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(N,) innovations in standard deviations: of each sample's row, given the earlier rows of its piece.
 
         Args:
@@ -158,7 +158,7 @@ class Rows:
         return np.abs(rows[:, 0, :, 0])[self._row] / level
 
     def _scanned(
-        self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray, pieces: slice
+        self, colours: Sequence[ColouredNoise], value: np.ndarray, white: np.ndarray, pieces: slice
     ) -> tuple[np.ndarray, np.ndarray]:
         """(m, C, J, w) innovations of the rows, given the rows before each; (C, J) sums of log standard deviations.
 
@@ -191,7 +191,7 @@ class Rows:
         return rows, logs
 
 
-def blocks(count: int, each: int) -> Iterator[slice]:
+def memory_slices(count: int, each: int) -> Iterator[slice]:
     """Divide `count` items into slices to be processed together, so that memory is limited; see `NUMBERS_AT_ONCE`.
 
     Args:
@@ -203,7 +203,7 @@ def blocks(count: int, each: int) -> Iterator[slice]:
         yield slice(first, min(first + size, count))
 
 
-def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
+def add_channels(grams: Sequence[WhitenedSums], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
     """Add the whitened sums of several channels.
 
     Args:
@@ -264,14 +264,14 @@ class Innovations:
 
 
 @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
-def filtered(
+def filter_run(
     parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: PieceChain, kicks: np.ndarray
 ) -> Innovations:
     """Filter a run by a Kalman filter over its pieces, which eliminates the states.
 
     Args:
         parts: for consecutive groups of b pieces, (C, b, w, w) sums at C sensor noises, (C,) sums of log standard
-            deviations, and the number of rows; see `combined`.
+            deviations, and the number of rows; see `add_channels`.
         chain: transitions of the run.
         kicks: (K,) standard deviations of the kicks.
 
@@ -299,7 +299,7 @@ def filtered(
 
 
 class _Filter:
-    """Kalman filter, advanced over consecutive pieces; see `filtered`."""
+    """Kalman filter, advanced over consecutive pieces; see `filter_run`."""
 
     def __init__(self, chain: PieceChain, kicks: np.ndarray) -> None:
         self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
@@ -320,10 +320,10 @@ class _Filter:
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
         drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
-        logs, told = np.zeros((C, K)), square_root(sums[:, :, :n, :n])[:, None]
+        logs, told = np.zeros((C, K)), semidefinite_cholesky(sums[:, :, :n, :n])[:, None]
         for j in range(b):
             M[:, :, j] = mean
-            now, size = updated(variance, told[:, :, j])
+            now, size = kalman_update(variance, told[:, :, j])
             e = sums[:, None, j, :n, n:] - sums[:, None, j, :n, :n] @ mean
             eta[:, :, j], after[:, :, j] = e, now
             logs += size
@@ -334,7 +334,7 @@ class _Filter:
         return M, eta, after, 0.5 * logs
 
 
-def square_root(matrices: np.ndarray) -> np.ndarray:
+def semidefinite_cholesky(matrices: np.ndarray) -> np.ndarray:
     """(..., n, n) Cholesky factors L, L L' = A, of positive semidefinite matrices A; rounding errors become 0."""
     left, found = matrices.copy(), np.zeros_like(matrices)
     for k in range(left.shape[-1]):
@@ -347,7 +347,7 @@ def square_root(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def kalman_update(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Update the covariance P of a state by a measurement with the information matrix L L' (Kalman filter).
 
     The columns of L are used one by one, each as the measurement of one number, with a square root of P. So no matrix
@@ -361,7 +361,7 @@ def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndar
     Returns:
         (..., n, n) covariances after the measurement, and log-determinants of 1 + P L L'.
     """
-    root, size = square_root(variance), np.ones(variance.shape[:-2])
+    root, size = semidefinite_cholesky(variance), np.ones(variance.shape[:-2])
     for k in range(told.shape[-1]):
         seen = np.swapaxes(root, -1, -2) @ told[..., k, None]
         spread = 1.0 + np.swapaxes(seen, -1, -2) @ seen
@@ -371,7 +371,7 @@ def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 @np.errstate(all="ignore")
-def smoothed(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def smooth_run(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Smooth a run: find the most likely motion for given values of the unknowns.
 
     The adjoint recursion inverts no covariance, so states without noise are allowed (Bryson & Frazier 1963; Bierman,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, determined, duration, first_part
+from armdyn.identify.fit import CHI2_NEAR_NOISE, first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
 DESCENDED_STARTS = 8
@@ -25,7 +25,7 @@ STRETCH_GROWTH = 2.0
 """Ratio of the length of a part of a run to that of the part before."""
 
 
-def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_start_states(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the start state of every run, for a model that simulates a motion which was not measured.
 
     Args:
@@ -39,8 +39,8 @@ def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np
     begin, shared = values.copy(), []
     for i, run in enumerate(problem.runs):
         single = Problem(problem.model, [run], problem.noise)
-        places = problem.places(i)[[c.index for c in single.columns]]
-        found = start_of(single, values[places], single.fitted)
+        places = problem.unknowns_of_run(i)[[c.index for c in single.columns]]
+        found = find_start_state(single, values[places], single.fitted)
         own = problem.per_run[places]
         begin[places[own]] = found[own]
         row = values.copy()
@@ -49,7 +49,7 @@ def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np
     return begin, np.where(problem.per_run, begin, np.median(shared, axis=0))
 
 
-def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
+def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Fit the first part of a single run, with a global search for its start state; return (P,) values.
 
     Args:
@@ -62,12 +62,12 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     guesses = model.possible_start_states(run, theta)
     if not guesses:
         return values
-    moved = free & single.of(list(guesses[0]))
-    window, end = model.start_window(theta), duration(run)
+    moved = free & single.unknowns_of(list(guesses[0]))
+    window, end = model.start_window(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
     near_noise = 2.0 * _cost(cut, own) < CHI2_NEAR_NOISE * cut.samples
-    if near_noise and np.array_equal(determined(cut, moved, own), moved):
+    if near_noise and np.array_equal(identifiable(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
@@ -124,7 +124,7 @@ class _Rival:
 
 def _cut(problem: Problem, window: float) -> Problem:
     """A problem with the first part of every run."""
-    return Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise)
+    return Problem(problem.model, [first_seconds(run, window) for run in problem.runs], problem.noise)
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ from itertools import product
 import numpy as np
 
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, Noise, scaled
-from armdyn.identify.state_space.innovations import Colour
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, RunNoise, scale_noise
+from armdyn.identify.state_space.innovations import ColouredNoise
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 LOG_KICKS = np.arange(-7.0, 10.1, 1.2)
@@ -48,7 +48,7 @@ class NoiseTable:
         kicks: number of different sizes of the kicks, which follow one another in `noises`.
     """
 
-    noises: tuple[Noise, ...]
+    noises: tuple[RunNoise, ...]
     gram: np.ndarray
     slope: np.ndarray
     square: np.ndarray
@@ -74,39 +74,39 @@ class NoiseTable:
         return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
 
 
-def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> NoiseTable:
+def evaluate_noises(around: LinearisedRun, noises: Sequence[RunNoise], kicks: np.ndarray) -> NoiseTable:
     """Evaluate a linearised run at each of some sensor noises, combined with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
     return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
-def at_one(around: LinearisedRun, noise: Noise) -> NoiseTable:
+def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at one noise setting."""
-    return tabled(around, [noise], np.array([noise.kick]))
+    return evaluate_noises(around, [noise], np.array([noise.kick]))
 
 
-def at_every_kick(around: LinearisedRun, noise: Noise) -> NoiseTable:
+def evaluate_all_kicks(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run over the whole range of kicks, with one sensor noise."""
-    return tabled(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
+    return evaluate_noises(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
 
 
-def everywhere(around: LinearisedRun, noise: Noise) -> NoiseTable:
+def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run over the whole range of kicks and of correlated errors of one channel.
 
     That channel is the one with the most information on the motion; the others keep the sensor noise of `noise`.
     """
-    noise = scaled(noise, 1.0 / min(noise.level))
+    noise = scale_noise(noise, 1.0 / min(noise.level))
     swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
-    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
-    k = around.sharpest
+    colours = [ColouredNoise()] + [ColouredNoise(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
+    k = around.most_informative_channel
     noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
-    return tabled(around, noises, kicks)
+    return evaluate_noises(around, noises, kicks)
 
 
-def nearby(around: LinearisedRun, noise: Noise) -> NoiseTable:
+def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at noise settings near a given one."""
-    noise = scaled(noise, 1.0 / min(noise.level))
+    noise = scale_noise(noise, 1.0 / min(noise.level))
     kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
@@ -115,19 +115,19 @@ def nearby(around: LinearisedRun, noise: Noise) -> NoiseTable:
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
         for factor in NOISE_LEVEL_FACTORS if len(noise.level) > 1 else ():
             found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
-    return tabled(around, found, kicks)
+    return evaluate_noises(around, found, kicks)
 
 
-def _neighbours(colour: Colour, swing: float) -> list[Colour]:
+def _neighbours(colour: ColouredNoise, swing: float) -> list[ColouredNoise]:
     """Neighbours of a colour in the grid."""
     if colour.ratio == 0.0:
-        return [Colour(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
+        return [ColouredNoise(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
     r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.ratio)))
     t = int(np.argmin([abs(x * swing - colour.time) for x in COLOUR_PERIODS]))
-    found = [Colour()] if r == 1 else []
+    found = [ColouredNoise()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
         if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
-            found.append(Colour(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
+            found.append(ColouredNoise(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
     return found
 
 
@@ -157,7 +157,7 @@ class SetEvidence:
     inside: bool
 
 
-class Tables:
+class RunNoiseTables:
     """Tables of several runs, linearised at one point, from which the evidence of any set of effects follows.
 
     Args:
@@ -190,7 +190,7 @@ class Tables:
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
 
-    def coarse(self, like: SetEvidence) -> "Tables":
+    def coarsened(self, like: SetEvidence) -> "RunNoiseTables":
         """Tables with fewer noise settings, for a quick comparison of many sets of effects.
 
         Args:
@@ -214,7 +214,7 @@ class Tables:
                     kicks=len(range(0, table.kicks, COARSE_STRIDES[1])),
                 )
             )  # fmt: skip
-        return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
+        return RunNoiseTables(thinned, self.values, self.problem, self.training, self._removable, begin)
 
     @np.errstate(all="ignore")
     def evidence(self, free: np.ndarray) -> SetEvidence:

@@ -11,12 +11,12 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, converged, fit
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, continue_fit, fit
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_box import NEARBY_LOOKS, GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.places import places
-from armdyn.identify.state_space.starts import alike, likeliest_starts
+from armdyn.identify.state_space.grey_box import NEARBY_NOISES, GreyBox, LinearisationPoint
+from armdyn.identify.state_space.places import find_thresholds
+from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
 from armdyn.physics.simulated import simulated
 
 DIFFERENT_VALUE_SHARE = 0.1
@@ -44,7 +44,7 @@ above 111,000."""
 def shows_motion(problem: Problem) -> bool:
     """Whether every run of a problem has a measured motion, and not only a measured force that depends on it."""
     model = simulated(problem.model)
-    values = problem.start()
+    values = problem.start_values()
     return all(
         model.measured_motion(run, np.array([run.channels[model.predicted_channels(run)[0]].time[0]]), theta, 1.0)
         is not None
@@ -53,7 +53,7 @@ def shows_motion(problem: Problem) -> bool:
     )
 
 
-class AroundMotion:
+class EffectSetOptimiser:
     """Optimises sets of effects with process noise around the measured motion of runs, and gives start values for fits.
 
     Args:
@@ -64,41 +64,43 @@ class AroundMotion:
 
     Attributes:
         box: the runs, which can be linearised and optimised.
-        measured: whether the motion itself was measured, and not only a force.
-        of_starts: (P,) bool, unknowns of the runs' start states.
+        motion_measured: whether the motion itself was measured, and not only a force.
+        start_unknowns: (P,) bool, unknowns of the runs' start states.
         base: (P,) bool, unknowns that are fitted with every set of effects: those of the base model that the runs
             identify without added effects.
         point: point at which these unknowns are optimised without added effects.
-        seen: (P,) bool, unknowns that have an influence on these runs, or a prior.
-        places: start values, by index of the unknown, of thresholds: unknowns without influence while their effect is
-            absent.
+        influential: (P,) bool, unknowns that have an influence on these runs, or a prior.
+        thresholds: start values, by index of the unknown, of thresholds: unknowns without influence while their effect
+            is absent.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
         model = simulated(problem.model)
         values = options[0]
-        self.problem, self.measured, self._given = problem, shows_motion(problem), values
+        self.problem, self.motion_measured, self._given = problem, shows_motion(problem), values
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-        self.of_starts = problem.of(model.start_names)
+        self.start_unknowns = problem.unknowns_of(model.start_names)
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
-        wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
+        wanted = problem.fitted & ~self.start_unknowns & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
-        self.places = places(self.box, self.point, self.base, self.seen)
-        problem.place(self.names_of_places)
+        self.influential = (
+            self.box.influential(self.point) | (problem.prior_weight > 0.0) | self.start_unknowns | self.base
+        )
+        self.thresholds = find_thresholds(self.box, self.point, self.base, self.influential)
+        problem.set_thresholds(self.threshold_values)
         self._given = values.copy()
-        for k, place in self.places.items():
+        for k, place in self.thresholds.items():
             self.point.values[k] = self._given[k] = place
-        self.seen |= self.box.seen(self.point)
-        self.seen[list(self.places)] = True
+        self.influential |= self.box.influential(self.point)
+        self.influential[list(self.thresholds)] = True
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     @property
-    def names_of_places(self) -> dict[str, float]:
+    def threshold_values(self) -> dict[str, float]:
         """Start values, by parameter name, of thresholds: parameters without influence while their effect is absent."""
-        return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
+        return {self.problem.columns[k].parameter.name: place for k, place in self.thresholds.items()}
 
-    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, NoiseAndMotion]:
+    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, LinearisationPoint]:
         """Unknowns of the base that the runs identify, and the point optimised from (P,) options or shown values.
 
         A value of the model file may be far off, and the period of a large swing suggests a length that is too large.
@@ -116,35 +118,35 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > DIFFERENT_VALUE_SHARE * np.abs(values)):
             options = [*options, other]
-        if self.measured:
-            options = likeliest_starts(problem, self.box.training, wanted, values) or options
-        found = list[tuple[np.ndarray, NoiseAndMotion]]()
+        if self.motion_measured:
+            options = likeliest_start_values(problem, self.box.training, wanted, values) or options
+        found = list[tuple[np.ndarray, LinearisationPoint]]()
         for option in options:
-            if any(alike(option, point.values, wanted) for _, point in found):
+            if any(nearly_equal(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
+            if not self.motion_measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
         return max(found, key=lambda one: one[1].evidence)
 
-    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, NoiseAndMotion]:
+    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, LinearisationPoint]:
         """The unknowns of (P,) `wanted` that the runs identify, and the point optimised with them from (P,) values."""
-        begin = self.box.begin(option)
-        base = self.box.determined(begin, wanted)
+        begin = self.box.initial_point(option)
+        base = self.box.identifiable(begin, wanted)
         if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
             # An unknown that a start state compensates gets a weak prior: an added effect may make it identifiable.
             with np.errstate(all="ignore"):
                 change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
             base[np.flatnonzero(guessed)[change > 0.0]] = True
-        return base, self.box.settled(base, begin)
+        return base, self.box.optimise(base, begin)
 
-    def _settled_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+    def _settled_anew(self, free: np.ndarray, point: LinearisationPoint) -> LinearisationPoint:
         """A point, optimised again where pieces were cut since: only evidence with as many kicks is comparable."""
-        return self.box.settled(free, point, NEARBY_LOOKS) if self.box.is_cut(point) else point
+        return self.box.optimise(free, point, NEARBY_NOISES) if self.box.has_divided_pieces(point) else point
 
-    def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
+    def optimise(self, free: np.ndarray, like: np.ndarray | None = None) -> LinearisationPoint:
         """Optimise values, noise and motions for a set of effects, starting from the most similar set so far.
 
         Args:
@@ -154,31 +156,34 @@ class AroundMotion:
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY_LOOKS))
+            self._settled[key] = (
+                free,
+                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_NOISES)),
+            )
         if like is not None:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free), NEARBY_LOOKS)
+            other = self.box.optimise(free, self._without(there, free), NEARBY_NOISES)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         return self._settled[key][1]
 
-    def settled_point(self, free: np.ndarray) -> NoiseAndMotion | None:
+    def optimised_point(self, free: np.ndarray) -> LinearisationPoint | None:
         """The point that was optimised for the (P,) bool unknowns `free`; None if it was not computed."""
         found = self._settled.get(free.tobytes())
         return None if found is None else found[1]
 
-    def _followed_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+    def _followed_anew(self, free: np.ndarray, point: LinearisationPoint) -> LinearisationPoint:
         """An optimised point, or a better one whose motion is derived from the force anew, with its values.
 
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
+        if self.motion_measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
             return point
-        other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
+        other = self.box.optimise(free, self.box.initial_point(self.box.values_with_start_states(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
 
-    def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+    def sample_weights(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
         """Weights of the samples, by run and channel, from the most similar optimised set; above 1 for glitches.
 
         Args:
@@ -189,22 +194,22 @@ class AroundMotion:
         """
         return self._near(free).weights
 
-    def _near(self, free: np.ndarray) -> NoiseAndMotion:
+    def _near(self, free: np.ndarray) -> LinearisationPoint:
         """The point of the most similar optimised set, with effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
         return self._without(near, free)
 
-    def _without(self, near: NoiseAndMotion, free: np.ndarray) -> NoiseAndMotion:
+    def _without(self, near: LinearisationPoint, free: np.ndarray) -> LinearisationPoint:
         """A point, with the effects that are not `free` set to null."""
         return replace(
             near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
         )
 
-    def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
+    def start_values(self, free: np.ndarray) -> Iterator[np.ndarray]:
         """(P,) start values for a fit of whole simulated runs with (P,) bool unknowns `free`, the likeliest first."""
-        return self.box.starts(free, self._near(free))
+        return self.box.start_values(free, self._near(free))
 
-    def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    def rescaled_start_values(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
         """(P,) further start values: with other sizes of the effects, or, for a set without effects, of the motion.
 
         The size of a wrong effect that fits whole runs best differs from its size in the linearised runs, and from run
@@ -223,14 +228,14 @@ class AroundMotion:
             yield from self._of_single_runs(free, found[0])
         else:
             first = next(iter(starts))
-            yield from (np.where(self.of_starts, size * first, first) for size in SMALLER_MOTION_FACTORS)
+            yield from (np.where(self.start_unknowns, size * first, first) for size in SMALLER_MOTION_FACTORS)
 
-    def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) start values for a model whose values are only guesses, the likeliest first; see `likeliest_starts`.
+    def likeliest_start_values(self, free: np.ndarray) -> list[np.ndarray]:
+        """(P,) start values for a model whose values are only guesses, the likeliest first; see `starts.likeliest_start_values`.
 
         They are searched for each set of effects, as an added effect may move the optimum far.
         """
-        return likeliest_starts(self.problem, self.box.training, free, self._given)
+        return likeliest_start_values(self.problem, self.box.training, free, self._given)
 
     def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
         """(P,) values with every run's start fitted to that run alone, and all others fitted to one of the runs.
@@ -244,8 +249,8 @@ class AroundMotion:
         found, starts = list[np.ndarray](), values.copy()
         for i, run in enumerate(problem.runs[:count]):
             single = Problem(problem.model, [run], problem.noise)
-            places = problem.places(i)[[column.index for column in single.columns]]
-            alone = fit_run(single, values[places], (free | self.of_starts)[places])
+            places = problem.unknowns_of_run(i)[[column.index for column in single.columns]]
+            alone = fit_run(single, values[places], (free | self.start_unknowns)[places])
             told = values.copy()
             told[places] = alone.values
             found.append(told)
@@ -254,7 +259,7 @@ class AroundMotion:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
+def best_fit(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
     """Fit whole simulated runs from several start values and return the best fit.
 
     Further start values are computed and tried only where the fit is far above the noise.
@@ -278,7 +283,7 @@ def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray
         sketched = sorted((_bounded_fit(problem, free, v, SKETCH_STEPS) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MAX_FIT_STEPS) for one in sketched[:others]]
     best = min(found, key=lambda one: one.cost)
-    return converged(best) if steps == MAX_FIT_STEPS else best
+    return continue_fit(best) if steps == MAX_FIT_STEPS else best
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
@@ -303,6 +308,6 @@ def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     model = simulated(single.model)
     swing = model.swing(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
-    own = free & ~single.of(model.start_names)
-    point = box.settled(own, box.begin(values))
-    return best_minimum(single, free, box.starts(own, point))
+    own = free & ~single.unknowns_of(model.start_names)
+    point = box.optimise(own, box.initial_point(values))
+    return best_fit(single, free, box.start_values(own, point))

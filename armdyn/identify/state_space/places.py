@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.noise_evidence import at_every_kick
-from armdyn.identify.thresholds import likeliest
+from armdyn.identify.state_space.grey_box import GreyBox, LinearisationPoint
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
+from armdyn.identify.thresholds import likeliest_thresholds
 
 
-def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
+def find_thresholds(box: GreyBox, point: LinearisationPoint, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
     """Find the likeliest value of every threshold: an unknown without influence while its effect is absent.
 
     Args:
@@ -30,14 +30,14 @@ def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarr
         )
         own[place] = False
         here = replace(point, values=values)
-        if own.any() and not box.seen(here)[place]:
+        if own.any() and not box.influential(here)[place]:
             at = _likeliest(box, here, base | own, place)
             if np.isfinite(at):
                 values[place] = found[place] = at
     return found
 
 
-def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int) -> float:
+def _likeliest(box: GreyBox, point: LinearisationPoint, free: np.ndarray, place: int) -> float:
     """The likeliest threshold `place` with (P,) `free` unknowns; NaN where it has no influence."""
     problem, tried = box.problem, dict[float, float]()
 
@@ -46,11 +46,13 @@ def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int
             values = point.values.copy()
             values[place] = key
             there = replace(point, values=values)
-            arounds = box.around(there, free)
+            arounds = box.linearise(there, free)
             finite = all(around.finite for around in arounds)
-            worth = box.tables(arounds, there, at_every_kick).evidence(free).value if finite else -np.inf
+            worth = box.evaluate_noises(arounds, there, evaluate_all_kicks).evidence(free).value if finite else -np.inf
             tried[key] = worth if np.isfinite(worth) else -np.inf
         return np.array([tried[key]])
 
     k = [place]
-    return float(likeliest(evidence, point.values[k], problem.typical[k], problem.lower[k], problem.upper[k])[0])
+    return float(
+        likeliest_thresholds(evidence, point.values[k], problem.typical[k], problem.lower[k], problem.upper[k])[0]
+    )

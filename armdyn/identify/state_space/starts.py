@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armdyn.identify.fit import first_part
-from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.fit import first_seconds
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.state_space.grey_box import GreyBox
-from armdyn.identify.state_space.noise_evidence import at_every_kick
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
 from armdyn.physics.simulated import simulated
 
 TRIED_STARTS, KEPT_STARTS = 24, 3
@@ -32,7 +32,7 @@ SAME_START_SHARE = 0.05
 """Relative difference up to which two results are the same optimum."""
 
 
-def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
     """Find (P,) start values for a fit, the likeliest first.
 
     The list is empty if no value is a guess, or if all simulations diverge.
@@ -44,33 +44,33 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         values: (P,) values of the model.
     """
     model = simulated(problem.model)
-    guessed = wanted & problem.of(model.guessed_parameters) & ~problem.per_run
+    guessed = wanted & problem.unknowns_of(model.guessed_parameters) & ~problem.per_run
     if not guessed.any():
         return []
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
+        first_seconds(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only_effects(needed), runs, problem.noise)
-    free = transferred_mask(wanted, problem, cut)
+    free = transfer_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):
-        evidence, end = _settled(cut, free, transferred(tried, problem, cut))
+        evidence, end = _settled(cut, free, transfer_values(tried, problem, cut))
         if np.isfinite(evidence):
-            ends.append((evidence, transferred(end, cut, problem)))
+            ends.append((evidence, transfer_values(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
-            if sum(alike(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
+            if sum(nearly_equal(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
                 break
     told = list[np.ndarray]()
     for _, end in sorted(ends, key=lambda one: -one[0]):
-        if len(told) < KEPT_STARTS and not any(alike(end, other, guessed) for other in told):
+        if len(told) < KEPT_STARTS and not any(nearly_equal(end, other, guessed) for other in told):
             told.append(end)
     return told
 
 
-def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
+def nearly_equal(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
     """Whether two vectors (P,) of values are nearly equal for the unknowns `where`, (P,) bool."""
     return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
 
@@ -81,8 +81,8 @@ def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float,
     swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
-        point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)
-    return point.evidence, box.with_starts(point)
+        point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * START_ROUNDS)
+    return point.evidence, box.values_with_start_states(point)
 
 
 def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:

@@ -8,7 +8,7 @@ from worlds.generated_arm import generate
 from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
-from armdyn.readout import LowPassed
+from armdyn.readout import LowPassSampler
 from armdyn.recording.preparation import of_all_runs, sentence
 
 
@@ -69,7 +69,7 @@ def test_what_steps_is_predicted_as_the_drive_smoothed_it():
     at, everything = np.arange(1.0, 19.0, 0.1), np.ones(len(time), dtype=bool)
 
     def sampled(signal, below):
-        low = LowPassed(time, 0.5 * cutoff, at, everything, below)
+        low = LowPassSampler(time, 0.5 * cutoff, at, everything, below)
         return low.matrix(0.0) @ low.coefficients(signal)
 
     measured = sampled(recorded, None)

@@ -134,7 +134,7 @@ def test_what_is_made_of_the_reading_itself_is_named_by_repair_on_its_joints_wit
     truth, law = LAWS[name]
     found = CheckedStudy.of(driven(arm), [moved(arm, law, seed) for seed in (1, 2)], [moved(arm, law, 3)]).repair()
     ((short, value),) = truth.items()
-    p = found.named.parameters[f"{name}.{short}[swing]"]
+    p = found.model_without_background.parameters[f"{name}.{short}[swing]"]
     assert abs(p.value - value) < 0.05 * value
 
 

@@ -14,10 +14,10 @@ from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
 from armdyn.effects.user import available_effects
 from armdyn.identify.repair import add
-from armdyn.identify.residual.missing_force import between
+from armdyn.identify.residual.missing_force import compare_missing_forces
 from armdyn.identify.residual.tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
-from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
 from armdyn.parameter import quantity
@@ -55,8 +55,8 @@ def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
 
     study = Study.of(model, given.runs[:1], [], [drag])
     first, fit = study.first(), add(study, [drag]).steps[-1].fit
-    (curve,) = (c for c in between(first, fit, law=True) if c.against == "speed")
-    (k,) = fit.values[study.problem.of(("drag.k",))]
+    (curve,) = (c for c in compare_missing_forces(first, fit, law=True) if c.against == "speed")
+    (k,) = fit.values[study.problem.unknowns_of(("drag.k",))]
     torque = -k * curve.x**3 / (given.mass * given.length**2)
     drawn, measured = (np.sqrt(np.mean((y - torque) ** 2)) for y in (curve.law, curve.as_given))
     assert drawn < 0.3 * measured
@@ -120,11 +120,11 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
     )
     study = Study.of(model, [run], [], [viscous])
     (both,) = study.candidates
-    steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
+    steps, effects = [SearchStep((), (), (), study.first(), residual_tests(study.first(), []))], ()
     for one in both.split_by_joint():
         effects = group_by_effect((*effects, one))
         fit = study.fit_with(effects, steps[-1].fit)
-        steps.append(Step((one,), (), effects, fit, residual_tests(fit, [])))
+        steps.append(SearchStep((one,), (), effects, fit, residual_tests(fit, [])))
     found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
     (law,) = found.findings
     assert law.joints == ("shoulder", "elbow")

@@ -8,22 +8,24 @@ import pytest
 
 from armdyn.discovery import shapes
 from armdyn.discovery.source import effects_file_text, effects_of_terms
-from armdyn.discovery.term import Site, Variable, check_same_units, named_terms, recorded_variables
+from armdyn.discovery.term import TermLocation, TermVariable, check_same_units, named_terms, recorded_variables
 from armdyn.discovery.units import divide_units
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
 
-DRY = Site("string", "N m", "string.with_dry_torque({})", 0.005)
-STRING = Site("string", "N m", "string.with_torque({})", 0.005, dry_friction_site=DRY)
-ANGLE = Variable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
-SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
+DRY = TermLocation("string", "N m", "string.with_dry_torque({})", 0.005)
+STRING = TermLocation("string", "N m", "string.with_torque({})", 0.005, dry_friction_site=DRY)
+ANGLE = TermVariable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
+SPEED = TermVariable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
 CHANGES = np.linspace(0.0, 1.0, 200)
 
 
 def recorded(name, unit, samples):
-    return Variable(f"extra_{name}", "", unit, samples, RecordedColumn(f"extra.{name}", unit, float(samples.mean())))
+    return TermVariable(
+        f"extra_{name}", "", unit, samples, RecordedColumn(f"extra.{name}", unit, float(samples.mean()))
+    )
 
 
 TEMPERATURE, OPENING = recorded("temperature", "K", 290.0 + 10.0 * CHANGES), recorded("opening", "1", CHANGES)

@@ -10,7 +10,7 @@ from worlds.imperfect_arm import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, add, with_background
-from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
+from armdyn.identify.selection.background import AllEffectsFit, find_background, fit_full_model
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
@@ -27,7 +27,7 @@ def repaired() -> tuple[Repair, Study]:
     return with_background(told, full_model(study, told)), study
 
 
-def full_model(study: Study, told: Repair) -> FullModel:
+def full_model(study: Study, told: Repair) -> AllEffectsFit:
     last = told.steps[-1]
     return fit_full_model(study, last.effects, last.fit, lambda _: None)
 
@@ -48,8 +48,8 @@ def test_an_arm_that_is_wrong_everywhere_gets_small_values_that_predict_an_exam_
 
 def test_the_named_model_is_the_story_alone() -> None:
     found, _ = repaired()
-    assert found.named.background is None
-    assert [e.label for e in found.named.effects] == [e.label for e in found.model.named_effects]
+    assert found.model_without_background.background is None
+    assert [e.label for e in found.model_without_background.effects] == [e.label for e in found.model.named_effects]
 
 
 def test_the_written_model_predicts_what_the_last_step_says(tmp_path) -> None:

@@ -6,7 +6,7 @@ from worlds.pendulum import Setup, record, weighed
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.bands import bands
+from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import add, with_background
 from armdyn.identify.selection.background import fit_full_model
@@ -28,7 +28,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
     for seed in range(12):
         one, two, three, exam = recordings(seed, 4)
         found = compare(Study.of(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
-        covered += list(found.bands.covered.values())
+        covered += list(found.bands.coverage.values())
     # 800 samples that hardly repeat themselves in each run: a standard deviation of 0.008 for one, 0.003 for all.
     assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
 
@@ -40,7 +40,7 @@ def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> N
     covariance = uncertainty(study, fit).covariance
     growth = []
     for factor in (0.0, 1e4):
-        width = bands(study, fit, factor * covariance).half_width[exam.name, "load_force"]
+        width = prediction_bands(study, fit, factor * covariance).half_width[exam.name, "load_force"]
         growth.append(width.max() / width.min())
     assert growth[0] == pytest.approx(1.0)
     assert growth[1] > 1.2
@@ -72,6 +72,6 @@ def test_every_run_of_an_arm_with_a_background_has_bands_as_well() -> None:
     assert found.path[-1].added == ("background",)
     after = found.after
     assert {name: c.held_out_rmse for name, c in after.channels.items()} == pytest.approx(found.path[-1].held_out_rmse)
-    assert set(after.bands.covered) == set(after.channels)
-    assert np.mean(list(after.bands.covered.values())) > 0.85
+    assert set(after.bands.coverage) == set(after.channels)
+    assert np.mean(list(after.bands.coverage.values())) > 0.85
     assert all(curve.with_background is not None for curve in found.missing_force)

@@ -5,17 +5,17 @@ from types import SimpleNamespace as Plain
 import numpy as np
 import pytest
 
-from armdyn.identify.diagnose import judge
-from armdyn.identify.explained import RepairStep, Scale, explained
+from armdyn.identify.diagnose import decide_verdict
+from armdyn.identify.explained import ChannelScale, RepairStep, explained_share
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.selection.search import Search
-from armdyn.identify.sentence import Left, Verdict, repair_sentences, totals
+from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences, total_errors
 from armdyn.run import Channel
 
-ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
-CELL = Scale({"load_force": "N"}, {"load_force": 0.003})
-NOISE = Left(something=False)
+ARM = ChannelScale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
+CELL = ChannelScale({"load_force": "N"}, {"load_force": 0.003})
+NOISE = RepairResidual(exceeds_noise=False)
 
 
 def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
@@ -34,7 +34,7 @@ SPRING = step({"tau.a": 3.0, "tau.b": 4.0}, ["gravity_spring"], ["left_s1"])
 
 
 def test_the_headline_names_the_effect_and_its_joint_and_the_fall_of_the_error():
-    assert said([GIVEN, SPRING], HoldoutKind.IN_TURN, left=Left(True, "it depends on v.b")) == (
+    assert said([GIVEN, SPRING], HoldoutKind.LEAVE_ONE_OUT, left=RepairResidual(True, "it depends on v.b")) == (
         "gravity_spring on left_s1 is missing: it explains 99 % of the misfit; the error of runs predicted from the "
         "others falls from 50 to 5 N m. What is left, 10 times the noise, is more than noise (it depends on v.b), and "
         "nothing in the catalogue explains it."
@@ -42,7 +42,7 @@ def test_the_headline_names_the_effect_and_its_joint_and_the_fall_of_the_error()
 
 
 def test_the_catalogue_is_not_said_to_be_at_an_end_where_an_effect_would_still_explain_a_little():
-    text = said([GIVEN, SPRING], left=Left(True, further="rotor_inertia on left_e0"))
+    text = said([GIVEN, SPRING], left=RepairResidual(True, further_effect="rotor_inertia on left_e0"))
     assert text.endswith("rotor_inertia on left_e0 would explain a little of it, too little to be named.")
 
 
@@ -56,7 +56,7 @@ def test_runs_that_took_part_in_choosing_are_called_so_and_an_exam_goes_before_t
 
 
 def test_add_does_not_speak_for_the_catalogue():
-    text = said([GIVEN, SPRING], left=Left(True, searched=False))
+    text = said([GIVEN, SPRING], left=RepairResidual(True, searched=False))
     assert "gravity_spring on left_s1 was added" in text
     assert "nothing in the catalogue" not in text
     assert "armdyn diagnose" in text
@@ -64,7 +64,7 @@ def test_add_does_not_speak_for_the_catalogue():
 
 def test_what_made_it_worse_is_not_called_missing():
     worse = step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])
-    text = said([GIVEN, worse], left=Left(True))
+    text = said([GIVEN, worse], left=RepairResidual(True))
     assert "payload was added; the error on held-out runs, which took part in choosing, rises from 50 to 100" in text
 
 
@@ -87,7 +87,7 @@ def test_the_joint_of_which_least_is_explained_stands_beside_the_total():
 
 def test_ties_and_warnings_are_said():
     steps = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
-    text = said(steps, scale=CELL, left=Left(False, warnings=["the link of b weighs 241 kg in the model"]))
+    text = said(steps, scale=CELL, left=RepairResidual(False, warnings=["the link of b weighs 241 kg in the model"]))
     assert "wind is missing (these runs cannot tell bob from it): it explains" in text
     assert "What is left, 2 times the noise, shows no structure that armdyn looks for; but the link of b" in text
     assert text.endswith("weighs 241 kg in the model.")
@@ -101,28 +101,28 @@ def test_nothing_added_says_the_error():
 
 def test_totals_are_over_channels_of_one_unit():
     units = {"tau.a": "N m", "tau.b": "N m", "tau.slide": "N"}
-    assert totals({"tau.a": 3.0, "tau.b": 4.0, "tau.slide": 2.0}, units) == {"N m": 5.0, "N": 2.0}
+    assert total_errors({"tau.a": 3.0, "tau.b": 4.0, "tau.slide": 2.0}, units) == {"N m": 5.0, "N": 2.0}
 
 
 def test_explained_is_the_share_of_the_squared_error_above_the_noise():
-    assert explained(GIVEN, SPRING, ARM) == pytest.approx(1 - (25 - 0.25) / (2500 - 0.25))
+    assert explained_share(GIVEN, SPRING, ARM) == pytest.approx(1 - (25 - 0.25) / (2500 - 0.25))
     at_noise = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload"])
-    assert explained(GIVEN, at_noise, ARM) == 1.0
-    assert explained(at_noise, at_noise, ARM) == 1.0
-    assert explained(SPRING, GIVEN, ARM) < 0.0
+    assert explained_share(GIVEN, at_noise, ARM) == 1.0
+    assert explained_share(at_noise, at_noise, ARM) == 1.0
+    assert explained_share(SPRING, GIVEN, ARM) < 0.0
 
 
 def test_channels_of_different_units_are_weighed_by_their_noise():
-    scale = Scale({"load_force": "N", "swing_angle": "rad"}, {"load_force": 1.0, "swing_angle": 0.001})
+    scale = ChannelScale({"load_force": "N", "swing_angle": "rad"}, {"load_force": 1.0, "swing_angle": 0.001})
     before = step({"load_force": 11.0, "swing_angle": 0.011})
     after = step({"load_force": 1.0, "swing_angle": 0.011}, ["sensor_bias"])
-    assert explained(before, after, scale) == pytest.approx(0.5)
+    assert explained_share(before, after, scale) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("level", "verdict"), [(3.0, Verdict.EXPLAINED), (3.5, Verdict.UNKNOWN_EFFECT)])
 def test_what_is_left_without_a_shape_is_coloured_noise_unless_it_is_far_above_an_estimated_one(level, verdict):
     time = np.arange(100.0)
-    block = Block("a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3)
+    block = ResidualBlock("a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3)
     study = Plain(ignored_chi2=0.0, chi2_of_stated=lambda _blocks: (0.0, 0))
     step = Plain(tests=Plain(fails=True), fit=Plain(blocks=(block,), chi2_per_sample=level**2))
-    assert judge(study, Search((step,)), Plain(significant=False)) is verdict
+    assert decide_verdict(study, Search((step,)), Plain(significant=False)) is verdict

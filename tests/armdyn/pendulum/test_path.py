@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
-from armdyn.readout import Interpolated, Sensor, first_order_lag
+from armdyn.readout import InterpolatingSampler, SensorReadout, first_order_lag
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import differentiated, smoothed_motion
@@ -149,7 +149,7 @@ def test_lag_of_uneven_samples_is_that_of_the_same_polygon(uneven):
 
 def read(stamps, delay=0.0, derivative=0):
     """The signal at other times."""
-    return Interpolated(GRID, stamps).matrix(delay, derivative) @ SIGNAL
+    return InterpolatingSampler(GRID, stamps).matrix(delay, derivative) @ SIGNAL
 
 
 def test_delay_is_interpolated_to_fourth_order():
@@ -173,16 +173,16 @@ LATE, SLOW = 0.37 * DT, 4 * DT
 
 def test_what_a_late_or_slow_sensor_shows_first_was_there_before_the_start():
     theta = ca.SX.sym("theta", 2)
-    sampler, signal = Interpolated(GRID, GRID), SIGNAL[:, None]
-    late = Sensor(theta[:0], delay=LATE).read(signal, sampler, np.zeros(0))[:, 0]
+    sampler, signal = InterpolatingSampler(GRID, GRID), SIGNAL[:, None]
+    late = SensorReadout(theta[:0], delay=LATE).read(signal, sampler, np.zeros(0))[:, 0]
     assert np.abs(late - np.sin(6 * (GRID - LATE)) - 0.3 * np.cos(11 * (GRID - LATE))).max() < 3e-3
-    slow = Sensor(theta[:0], lag=SLOW).read(signal, sampler, np.zeros(0))[:, 0]
+    slow = SensorReadout(theta[:0], lag=SLOW).read(signal, sampler, np.zeros(0))[:, 0]
     steady = sum(part / (1 + 1j * w * SLOW) * np.exp(1j * w * GRID) for w, part in ((6, -1j), (11, 0.3))).real
     assert np.abs(slow - steady).max() < 0.3 * np.abs(SIGNAL[0] - steady[0])
 
 
 def test_the_adjoint_of_a_sensor_gives_the_same_sum():
-    sensor, sampler = Sensor(ca.SX(0, 1), lag=SLOW, delay=LATE), Interpolated(GRID, GRID)
+    sensor, sampler = SensorReadout(ca.SX(0, 1), lag=SLOW, delay=LATE), InterpolatingSampler(GRID, GRID)
     weights, signal = np.random.default_rng(0).normal(size=(2, len(GRID)))
     seen = sensor.read(signal[:, None], sampler, np.zeros(0))[:, 0]
     assert sensor.adjoint(weights, sampler, np.zeros(0)) @ signal == pytest.approx(weights @ seen, rel=1e-12)

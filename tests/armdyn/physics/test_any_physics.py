@@ -16,7 +16,7 @@ from armdyn.effects.effect import effect
 from armdyn.effects.user import available_effects
 from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
-from armdyn.identify.prepare import noise_of_runs
+from armdyn.identify.prepare import run_noise
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.parameter import quantity
@@ -96,7 +96,7 @@ def test_noise_is_not_told_across_the_steps_of_a_held_command(tmp_path):
     drawn = case(BATTERY, 3)
     model = drawn.model(tmp_path)
     prepared = [model.prepare_run(run) for run in drawn.runs()]
-    for told in noise_of_runs(model, prepared).values():
+    for told in run_noise(model, prepared).values():
         assert told == pytest.approx(BATTERY.noise["extra.voltage"], rel=0.1)
 
 
@@ -132,10 +132,10 @@ def test_no_threshold_is_named_where_there_is_none(tmp_path, family, seed):
 
 def test_values_that_move_together_have_no_standard_deviation_and_a_sentence(tmp_path):
     found = study_of(FILTER, 10, tmp_path, "").compare()
-    (one,) = found.together
+    (one,) = found.unidentified_combinations
     changes = [one.changes[name] for name in ("inductance", "capacity", "resistance")]
     assert changes == pytest.approx([1.0, -1.0, 1.0], rel=0.02)
-    assert one.settled_by == ("current [A]",)
+    assert one.identifying_states == ("current [A]",)
     assert f"{one.sentence}." in found.remarks
     assert all(found.parameters[name].std is None for name in ("inductance", "capacity", "resistance"))
 
@@ -145,7 +145,7 @@ def test_a_prior_settles_what_moves_together(tmp_path):
     true = drawn["inductance"]
     model = drawn.model(tmp_path).with_prior("inductance", true, 0.01 * true)
     found = CheckedStudy.of(model, drawn.runs()[:2], effects=()).compare()
-    assert found.together == ()
+    assert found.unidentified_combinations == ()
     for name in ("inductance", "capacity", "resistance"):
         p = found.parameters[name]
         assert 0.001 * drawn[name] < p.std < 0.02 * drawn[name]

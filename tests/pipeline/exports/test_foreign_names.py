@@ -199,7 +199,7 @@ def test_what_an_offset_does_is_the_offset():
     study = Study.of(baxter.with_effect(CATALOGUE["torque_offset"]), [generate("torque_offset", 1.0, 3)], [], [])
     fit = study.first()
     for channel, value in fit.contribution(["torque_offset"]).items():
-        offset = fit.values[list(fit.problem.of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
+        offset = fit.values[list(fit.problem.unknowns_of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
         assert np.isfinite(value)
 

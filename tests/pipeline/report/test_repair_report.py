@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
-from armdyn.document import MAX_CARD_ROWS, Column, Document, Level, NextStep, Section, Table
+from armdyn.document import MAX_CARD_ROWS, Column, Document, NextStep, ResultLevel, Section, Table
 from armdyn.errors import UnknownNameError
-from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.explained import ChannelScale, RepairStep
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
-from armdyn.identify.tables import fall_sentence, link_section, step_table
+from armdyn.identify.tables import error_fall_sentence, link_section, step_table
 from armdyn.notebook import data_frame, html_card
 from pipeline.answers import link_answer
 from pipeline.console.screen import finish, show
@@ -32,12 +32,12 @@ def link(mass, determined):
 @pytest.mark.parametrize(
     ("verdict", "explained", "widened", "level"),
     [
-        (Verdict.EXPLAINED, 0.99, 1.0, Level.GOOD),
-        (Verdict.EXPLAINED, 0.99, 12.0, Level.IMPROVED),  # without structure, and far above the noise
-        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, Level.IMPROVED),
-        (Verdict.EFFECT_MISSING, 0.6, 12.0, Level.IMPROVED),
-        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, Level.CAUTION),
-        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, Level.BAD),
+        (Verdict.EXPLAINED, 0.99, 1.0, ResultLevel.GOOD),
+        (Verdict.EXPLAINED, 0.99, 12.0, ResultLevel.IMPROVED),  # without structure, and far above the noise
+        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, ResultLevel.IMPROVED),
+        (Verdict.EFFECT_MISSING, 0.6, 12.0, ResultLevel.IMPROVED),
+        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, ResultLevel.CAUTION),
+        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, ResultLevel.BAD),
     ],
 )
 def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
@@ -70,7 +70,7 @@ def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_de
 def test_the_repair_path_tells_total_errors_and_the_exams():
     given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
-    path, scale = [given, better], Scale({"tau.a": "N m", "tau.b": "N m"}, {})
+    path, scale = [given, better], ChannelScale({"tau.a": "N m", "tau.b": "N m"}, {})
     table = step_table(path, scale, (HoldoutKind.EXAM, HoldoutKind.HELD_OUT), {"payload": "A mass at the tool."})
     columns = {column.heading: column for column in table.columns}
     assert list(columns) == [
@@ -89,7 +89,7 @@ def test_the_repair_path_tells_total_errors_and_the_exams():
     assert columns["fitted [N m]"].bar_lengths == pytest.approx([1.0, 0.1])
     assert "took part in nothing" in table.caption
     assert "took part in choosing" in table.caption
-    assert fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."
+    assert error_fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."
 
 
 VALUES = [0.0123456, None, 7.0]
@@ -112,7 +112,7 @@ DOCUMENT = Document(
     "A result",
     "it is <so>",
     [Section("Evidence", "Three were tried.", tables=[TABLE])],
-    Level.GOOD,
+    ResultLevel.GOOD,
     notes=["look out"],
     next_steps=[NextStep("add it", "armdyn add m.toml")],
 )

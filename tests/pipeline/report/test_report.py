@@ -13,7 +13,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.errors import InputError
 from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
@@ -115,7 +115,7 @@ def test_every_axis_has_a_name_and_a_unit(report):
 
 
 def test_text_of_users_cannot_become_markup():
-    report = Document(NASTY, NASTY, [NASTY_SECTION], Level.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
+    report = Document(NASTY, NASTY, [NASTY_SECTION], ResultLevel.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
                       [NextStep(NASTY, NASTY)], NASTY)  # fmt: skip
     own = own_part(page_html(report))
     page = Page(own)
@@ -125,7 +125,7 @@ def test_text_of_users_cannot_become_markup():
     assert drawn(own)["figures"][0]["data"][0]["name"] == NASTY
 
 
-@pytest.mark.parametrize("level", Level)
+@pytest.mark.parametrize("level", ResultLevel)
 def test_banner_says_the_verdict_in_words_and_colour(level):
     page = Page(own_part(page_html(Document("A", "what happened", [], level))))
     classes = [attributes["class"] for _, attributes in page.elements if attributes.get("role") == "status"]
@@ -188,10 +188,12 @@ def test_table_report_says_that_the_box_was_chosen(table):
     text = Page(own_part(page_html(table_report(table)))).text
     assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
     assert "With estimation 9 of 9 guesses succeed" in text
-    assert table_report(table).level is Level.GOOD
+    assert table_report(table).level is ResultLevel.GOOD
 
 
-@pytest.mark.parametrize(("estimation", "succeeding", "level"), [(True, 4, Level.BAD), (False, 18, Level.CAUTION)])
+@pytest.mark.parametrize(
+    ("estimation", "succeeding", "level"), [(True, 4, ResultLevel.BAD), (False, 18, ResultLevel.CAUTION)]
+)
 def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, estimation, succeeding, level):
     succeeded = table.succeeded.copy()
     succeeded[0, int(estimation)] = np.arange(20) < succeeding
