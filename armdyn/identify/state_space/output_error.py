@@ -231,7 +231,7 @@ class EffectSetOptimiser:
             yield from (np.where(self.start_unknowns, size * first, first) for size in SMALLER_MOTION_FACTORS)
 
     def likeliest_start_values(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) start values for a model whose values are only guesses, the likeliest first; see `starts.likeliest_start_values`.
+        """(P,) start values for a model whose values are only guesses; see `likeliest_start_values`.
 
         They are searched for each set of effects, as an added effect may move the optimum far.
         """

@@ -133,7 +133,7 @@ class StateSpaceStudy(Study):
         return find_unidentified_combinations(fit)
 
     def is_lost(self, fit: Fit) -> bool:
-        """Whether the residual varies more than the signals, in training or held-out runs; see `residual_variance_ratio`.
+        """Whether the residual varies more than the signals, in some runs; see `residual_variance_ratio`.
 
         A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise.
         """
