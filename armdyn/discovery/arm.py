@@ -15,12 +15,12 @@ from armdyn.recording.channels import FloatArray
 
 MISSING_TORQUE_SHARE = 0.1
 """Typical size of a missing torque, as a share of the joint's root mean square torque."""
-JOINT_STOP_PLACES, JOINT_RUB_PLACES, JOINT_MAGNET_PLACES, JOINT_CABLE_PLACES = 5, 2, 5, 3
+JOINT_STOP_POSITIONS, JOINT_RUB_POSITIONS, JOINT_MAGNET_POSITIONS, JOINT_CABLE_POSITIONS = 5, 2, 5, 3
 """Number of joint positions from which a fit of a stop, a one-sided friction, a magnet or a tight cable starts."""
-WAVE_PERIODS = 28
+COGGING_PERIODS = 28
 """Number of periods that are tried for a torque that repeats along the position; neighbours differ by 15 %, so that a
 fit from the nearest one reaches any period between them."""
-MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
+MIN_COGGING_PERIOD, MAX_COGGING_PERIOD = 0.03, 1.5
 """Shortest and longest of these periods, as a share of the range of the joint's position."""
 
 
@@ -43,16 +43,16 @@ def arm_curves(fit: Fit) -> Iterator[CandidateTerm]:
 def _of_joint(
     site: TermLocation, position: TermVariable, speed: TermVariable, load: TermVariable, time: TermVariable
 ) -> Iterator[CandidateTerm]:
-    widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_PLACES, JOINT_RUB_PLACES)
+    widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_POSITIONS, JOINT_RUB_POSITIONS)
     yield from shapes.hinge_terms(site, position, speed, time, grid, widths)
     yield shapes.power_term(site, load, 2, "saturating motor", "a torque with the square of the load")
     yield shapes.power_term(
         site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates"
     )
-    yield from shapes.cable_terms(site, position, JOINT_CABLE_PLACES)
-    yield from shapes.magnet_terms(site, position, JOINT_MAGNET_PLACES)
+    yield from shapes.cable_terms(site, position, JOINT_CABLE_POSITIONS)
+    yield from shapes.magnet_terms(site, position, JOINT_MAGNET_POSITIONS)
     yield from shapes.gear_play_terms(site, speed, position, (0.01 * position.span, 0.05 * position.span))
-    periods = position.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
+    periods = position.span * np.geomspace(MIN_COGGING_PERIOD, MAX_COGGING_PERIOD, COGGING_PERIODS)
     yield from shapes.cogging_terms(site, position, periods.tolist())
 
 

@@ -11,7 +11,7 @@ from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
-STRING_RUB_PLACES, STRING_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
+STRING_RUB_POSITIONS, STRING_STOP_POSITIONS, RAIL_MAGNET_POSITIONS = 3, 5, 7
 """Number of positions from which a fit of a one-sided friction, a stop or a magnet starts; a fit reaches positions up
 to half the distance to the next one."""
 
@@ -19,14 +19,14 @@ to half the distance to the next one."""
 def pendulum_terms(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
-    widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
+    widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_POSITIONS, STRING_RUB_POSITIONS)
     yield from shapes.hinge_terms(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
     yield from shapes.recorded_terms(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
-        yield from shapes.magnet_terms(load, v["position"], RAIL_MAGNET_PLACES)
+        yield from shapes.magnet_terms(load, v["position"], RAIL_MAGNET_POSITIONS)
         under = replace(load, code=below, formula_pattern="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnet_terms(under, v["position"], RAIL_MAGNET_PLACES)
+        yield from shapes.magnet_terms(under, v["position"], RAIL_MAGNET_POSITIONS)
         for n in (1, 2, 3):
             yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 

@@ -29,7 +29,7 @@ from armdyn.identify.tables import (
     missing_force_columns,
     motion_section,
     parameter_table,
-    place_section,
+    failing_range_section,
     prediction_curves,
     sample_columns,
 )
@@ -124,7 +124,7 @@ class Comparison(Displayable):
             ),
             *([drive_section(self.drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
-            *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
+            *([failing_range_section("Where the model fails", self.places)] if self.places and not self.lost else []),
         ]
         return Document(
             "Comparison",

@@ -15,7 +15,7 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-Minimise = Callable[[FreeCost, np.ndarray], Descent]
+MinimiseFunction = Callable[[FreeCost, np.ndarray], Descent]
 """Function that minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
@@ -55,7 +55,7 @@ def estimate(
     model: Model,
     runs: Sequence[Run],
     noise: Mapping[str, float],
-    minimise: Minimise = descend,
+    minimise: MinimiseFunction = descend,
 ) -> Estimate:
     """Fit the parameters of a model that are marked `fitted`, starting from the model's values.
 
@@ -125,7 +125,7 @@ class Estimator(Generic[ModelT]):
         minimise: the method that minimises the cost.
     """
 
-    def __init__(self, model: ModelT, noise: Mapping[str, float], minimise: Minimise = descend) -> None:
+    def __init__(self, model: ModelT, noise: Mapping[str, float], minimise: MinimiseFunction = descend) -> None:
         self._minimise = minimise
         self.model: ModelT = model
         self.noise = dict(noise)

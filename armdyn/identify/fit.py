@@ -14,9 +14,9 @@ from armdyn.run import Channel, Run
 MIN_INDEPENDENT_SHARE = 1e-5
 """An unknown is not identifiable if less than this share of its derivatives (root of squares) is independent of those
 of other unknowns."""
-FAR_ABOVE_STATED = 2.0
+MAX_CHI2_OF_STATED_NOISE = 2.0
 """Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
-CHI2_NEAR_NOISE = 1.5
+MAX_CHI2_NEAR_NOISE = 1.5
 """Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 
 MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8

@@ -17,7 +17,7 @@ from armdyn.run import Run
 MAX_ERROR_INCREASE = 0.02
 """Relative increase of the error on held-out runs up to which an added effect is accepted."""
 
-FitOwn = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
+FitRunUnknowns = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
 """Function that fits the unknowns which belong to a single run, such as its start state. Its arguments are the problem
 of that run, (P,) start values, a (P,) mask of the run's unknowns, and a (P,) mask of those that are fitted."""
 
@@ -27,7 +27,7 @@ def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarra
     return fit(alone, free, start)
 
 
-def predict_runs(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
+def predict_runs(found: Fit, held_out: Sequence[Run], fit_own: FitRunUnknowns = _descend) -> list[Fit]:
     """Predict held-out runs with the values of a fit to other runs; one `Fit` for each.
 
     Args:
@@ -65,7 +65,7 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
 
 
-def _predicted(found: Fit, run: Run, fit_own: FitOwn) -> Fit:
+def _predicted(found: Fit, run: Run, fit_own: FitRunUnknowns) -> Fit:
     """Predict one run, its own unknowns fitted."""
     source = found.problem
     alone = Problem(source.model, [run], source.noise)

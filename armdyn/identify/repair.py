@@ -14,7 +14,7 @@ from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
 from armdyn.identify.explained import ChannelScale, RepairStep, explained_share
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
 from armdyn.identify.lost import failed_fit_sentence
 from armdyn.identify.residual.character import ResidualCharacter, characterise
@@ -44,9 +44,9 @@ from armdyn.threads import one_thread
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
 
-BACKGROUND = "background"
+BACKGROUND_STEP = "background"
 """Name of the step of a repair that adds small values of many effects, which reports do not list."""
-NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
+NO_BACKGROUND_SENTENCE = " Small values beside that, on every joint, would predict other runs no better: there is no background."
 MIN_IMPROVED_SHARE = 0.5
 """Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
 
@@ -143,12 +143,12 @@ def with_background(told: Repair, full: AllEffectsFit) -> Repair:
     """
     study, last = full.study, told.steps[-1]
     small = find_background(full, last)
-    without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
+    without = replace(told, sentence=told.sentence + NO_BACKGROUND_SENTENCE) if last.tests.fails else told
     if small is None:
         return without
     step = SearchStep((), (), last.effects, small.fit, last.tests)
     study.hold_predictions(small.fit, small.leave_one_out_predictions)
-    described = replace(repair_step(study, step), added=(BACKGROUND,), values=len(small.values))
+    described = replace(repair_step(study, step), added=(BACKGROUND_STEP,), values=len(small.values))
     if _harms(told.path[-1], described, told.after.scale):
         return without
     joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
@@ -293,7 +293,7 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
     if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
-    near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
+    near = found.last.fit.chi2_per_sample < MAX_CHI2_OF_STATED_NOISE
     little = len(found.steps) > 1 and study.explained_share(found.steps[0].fit, found.last.fit) > MIN_EXPLAINED_AT_NOISE
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 

@@ -28,7 +28,7 @@ class Verdict(Enum):
         return self.name.lower()
 
 
-KIND_TEXT = {
+HOLDOUT_KIND_TEXT = {
     HoldoutKind.EXAM: "on the exam, which took part in nothing,",
     HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
     HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
@@ -92,7 +92,7 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
     old, new = (total_errors(step.independent_errors(scale), scale.units) for step in (before, after))
     return (
         f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
-        f"recordings better that it was not fitted to: the error {KIND_TEXT[judge]} {_change(old, new)}."
+        f"recordings better that it was not fitted to: the error {HOLDOUT_KIND_TEXT[judge]} {_change(old, new)}."
     )
 
 
@@ -131,7 +131,7 @@ def _found(
 ) -> str:
     added = added_effect_texts(steps)
     if not added:
-        return f"Nothing was added: the error {KIND_TEXT[judge]} is {_sizes(before)}."
+        return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {_sizes(before)}."
     named = (
         added
         if len(added) <= MAX_NAMED_EFFECTS
@@ -159,7 +159,7 @@ def _found(
         if worst is not None and worst[1] < share - LAGGING_SHARE:
             of = worst[0].partition(".")[2] or worst[0]
             text += f" but only {percent_text(max(worst[1], 0.0))} of that of {of}"
-    return f"{text}; the error {KIND_TEXT[judge]} {_change(before, after)}."
+    return f"{text}; the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
 
 
 def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind, all_blocks, leave_one_out_predictions, predict_runs
 from armdyn.identify.prepare import prepare_runs, run_noise, stated_noise
 from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
@@ -156,7 +156,7 @@ class Study(ABC):
 
     def model_error_weight(self, fit: Fit) -> float:
         """Weight of the model's own error against the noise in a residual, 0 to 1."""
-        return 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, fit.chi2_per_sample)
+        return 1.0 - MAX_CHI2_OF_STATED_NOISE / max(MAX_CHI2_OF_STATED_NOISE, fit.chi2_per_sample)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer | None:
         """Scorer of sets of effects from sums at a fit; None for models that are not linear in most values."""

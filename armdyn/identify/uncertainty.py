@@ -25,15 +25,15 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.noise import Whitening, variance_inflation, whitening_filters
 from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
-FAR_ABOVE_ESTIMATED = 10.0
+MAX_CHI2_OF_ESTIMATED_NOISE = 10.0
 """Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
 differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
-NEARLY_NO_PRIOR = 1e-4
+REDUCED_PRIOR_WEIGHT = 1e-4
 """Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
 
 
@@ -63,7 +63,7 @@ class Uncertainty:
     @cached_property
     def covariance_without_priors(self) -> np.ndarray:
         """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
-        return _covariance(self.fit, self.inflation or _inflation(self.fit), NEARLY_NO_PRIOR, bounded=False)
+        return _covariance(self.fit, self.inflation or _inflation(self.fit), REDUCED_PRIOR_WEIGHT, bounded=False)
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
@@ -132,9 +132,9 @@ def model_error_dominates(study: Study, fit: Fit) -> bool:
     """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
     for blocks in blocks_by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        far, whole = FAR_ABOVE_STATED, sample_count(blocks)
+        far, whole = MAX_CHI2_OF_STATED_NOISE, sample_count(blocks)
         if samples < whole:
-            chi2, samples, far = chi2_sum(blocks), whole, FAR_ABOVE_ESTIMATED
+            chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_OF_ESTIMATED_NOISE
         if chi2 > far * samples:
             return True
     return False

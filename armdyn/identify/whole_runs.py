@@ -17,7 +17,7 @@ from armdyn.identify.holdout import MAX_ERROR_INCREASE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import SetScore
-from armdyn.identify.state_space.scorer import MAX_LACKING_SHARE, StateSpaceScorer
+from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
@@ -109,7 +109,7 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
             rest = tuple(c for c in whole if c != gone)
             rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
             sets = [scorer.evaluate((*rest, c)) for c in rivals]
-            least = now.score - MAX_LACKING_SHARE * (now.score - scorer.evaluate(rest).score)
+            least = now.score - MAX_MISSING_EVIDENCE_SHARE * (now.score - scorer.evaluate(rest).score)
             near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS_TRIED]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}

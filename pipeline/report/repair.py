@@ -10,7 +10,7 @@ from armdyn.identify.explained import RepairStep, percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
 from armdyn.identify.selection.search import repair_step
-from armdyn.identify.sentence import KIND_TEXT, MAX_NAMED_EFFECTS, added_effect_texts
+from armdyn.identify.sentence import HOLDOUT_KIND_TEXT, MAX_NAMED_EFFECTS, added_effect_texts
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
 from pipeline.report.fit import dependence_section, error_section, key_figures, runs_of
@@ -48,7 +48,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)
     if len(found.path) > 1:
-        whose = KIND_TEXT[study.holdout_kinds[0]].rstrip(",")
+        whose = HOLDOUT_KIND_TEXT[study.holdout_kinds[0]].rstrip(",")
         figures.insert(0, KeyFigure("Misfit explained", percent_text(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",

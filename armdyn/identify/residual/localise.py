@@ -14,7 +14,7 @@ LOCATION_BINS = 16
 """Number of bins over a signal such as an angle, each with equally many samples."""
 TIME_BINS = 30
 """Number of equally wide bins over the time of a run."""
-SIGNIFICANT_DEVIATES = 5.0
+SIGNIFICANT_STDS = 5.0
 """Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
 MAX_PLACES = 12
 """Largest number of ranges that are reported."""
@@ -59,7 +59,7 @@ def find_failing_ranges(fit: Fit) -> tuple[FailingRange, ...]:
     for channel, blocks in blocks_by_channel(fit.blocks).items():
         total, samples = chi2_sum(blocks), sample_count(blocks)
         overall = total / samples
-        if chi2_z_value(total, samples) < SIGNIFICANT_DEVIATES:
+        if chi2_z_value(total, samples) < SIGNIFICANT_STDS:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
@@ -125,7 +125,7 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > SIGNIFICANT_DEVIATES * np.sqrt(2 * np.maximum(counts, 1))) & (
+    failing = (sums - counts > SIGNIFICANT_STDS * np.sqrt(2 * np.maximum(counts, 1))) & (
         mean > MIN_CHI2_RATIO * overall
     )
     places, first = [], None

@@ -77,7 +77,7 @@ class BackgroundFit:
     leave_one_out_predictions: tuple[Fit, ...]
 
 
-def fit_full_model(
+def fit_all_effects(
     study: LinearStudy, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]
 ) -> AllEffectsFit:
     """Fit all effects of the catalogue at once, linearised again at every fit until the residual stops falling.

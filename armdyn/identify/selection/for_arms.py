@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.identify.fit import continue_fit
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.selection.background import AllEffectsFit, fit_full_model
+from armdyn.identify.selection.background import AllEffectsFit, fit_all_effects
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
@@ -59,7 +59,7 @@ def select_for_arm(
     """
     around = study.scorer(given.fit)
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
-    full = fit_full_model(study, leading.effects, leading.fit, say)
+    full = fit_all_effects(study, leading.effects, leading.fit, say)
     sure = leading
     if set(full.sure.effects) != set(full.scorer.split_into_candidates(leading.effects)):
         sure = _to_fixed_point(LinearPath(study, full.scorer, full.sure, study.present, full.fit), _sure, say)

@@ -25,15 +25,15 @@ from armdyn.physics.pieces import pseudo_inverse
 
 MAX_INNOVATION_GROWTH = 1.5
 """Largest factor by which the squared innovations may grow in one step; they grow a little as the kicks change too."""
-UNSEEN_INFORMATION = 1e-9
+NEGLIGIBLE_INFORMATION = 1e-9
 """Information on an unknown, in inverse squared typical sizes, up to which it has no influence except by rounding."""
 CONVERGED_NATS = 0.5
 """Change of the log evidence, nats, below which an optimisation has converged."""
 NoiseEvaluation = Callable[[LinearisedRun, RunNoise], NoiseTable]
 """Function that evaluates a run at several noise settings, near a given one or over the whole range."""
-NEARBY_NOISES: Sequence[NoiseEvaluation] = (evaluate_nearby_noises,) * 6
+NEARBY_EVALUATIONS: Sequence[NoiseEvaluation] = (evaluate_nearby_noises,) * 6
 """Noise settings of each round of an optimisation: always near the best ones of the round before."""
-WIDE_FIRST_NOISES: Sequence[NoiseEvaluation] = (evaluate_all_noises, *NEARBY_NOISES[1:])
+WIDE_FIRST_EVALUATIONS: Sequence[NoiseEvaluation] = (evaluate_all_noises, *NEARBY_EVALUATIONS[1:])
 """Noise settings of each round of an optimisation: over the whole range first, then near the best ones."""
 KICK_SHRINK_FACTOR, NO_KICK_SHARE = 0.03, 1e-6
 """Factor on the kicks from round to round, and the share of the first kicks that counts as no kick."""
@@ -144,7 +144,7 @@ class GreyBox:
 
     @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
     def optimise(
-        self, free: np.ndarray, point: LinearisationPoint, looks: Sequence[NoiseEvaluation] = WIDE_FIRST_NOISES
+        self, free: np.ndarray, point: LinearisationPoint, looks: Sequence[NoiseEvaluation] = WIDE_FIRST_EVALUATIONS
     ) -> LinearisationPoint:
         """Optimise values, noise and motions in rounds until the evidence stops growing.
 
@@ -220,7 +220,7 @@ class GreyBox:
 
     def influential(self, point: LinearisationPoint) -> np.ndarray:
         """(P,) bool: unknowns that have any influence on the runs at a point."""
-        return np.diag(self._kicked(point)) > UNSEEN_INFORMATION
+        return np.diag(self._kicked(point)) > NEGLIGIBLE_INFORMATION
 
     def _kicked(self, point: LinearisationPoint) -> np.ndarray:
         """(P, P) information of the runs, in typical sizes, with kicks as large as allowed."""

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
@@ -36,9 +36,9 @@ LINEAR_PRIOR_SIZE = 100.0
 FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
 """Number of pieces over which a motion is first derived from a force, factor on this number from round to round, and
 largest number of smoother steps in a round."""
-GLITCH_DEVIATES = 4.0
+GLITCH_STDS = 4.0
 """Number of standard deviations of an innovation above which a sample is a glitch: one in 16,000 by chance."""
-MAX_ACTING_SHARE = 0.75
+MAX_INFLUENTIAL_SHARE = 0.75
 """Share of the unknowns with influence above which the other unknowns are not left out, as this would save no time."""
 MAX_GLITCH_SHARE = 0.1
 """Largest share of samples that can be glitches; with more of them, none is treated as a glitch."""
@@ -120,7 +120,7 @@ class GreyBoxRun:
         while known < len(states) and not around.mean_squared_residual(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
             begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
             for _ in range(MAX_SMOOTHER_STEPS):
-                if not around.finite or around.mean_squared_residual(begin, known) < CHI2_NEAR_NOISE:
+                if not around.finite or around.mean_squared_residual(begin, known) < MAX_CHI2_NEAR_NOISE:
                     break
                 states = around.smooth_first_pieces(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
@@ -248,7 +248,7 @@ class LinearisedRun:
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.sum() < MAX_ACTING_SHARE * len(acting) else np.ones_like(acting))
+        return np.asarray(acting if acting.sum() < MAX_INFLUENTIAL_SHARE * len(acting) else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[RunNoise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces for C noises, as input of `filter_run` with `kicks` sizes of the kicks."""
@@ -322,7 +322,7 @@ class LinearisedRun:
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)
-            bad = z > GLITCH_DEVIATES
+            bad = z > GLITCH_STDS
             few = bad.sum() < MAX_GLITCH_SHARE * len(bad)
             found.append(np.where(bad & few, z**2, 1.0))
         return tuple(found)

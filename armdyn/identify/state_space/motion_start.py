@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, first_seconds, identifiable, run_duration
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
-DESCENDED_STARTS = 8
+FITTED_STARTS = 8
 """Number of start states, those with the least cost, from which a fit starts on the first part of a run."""
 FOLLOWED_STARTS = 4
 """Largest number of start states that are compared over longer parts of a run."""
@@ -66,14 +66,14 @@ def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> n
     window, end = model.start_window(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < CHI2_NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_NEAR_NOISE * cut.samples
     if near_noise and np.array_equal(identifiable(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED_STARTS]]
+    found = [_descended(cut, free, window, rows[i]) for i in order[:FITTED_STARTS]]
     rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
         window *= STRETCH_GROWTH
@@ -91,7 +91,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.at.cost >= CHI2_NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.at.cost >= MAX_CHI2_NEAR_NOISE * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)

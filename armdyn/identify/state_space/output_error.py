@@ -11,10 +11,10 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, continue_fit, fit
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit, continue_fit, fit
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_box import NEARBY_NOISES, GreyBox, LinearisationPoint
+from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
 from armdyn.identify.state_space.places import find_thresholds
 from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
 from armdyn.physics.simulated import simulated
@@ -144,7 +144,7 @@ class EffectSetOptimiser:
 
     def _settled_anew(self, free: np.ndarray, point: LinearisationPoint) -> LinearisationPoint:
         """A point, optimised again where pieces were cut since: only evidence with as many kicks is comparable."""
-        return self.box.optimise(free, point, NEARBY_NOISES) if self.box.has_divided_pieces(point) else point
+        return self.box.optimise(free, point, NEARBY_EVALUATIONS) if self.box.has_divided_pieces(point) else point
 
     def optimise(self, free: np.ndarray, like: np.ndarray | None = None) -> LinearisationPoint:
         """Optimise values, noise and motions for a set of effects, starting from the most similar set so far.
@@ -158,11 +158,11 @@ class EffectSetOptimiser:
         if key not in self._settled:
             self._settled[key] = (
                 free,
-                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_NOISES)),
+                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)),
             )
         if like is not None:
             there = self._settled[like.tobytes()][1]
-            other = self.box.optimise(free, self._without(there, free), NEARBY_NOISES)
+            other = self.box.optimise(free, self._without(there, free), NEARBY_EVALUATIONS)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         return self._settled[key][1]
@@ -273,7 +273,7 @@ def best_fit(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], o
     """
     values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
+    if found[0].chi2_per_sample > (MAX_CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
     others = min(others, MAX_PREDICTED_SAMPLES // (problem.samples * (3 * SKETCH_STEPS + MAX_FIT_STEPS)))

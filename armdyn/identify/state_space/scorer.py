@@ -28,7 +28,7 @@ MAX_SET_FOR_PAIRS = 3
 
 POSSIBLE_TIE_NATS = 12.0
 """Difference of log evidence, nats, below which a set is optimised to test whether the runs can tell it apart."""
-MAX_LACKING_SHARE = 0.5
+MAX_MISSING_EVIDENCE_SHARE = 0.5
 """Share of an effect's evidence that a rival may lack and still be optimised and compared by its residual: linearised
 at the optimum of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own optimum.
 """
@@ -156,7 +156,7 @@ class StateSpaceScorer(SetScorer):
         """
         standing = self.schwarz_score(whole)
         gap = standing - self.schwarz_score(other)
-        near = gap <= MAX_LACKING_SHARE * (standing - self.schwarz_score(without))
+        near = gap <= MAX_MISSING_EVIDENCE_SHARE * (standing - self.schwarz_score(without))
         if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_score(self._again(other, whole)) < TIE_NATS:
             return True
         study = self._study

@@ -8,7 +8,7 @@ from itertools import chain, tee
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit
 from armdyn.identify.holdout import predict_runs
 from armdyn.identify.lost import residual_variance_ratio
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
@@ -92,7 +92,7 @@ class StateSpaceStudy(Study):
         places = chain(copy(starts), motion.rescaled_start_values(free, copy(starts)))
         fitted = transfer_mask(free | motion.start_unknowns, motion.problem, self.problem)
         found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
-        if others and found.chi2_per_sample > CHI2_NEAR_NOISE and (likely := motion.likeliest_start_values(free)):
+        if others and found.chi2_per_sample > MAX_CHI2_NEAR_NOISE and (likely := motion.likeliest_start_values(free)):
             other = best_fit(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
             found = min(found, other, key=lambda one: one.cost)
         if point is not None:
@@ -137,7 +137,7 @@ class StateSpaceStudy(Study):
 
         A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise.
         """
-        if fit.chi2_per_sample < CHI2_NEAR_NOISE:
+        if fit.chi2_per_sample < MAX_CHI2_NEAR_NOISE:
             return False
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
         return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)

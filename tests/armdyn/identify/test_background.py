@@ -10,7 +10,7 @@ from worlds.imperfect_arm import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, add, with_background
-from armdyn.identify.selection.background import AllEffectsFit, find_background, fit_full_model
+from armdyn.identify.selection.background import AllEffectsFit, find_background, fit_all_effects
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
@@ -29,7 +29,7 @@ def repaired() -> tuple[Repair, Study]:
 
 def full_model(study: Study, told: Repair) -> AllEffectsFit:
     last = told.steps[-1]
-    return fit_full_model(study, last.effects, last.fit, lambda _: None)
+    return fit_all_effects(study, last.effects, last.fit, lambda _: None)
 
 
 def total(errors: dict[str, float]) -> float:

@@ -9,7 +9,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import add, with_background
-from armdyn.identify.selection.background import fit_full_model
+from armdyn.identify.selection.background import fit_all_effects
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
@@ -68,7 +68,7 @@ def test_every_run_of_an_arm_with_a_background_has_bands_as_well() -> None:
     study = Study.of(arm_model(robot="ur5"), case.train, [], joint_effects, exam=case.exam)
     named = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
     told = add(study, named)
-    found = with_background(told, fit_full_model(study, told.steps[-1].effects, told.steps[-1].fit, lambda _: None))
+    found = with_background(told, fit_all_effects(study, told.steps[-1].effects, told.steps[-1].fit, lambda _: None))
     assert found.path[-1].added == ("background",)
     after = found.after
     assert {name: c.held_out_rmse for name, c in after.channels.items()} == pytest.approx(found.path[-1].held_out_rmse)
