@@ -16,7 +16,7 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.motion_polish import fit_to_motion
+from armdyn.identify.motion_fit import fit_to_motion
 from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict

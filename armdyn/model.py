@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from armdyn.displayable import Displayable
 from armdyn.document import Column, Document, Section, Table, attribute_columns
 from armdyn.effect_model import EffectModel
 from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
-from armdyn.shown import Displayable
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from armdyn import atomic
 from armdyn.arrays import channels_from_arrays, split_frame
+from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_auxiliary
@@ -20,7 +21,6 @@ from armdyn.recording.csv_run import csv_text, read_csv
 from armdyn.recording.preparation import Preparation
 from armdyn.recording.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.recording.units import Known
-from armdyn.shown import Displayable
 
 __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 

@@ -31,9 +31,9 @@ from armdyn.arm.readings import error, reads
 from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import BoundedSolution, scale_to_unit_diagonal, solve_bounded
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.units import Known
 from armdyn.run import Run
 

@@ -12,7 +12,7 @@ from armdyn.arm.motion import MeasuredMotion, standing_joints
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, direction_known, interior, motion_in, prepare, recorded
 from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, TorqueSum
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
 from armdyn.recording.channels import DriveReading
 from armdyn.recording.spikes import without_spikes

@@ -23,10 +23,10 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
-from armdyn.identify.explained import ChannelScale
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import failed_fit_sentence
-from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, search

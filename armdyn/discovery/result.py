@@ -9,16 +9,16 @@ import numpy as np
 from armdyn import atomic
 from armdyn.discovery.source import effects_file_text, indented_lines
 from armdyn.discovery.term import CandidateTerm
+from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section, Table
 from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
-from armdyn.identify.explained import percent_text
+from armdyn.identify.explained_share import percent_text
 from armdyn.identify.residual.missing_force import ForceCurve, pool_curves
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE_STAGE
-from armdyn.shown import Displayable
 
 MIN_LAW_SHARE = 0.5
 """Least share of the squared error that the discovered laws must explain for a good result."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
@@ -20,7 +21,6 @@ from armdyn.experiments.search import Say
 from armdyn.experiments.separation import ExpectedOutcome, Rival, beliefs, outlook
 from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 INSEPARABLE_RISE = 1.0

@@ -8,36 +8,36 @@ import numpy as np
 
 from armdyn.arm.drives import Servo
 from armdyn.arm.rollout import RollOut
+from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import recorded_columns
 from armdyn.identify.bands import PredictionBands, prediction_bands
-from armdyn.identify.explained import ChannelScale
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import failed_fit_sentence
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.residual.character import probable_cause_text, process_error_share
+from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence
-from armdyn.identify.residual.localise import FailingRange, find_failing_ranges
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
-from armdyn.identify.residual.tests import ResidualTests
+from armdyn.identify.residual.noise_tests import ResidualTests
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     channel_table,
     drive_section,
+    failing_range_section,
     missing_force_columns,
     motion_section,
     parameter_table,
-    failing_range_section,
     prediction_curves,
     sample_columns,
 )
-from armdyn.identify.together import UnidentifiedCombination
 from armdyn.identify.uncertainty import uncertainty
+from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.parameter import Parameter
 from armdyn.recording.preparation import of_all_runs, sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 WHITENESS_LEVEL = 0.01

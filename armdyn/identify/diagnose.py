@@ -4,15 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.explained import ChannelScale
-from armdyn.identify.lost import failed_fit_sentence
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.problem import blocks_by_channel, chi2_z_value
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.tests import MAX_Z
+from armdyn.identify.residual.noise_tests import MAX_Z
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect
@@ -22,7 +23,6 @@ from armdyn.identify.study import Study
 from armdyn.identify.tables import candidate_table, missing_force_columns, prediction_curves
 from armdyn.identify.uncertainty import model_error_dominates
 from armdyn.recording.spikes import outlier_sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 MIN_EXPLAINED_AT_NOISE = 0.97

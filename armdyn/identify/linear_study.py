@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.explained import ChannelScale, explained_error_share
+from armdyn.identify.explained_share import ChannelScale, explained_error_share
 from armdyn.identify.fit import Fit, channel_rmse, fit, identifiable
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate

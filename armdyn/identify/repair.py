@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
-from armdyn.identify.explained import ChannelScale, RepairStep, explained_share
+from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
-from armdyn.identify.lost import failed_fit_sentence
 from armdyn.identify.residual.character import ResidualCharacter, characterise
+from armdyn.identify.residual.failing_ranges import find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence
-from armdyn.identify.residual.localise import find_failing_ranges
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
 from armdyn.identify.selection.background import AllEffectsFit, find_background
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
@@ -38,7 +39,6 @@ from armdyn.identify.uncertainty import uncertainty
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.recording.spikes import outlier_sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ if TYPE_CHECKING:
 
 BACKGROUND_STEP = "background"
 """Name of the step of a repair that adds small values of many effects, which reports do not list."""
-NO_BACKGROUND_SENTENCE = " Small values beside that, on every joint, would predict other runs no better: there is no background."
+NO_BACKGROUND_SENTENCE = (
+    " Small values beside that, on every joint, would predict other runs no better: there is no background."
+)
 MIN_IMPROVED_SHARE = 0.5
 """Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
 

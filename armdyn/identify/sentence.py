@@ -8,7 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from armdyn.identify.explained import ChannelScale, RepairStep, explained_share, least_explained_channel, percent_text
+from armdyn.identify.explained_share import (
+    ChannelScale,
+    RepairStep,
+    explained_share,
+    least_explained_channel,
+    percent_text,
+)
 from armdyn.identify.holdout import HoldoutKind
 
 

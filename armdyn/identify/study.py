@@ -12,11 +12,11 @@ from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind, all_blocks, leave_one_out_predictions, predict_runs
 from armdyn.identify.prepare import prepare_runs, run_noise, stated_noise
 from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
-from armdyn.identify.residual.tests import ResidualTests, ScoreTest, residual_tests, score_tests
+from armdyn.identify.residual.noise_tests import ResidualTests, ScoreTest, residual_tests, score_tests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
-from armdyn.identify.together import UnidentifiedCombination
+from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.document import Column, Columns, Curve, Section, Table, attribute_columns
-from armdyn.identify.explained import ChannelScale, RepairStep
+from armdyn.identify.explained_share import ChannelScale, RepairStep
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.residual.localise import FailingRange
+from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.sentence import MAX_NAMED_JOINTS, total_errors
 from armdyn.parameter import Parameter

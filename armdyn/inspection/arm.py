@@ -18,8 +18,8 @@ from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
-from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import first_order_lag
 from armdyn.run import Run
 

@@ -28,8 +28,8 @@ from armdyn.inspection.mistakes import (
     read_as,
     stamped,
 )
-from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.start import swing_shown
 from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smoothed

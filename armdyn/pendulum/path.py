@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
 from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, elapsed, smoothed_input
 from armdyn.readout import first_order_lag

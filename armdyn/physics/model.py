@@ -14,7 +14,7 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE, catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated

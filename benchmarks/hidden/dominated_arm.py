@@ -31,7 +31,7 @@ from imperfect_arm import JOINT_EFFECTS, exam_error
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 

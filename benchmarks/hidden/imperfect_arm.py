@@ -34,7 +34,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
 from armdyn.run import Run

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, KeyFigure, Section, Table
-from armdyn.identify.explained import percent_text
+from armdyn.identify.explained_share import percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
 from pipeline.report.overlay import Overlays, Quality, quality

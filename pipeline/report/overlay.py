@@ -12,7 +12,7 @@ from armdyn.identify.bands import PredictionBands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.problem import ResidualBlock
-from armdyn.identify.residual.localise import FailingRange
+from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import of_all_runs, sentence

@@ -6,7 +6,7 @@ from dataclasses import replace
 from armdyn.document import Document, KeyFigure, NextStep, Section
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained import RepairStep, percent_text
+from armdyn.identify.explained_share import RepairStep, percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
 from armdyn.identify.selection.search import repair_step

@@ -12,7 +12,7 @@ from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse, continue_fit
 from armdyn.identify.problem import Problem, ResidualBlock
-from armdyn.identify.residual.localise import FailingRange, find_failing_ranges
+from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
 from armdyn.identify.residual.missing_force import (
     ForceCurve,
     MissingForce,
@@ -20,7 +20,7 @@ from armdyn.identify.residual.missing_force import (
     force_curves,
     missing_forces,
 )
-from armdyn.identify.residual.tests import linearised_fit
+from armdyn.identify.residual.noise_tests import linearised_fit
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.study import Study

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from armdyn.identify.fit import Fit, continue_fit
-from armdyn.identify.residual.tests import ResidualTests
+from armdyn.identify.residual.noise_tests import ResidualTests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.ranking import order_by_gain, tied_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
+from armdyn.identify.selection.arm_selection import select_for_arm
 from armdyn.identify.selection.background import AllEffectsFit
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.for_arms import select_for_arm
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer

@@ -15,8 +15,8 @@ from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit, continue_fit, fit
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
-from armdyn.identify.state_space.places import find_thresholds
 from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
+from armdyn.identify.state_space.threshold_search import find_thresholds
 from armdyn.physics.simulated import simulated
 
 DIFFERENT_VALUE_SHARE = 0.1

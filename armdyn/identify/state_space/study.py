@@ -8,16 +8,16 @@ from itertools import chain, tee
 
 import numpy as np
 
+from armdyn.identify.failed_fit import residual_variance_ratio
 from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit
 from armdyn.identify.holdout import predict_runs
-from armdyn.identify.lost import residual_variance_ratio
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
 from armdyn.identify.state_space.motion_start import find_start_state, find_start_states
 from armdyn.identify.state_space.output_error import OTHER_STARTS, EffectSetOptimiser, best_fit, fit_run, shows_motion
 from armdyn.identify.study import CHANCE_DEVIATES, SURE_DEVIATES, Study
-from armdyn.identify.together import UnidentifiedCombination, find_unidentified_combinations
+from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5

@@ -15,7 +15,7 @@ from armdyn.effects.effect import effect
 from armdyn.effects.user import available_effects
 from armdyn.identify.repair import add
 from armdyn.identify.residual.missing_force import compare_missing_forces
-from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search

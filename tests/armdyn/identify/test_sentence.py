@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.identify.diagnose import decide_verdict
-from armdyn.identify.explained import ChannelScale, RepairStep, explained_share
+from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.selection.search import Search

@@ -10,7 +10,7 @@ import pytest
 from armdyn.arm.links import LinkChange, LinkQuantity
 from armdyn.document import MAX_CARD_ROWS, Column, Document, NextStep, ResultLevel, Section, Table
 from armdyn.errors import UnknownNameError
-from armdyn.identify.explained import ChannelScale, RepairStep
+from armdyn.identify.explained_share import ChannelScale, RepairStep
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.residual.tests import compress_residuals
+from armdyn.identify.residual.noise_tests import compress_residuals
 from armdyn.identify.sentence import join_names
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.physics.simulated import simulated
 from armdyn.threads import one_thread
 
