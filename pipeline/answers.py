@@ -136,7 +136,8 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),
         "where": [
-            fields(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
+            fields(place, "channel run against from=start to=end unit chi2_per_sample share")
+            for place in found.failing_ranges
         ],
     }
 

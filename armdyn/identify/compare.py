@@ -76,7 +76,7 @@ class Comparison(Displayable):
         parameters: fitted parameters by name, with the run in brackets where a value belongs to one run.
         channels: quality of the prediction, by channel.
         tests: tests of the residual against noise.
-        places: where the model fails.
+        failing_ranges: ranges of time, angle or speed in which the model fails, the worst first.
         process_error: share of the squared residual that behaves like missing dynamics, 0 to 1; None where it cannot be
             estimated.
         intervals_hold: whether the standard deviations can be trusted.
@@ -98,7 +98,7 @@ class Comparison(Displayable):
     parameters: dict[str, Parameter]
     channels: dict[str, ChannelQuality]
     tests: ResidualTests
-    places: tuple[FailingRange, ...]
+    failing_ranges: tuple[FailingRange, ...]
     process_error: float | None
     intervals_hold: bool
     at_bound: tuple[str, ...]
@@ -124,7 +124,11 @@ class Comparison(Displayable):
             ),
             *([drive_section(self.drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
-            *([failing_range_section("Where the model fails", self.places)] if self.places and not self.lost else []),
+            *(
+                [failing_range_section("Where the model fails", self.failing_ranges)]
+                if self.failing_ranges and not self.lost
+                else []
+            ),
         ]
         return Document(
             "Comparison",
@@ -196,8 +200,8 @@ class Comparison(Displayable):
         if self.explained:
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
         text = f"{force_law_sentence(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
-        if self.places:
-            text += f"; worst {self.places[0].sentence}"
+        if self.failing_ranges:
+            text += f"; worst {self.failing_ranges[0].sentence}"
         if self.process_error is not None:
             text += f"; {probable_cause_text(self.process_error)}"
         return text + "."
@@ -229,7 +233,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         parameters=fitted_parameters(study, fit),
         channels=channels,
         tests=left,
-        places=find_failing_ranges(fit),
+        failing_ranges=find_failing_ranges(fit),
         process_error=process_error_share(fit) if process_error and left.fails else None,
         intervals_hold=not (left.fails or needed) and white,
         at_bound=tuple(sorted(ends)),

@@ -165,7 +165,7 @@ def with_background(told: Repair, full: AllEffectsFit) -> Repair:
         told.after,
         fit=small.fit,
         channels=channel_qualities(study, small.fit),
-        places=find_failing_ranges(small.fit),
+        failing_ranges=find_failing_ranges(small.fit),
         bands=prediction_bands(study, small.fit, small.covariance),
     )
     return replace(

@@ -22,7 +22,7 @@ from pipeline.report.overlay import Overlays
 def comparison_report(study: Study, found: Comparison) -> Document:
     """Report of a comparison: measured against predicted, where the model fails, residual's dependences, parameters."""
     missing = missing_force_sections(found.missing_force)
-    shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
+    shown = Overlays.of_study(study, [found.fit], ["as given"], found.failing_ranges, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
     return replace(made, title=title, sections=illustrated(made.sections, found.rollout))
@@ -33,7 +33,7 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
-    shown = Overlays.of_study(study, fits, steps, found.comparison.places)
+    shown = Overlays.of_study(study, fits, steps, found.comparison.failing_ranges)
     document = found.document(_summaries(study))
     made = _illustrated(document, study, missing, shown, found.comparison.fit, "the model as given")
     return replace(made, title="Diagnose: which effect is missing")
@@ -43,7 +43,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     """Report of a repair: errors before, after and at each step, an arm's link parameters, and the repaired fit."""
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
-    shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
+    shown = Overlays.of_study(study, fits, steps, found.after.failing_ranges, found.after.bands)
     document = found.document(study.holdout_kinds, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)

@@ -332,7 +332,7 @@ class LinearScorer(SetScorer):
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             log_predictive=log_predictive,
-            freedom=freedom,
+            freedom_penalty=freedom,
             values=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
@@ -392,7 +392,7 @@ class LinearScorer(SetScorer):
         """(k,) approximate scores of a set with each of k additions, without a full solution for each."""
         errors, freedom = self._first_order(now, options)
         prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
-        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
+        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom_penalty - freedom - prices
 
     def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
         """(k,) approximate `reporting_cost` of a set with each of k additions, without a full solution for each."""

@@ -36,7 +36,8 @@ class SetScore:
         score: score in nats; it is comparable with that of other sets for the same runs.
         likelihood: log likelihood of the training runs.
         log_predictive: log likelihood of the predicted held-out runs; 0 where there are none.
-        freedom: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on their sizes.
+        freedom_penalty: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on their
+            sizes.
         values: number of the effects' unknowns that the runs, not the priors, determine.
         columns: (c,) indices of the unknowns that change.
         change: (c,) change of these unknowns, from the point of linearisation to the fit to all training runs, in their
@@ -49,7 +50,7 @@ class SetScore:
     score: float
     likelihood: float
     log_predictive: float
-    freedom: float
+    freedom_penalty: float
     values: float
     columns: np.ndarray
     change: np.ndarray

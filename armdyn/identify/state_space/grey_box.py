@@ -164,14 +164,14 @@ class GreyBox:
                 break
             noises = tuple(
                 scale_noise(t.noises[i], level)
-                for t, i, level in zip(tables.tables, found.picks, found.levels, strict=True)
+                for t, i, level in zip(tables.tables, found.noise_indices, found.noise_factors, strict=True)
             )
             best = replace(point, noises=noises, evidence=found.value)
             if not rounds_left or abs(found.value - point.evidence) < CONVERGED_NATS:
                 break
             weights = tuple(a.glitch_weights(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
             begin = replace(best, weights=weights)
-            picked = zip(tables.tables, found.picks, found.levels, strict=True)
+            picked = zip(tables.tables, found.noise_indices, found.noise_factors, strict=True)
             left = [float(t.square[i]) / level**2 for t, i, level in picked]
             point, arounds = self._moved(begin, sum(left[: self.training]), arounds, found.change, free)
             if point is begin:

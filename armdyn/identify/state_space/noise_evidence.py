@@ -138,23 +138,23 @@ class SetEvidence:
     Attributes:
         value: log evidence of the training runs, nats.
         predicted: log likelihood of the other runs, which are predicted from the training runs, nats.
-        occam: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
+        freedom_penalty: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
         change: (P,) change of the unknowns from the point of linearisation.
-        picks: by run, index of the most likely noise setting in the run's table.
-        levels: by run, most likely factor on that noise.
+        noise_indices: by run, index of the most likely noise setting in the run's table.
+        noise_factors: by run, most likely factor on that noise.
         information: (P, P) information matrix of the training runs at these noises.
-        inside: False if an effect has a value on a bound (other than its null value) beyond which the runs would be
-            much more likely.
+        within_bounds: False if an effect has a value on a bound (other than its null value) beyond which the runs would
+            be much more likely.
     """
 
     value: float
     predicted: float
-    occam: float
+    freedom_penalty: float
     change: np.ndarray
-    picks: tuple[int, ...]
-    levels: tuple[float, ...]
+    noise_indices: tuple[int, ...]
+    noise_factors: tuple[float, ...]
     information: np.ndarray
-    inside: bool
+    within_bounds: bool
 
 
 class RunNoiseTables:
@@ -197,7 +197,7 @@ class RunNoiseTables:
             like: evidence of a set, from whose noise the search starts.
         """
         thinned, begin = [], []
-        for table, pick in zip(self.tables, like.picks, strict=True):
+        for table, pick in zip(self.tables, like.noise_indices, strict=True):
             colours = len(table.noises) // table.kicks
             at = np.array(
                 [

@@ -102,13 +102,13 @@ class StateSpaceScorer(SetScorer):
         found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price = self.complexity_penalty(effects)
-        worth = found.value + found.predicted - price if found.inside else -np.inf
+        worth = found.value + found.predicted - price if found.within_bounds else -np.inf
         return SetScore(
             effects=effects,
             score=worth,
-            likelihood=found.value + found.occam,
+            likelihood=found.value + found.freedom_penalty,
             log_predictive=found.predicted,
-            freedom=found.occam,
+            freedom_penalty=found.freedom_penalty,
             values=float(free.sum() - self._always.sum()),
             columns=columns,
             change=found.change[columns],
@@ -187,7 +187,7 @@ class StateSpaceScorer(SetScorer):
 
     def _promised(self, coarse: RunNoiseTables, one: tuple[Candidate, ...]) -> float:
         found = coarse.evidence(self._free(one))
-        return found.value + found.predicted - self.complexity_penalty(one) if found.inside else -np.inf
+        return found.value + found.predicted - self.complexity_penalty(one) if found.within_bounds else -np.inf
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from a set by a small change."""
