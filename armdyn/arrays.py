@@ -51,7 +51,7 @@ def channels_from_arrays(
             with error_location(f"'{name}'"):
                 # Units that are not given are SI.
                 usual = "" if is_auxiliary(name) else channel_units(name)[0]
-                to_si = channel_unit(name, written or _given(units, name) or usual)
+                to_si = channel_unit(name, written or units.get(name) or units.get(name.partition(".")[0]) or usual)
                 if name in found:
                     raise InputError("is given twice")
                 if stamps is not None and value.shape != stamps.shape:
@@ -122,10 +122,6 @@ def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str
         for i, joint in enumerate(joints):
             found[f"{name}.{joint}" + (f" [{unit}]" if unit else "")] = table[:, i]
     return found, problems
-
-
-def _given(units: Mapping[str, str], name: str) -> str:
-    return units.get(name) or units.get(name.partition(".")[0]) or ""
 
 
 def _numbers(name: str, raw: Any) -> FloatArray:

@@ -8,11 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from armdyn.errors import ArmdynError, InputError
+from armdyn.errors import MAX_SHOWN_MESSAGE_LENGTH, ArmdynError, InputError
 from urdf.bounds import LARGEST_TEXT, MIB
-
-MAX_EXCEPTION_LENGTH = 300
-"""Largest number of characters of an exception's message."""
 
 
 def load_module(path: Path, holds: str) -> ModuleType:
@@ -56,7 +53,7 @@ def user_code_errors(path: Path) -> Iterator[None]:
         else:
             text = str(error) if isinstance(error, ArmdynError) else f"{type(error).__name__}: {error}"
             said = " ".join(text.split())
-        placed = said if said.startswith(str(path)) else f"{error_line(error, path)}: {said[:MAX_EXCEPTION_LENGTH]}"
+        placed = said if said.startswith(str(path)) else f"{error_line(error, path)}: {said[:MAX_SHOWN_MESSAGE_LENGTH]}"
         raise InputError(placed) from error
 
 

@@ -121,6 +121,8 @@ def model_answer(study: Study) -> dict[str, Any]:
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
     """Parameters, channels and places of one fit."""
+    from armdyn.identify.bands import COVERAGE_LEVEL
+
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value"
     bands = found.bands
     return {
@@ -131,7 +133,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
             fields(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
         ],
         "outliers": outliers_of(found.fit.problem.runs),
-        "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.coverage.items()} if bands else {},
+        "bands": {c: {"level": COVERAGE_LEVEL, "covered": v} for c, v in bands.coverage.items()} if bands else {},
         "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),

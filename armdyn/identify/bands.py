@@ -40,12 +40,10 @@ class PredictionBands:
             and exam runs.
         coverage: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
             values nor to choose the widths.
-        level: share of the samples that should be inside the band.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
     coverage: dict[str, float]
-    level: float = COVERAGE_LEVEL
 
 
 @dataclass(frozen=True, eq=False)

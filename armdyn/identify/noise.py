@@ -17,10 +17,10 @@ MAX_CORRELATION_LAGS = 50
 """Largest number of lags, in samples, whose autocorrelation counts in the variance of a mean."""
 
 
-def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:
+def ljung_box(residual: np.ndarray) -> float:
     """Probability that white noise is at least as correlated as a residual (n,) (Ljung & Box, Biometrika 65, 1978)."""
     n = len(residual)
-    lags = min(lags, n // 5)
+    lags = min(WHITENESS_LAGS, n // 5)
     if lags < 1:
         return 1.0
     products = lagged_products([residual - residual.mean()], lags)

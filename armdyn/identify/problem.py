@@ -15,7 +15,6 @@ from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Expansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
 
 CACHED_POINTS = 3
@@ -135,7 +134,7 @@ class Problem:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise = model, tuple(runs), noise
-        differing = {name for name in model.names if len({_stated(run, name) for run in runs}) > 1}
+        differing = {name for name in model.names if len({run.known.get(name) for run in runs}) > 1}
         columns: list[Unknown] = []
         for index, parameter in enumerate(model.parameters.values()):
             if parameter.scope == "shared" and parameter.name not in differing:
@@ -398,10 +397,6 @@ class FreeCost:
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at
-
-
-def _stated(run: Run, name: str) -> Known | None:
-    return run.known.get(name)
 
 
 def _informed(parameter: Parameter, run: Run) -> Parameter:

@@ -137,7 +137,8 @@ def _found(
 ) -> str:
     added = added_effect_texts(steps)
     if not added:
-        return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {_sizes(before)}."
+        sizes = join_names([f"{_number(error)} {unit}" for unit, error in before.items()])
+        return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {sizes}."
     named = (
         added
         if len(added) <= MAX_NAMED_EFFECTS
@@ -200,10 +201,6 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
         else:
             parts.append(f"stays at {_number(old)} {unit}")
     return join_names(parts)
-
-
-def _sizes(by_unit: Mapping[str, float]) -> str:
-    return join_names([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
 
 
 def _on(name: str, joints: Sequence[str]) -> str:

@@ -146,22 +146,14 @@ def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[Se
     return steps
 
 
-def repair_step(study: Study, step: SearchStep, held_out: dict[str, float] | None = None) -> RepairStep:
-    """Describe one step of a search by its errors on every kind of run.
-
-    Args:
-        study: the runs.
-        step: the step.
-        held_out: root mean square errors on held-out runs by channel; None computes them.
-    """
-    if held_out is None:
-        held_out = channel_rmse(study.held_out_blocks(step.fit))
+def repair_step(study: Study, step: SearchStep) -> RepairStep:
+    """Describe one step of a search by its errors on every kind of run."""
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
         tied_with=tuple(c.effect for c in step.tied),
         rmse=step.fit.rmse(),
-        held_out_rmse=held_out,
+        held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
         exam_rmse=channel_rmse(study.exam_blocks(step.fit)),

@@ -6,7 +6,7 @@ for others, and two at once for two (floating search: Pudil, Novovičová & Kitt
 1994). The cost falls with every step, so the search ends.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -52,7 +52,6 @@ def search_set(
     rule: SetRule,
     start: SetScore,
     say: Callable[[str], None],
-    fixed_effects: Collection[Candidate] | None = None,
 ) -> SetScore:
     """Search for the set of effects with the least cost.
 
@@ -61,15 +60,13 @@ def search_set(
         rule: the cost to minimise.
         start: the set from which the search starts.
         say: called with a text on the progress of the search.
-        fixed_effects: effects of `start` that stay; None means those of the model as given.
     """
-    fixed_effects, cost = scorer.given if fixed_effects is None else fixed_effects, rule.cost
-    now = eliminate(scorer, cost, start, fixed_effects)
+    cost, now = rule.cost, eliminate(scorer, rule.cost, start)
     while True:
         say(f"{len(now.effects)} effects chosen")
         for changes in (_additions, _exchanges, _pairs):
-            options = _promising(scorer, rule, now, list(changes(scorer, now, fixed_effects)))
-            best = eliminate(scorer, cost, min(options, key=cost, default=now), fixed_effects)
+            options = _promising(scorer, rule, now, list(changes(scorer, now)))
+            best = eliminate(scorer, cost, min(options, key=cost, default=now))
             if cost(best) < cost(now):
                 now = best
                 break
@@ -77,20 +74,16 @@ def search_set(
             return now
 
 
-def eliminate(
-    scorer: SetScorer, cost: SetCost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
-) -> SetScore:
+def eliminate(scorer: SetScorer, cost: SetCost, now: SetScore) -> SetScore:
     """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
 
     Args:
         scorer: scorer of sets.
         cost: the cost.
         now: the set.
-        fixed_effects: effects that stay; None means those of the model as given.
     """
-    fixed_effects = scorer.given if fixed_effects is None else fixed_effects
     while True:
-        free = [c for c in now.effects if c not in fixed_effects]
+        free = [c for c in now.effects if c not in scorer.given]
         parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
         fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in parts)
         best = min(fewer, key=cost, default=now)
@@ -104,21 +97,20 @@ def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, 
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 
-def _additions(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
-    del fixed_effects
+def _additions(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
     left = [c for c in scorer.candidates if c not in now.effects]
     yield from (((), (c,)) for c in left)
     yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
-def _exchanges(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
-    free = [c for c in now.effects if c not in fixed_effects]
+def _exchanges(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
+    free = [c for c in now.effects if c not in scorer.given]
     left = [c for c in scorer.candidates if c not in now.effects]
     for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
 
 
-def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
+def _pairs(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
     """Changes that add two effects on one joint, in place of at most two others.
 
     A gain and a friction that grows with the load hide each other: neither improves the score without the other one
@@ -126,7 +118,7 @@ def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candid
     """
     for joint in dict.fromkeys(c.joints for c in scorer.candidates if c.joints):
         own = [c for c in scorer.candidates if c.joints == joint]
-        there = [c for c in own if c in now.effects and c not in fixed_effects]
+        there = [c for c in own if c in now.effects and c not in scorer.given]
         for gone in [(), *((c,) for c in there), *combinations(there, 2)]:
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
 
