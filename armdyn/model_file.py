@@ -90,7 +90,7 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
         extra: a user's own effects, which the model may have.
 
     Raises:
-        InputError: it names the file, the field, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the field, the mistake and a remedy.
     """
     path = Path(path)
     if path.is_dir():

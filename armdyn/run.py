@@ -260,7 +260,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
         recover: read an MCAP file that was cut off as far as it goes, with a warning in `Run.warnings`.
 
     Raises:
-        InputError: it names the file, the row, column or field, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the row or column, the mistake and a remedy.
     """
     path = Path(path)
     if path.is_dir():  # also ".", which has no suffix to change

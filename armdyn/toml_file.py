@@ -16,7 +16,7 @@ def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str
         finite: refuse `nan` and `inf` everywhere.
 
     Raises:
-        InputError: it names the file, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the mistake and a remedy.
     """
     try:
         with error_location(path):

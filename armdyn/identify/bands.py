@@ -8,7 +8,7 @@ the model's own error. Half the width of the band is
 
 e_c the root mean square of channel c in the training runs. k_c would be 1.96 for an error that is Gaussian and no
 larger in other motions. Neither holds on robots, so k_c is a quantile: 95 % of |error| over that root are below it in
-the worst of the runs that no fit has seen. These are the held-out runs and, for an arm, each training run predicted by
+the worst of the runs that were not fitted. These are the held-out runs and, for an arm, each training run predicted by
 a fit to the others (conformal prediction with a scale for each sample: Lei et al., J. Am. Stat. Assoc. 113, 2018,
 section 5.2; runs are exchangeable, the samples of one run are not: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A
 single training run is judged by its own residual. The band holds for motions of the same kind; on another kind of

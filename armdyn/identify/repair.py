@@ -136,47 +136,47 @@ def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
     return with_background(told, found.full)
 
 
-def with_background(told: Repair, full: AllEffectsFit) -> Repair:
+def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
     """Add a background of small values to a repair, where they improve the prediction of other runs.
 
     Args:
-        told: the repair without a background.
+        repaired: the repair without a background.
         full: fit of all effects at once, from which the small values are taken.
     """
-    study, last = full.study, told.steps[-1]
+    study, last = full.study, repaired.steps[-1]
     small = find_background(full, last)
-    without = replace(told, sentence=told.sentence + NO_BACKGROUND_SENTENCE) if last.tests.fails else told
+    without = replace(repaired, sentence=repaired.sentence + NO_BACKGROUND_SENTENCE) if last.tests.fails else repaired
     if small is None:
         return without
     step = SearchStep((), (), last.effects, small.fit, last.tests)
     study.hold_predictions(small.fit, small.leave_one_out_predictions)
     described = replace(repair_step(study, step), added=(BACKGROUND_STEP,), values=len(small.values))
-    if _harms(told.path[-1], described, told.after.scale):
+    if _harms(repaired.path[-1], described, repaired.after.scale):
         return without
     joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
     named = {
-        n: p.with_value(joint[n], p.std) for n, p in told.model_without_background.parameters.items() if n in joint
+        n: p.with_value(joint[n], p.std) for n, p in repaired.model_without_background.parameters.items() if n in joint
     }
-    model = told.model_without_background.with_parameters(named).with_background(
+    model = repaired.model_without_background.with_parameters(named).with_background(
         small.width, small.values, study.effects.values()
     )
-    path, scale = (*told.path, described), told.after.scale
+    path, scale = (*repaired.path, described), repaired.after.scale
     after = replace(
-        told.after,
+        repaired.after,
         fit=small.fit,
         channels=channel_qualities(study, small.fit),
         failing_ranges=find_failing_ranges(small.fit),
         bands=prediction_bands(study, small.fit, small.covariance),
     )
     return replace(
-        told,
+        repaired,
         model=model,
         after=after,
         path=path,
-        steps=(*told.steps, step),
-        missing_force=compare_missing_forces(told.steps[0].fit, told.steps[-1].fit, small.fit),
+        steps=(*repaired.steps, step),
+        missing_force=compare_missing_forces(repaired.steps[0].fit, repaired.steps[-1].fit, small.fit),
         explained=explained_share(path[0], path[-1], scale),
-        sentence=told.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
+        sentence=repaired.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
     )
 
 

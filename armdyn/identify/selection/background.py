@@ -111,21 +111,21 @@ def fit_all_effects(
     return best
 
 
-def find_background(full: AllEffectsFit, told: SearchStep) -> BackgroundFit | None:
+def find_background(full: AllEffectsFit, named_step: SearchStep) -> BackgroundFit | None:
     """Find the small values to add to a model with named effects.
 
     Args:
         full: fit of all effects at once.
-        told: step of the search with the named effects alone.
+        named_step: step of the search with the named effects alone.
 
     Returns:
         The small values; None where they do not improve the prediction of other runs.
     """
-    study, scorer, before = full.study, full.scorer, full.study.scorer(told.fit)
-    named = before.split_into_candidates(told.effects)
+    study, scorer, before = full.study, full.scorer, full.study.scorer(named_step.fit)
+    named = before.split_into_candidates(named_step.effects)
     unnamed = before.prediction_errors(before.widths(named, 0.0))
     gained = scorer.prediction_log_likelihood(full.widths) - scorer.log_likelihood(unnamed)
-    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(told.fit):
+    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(named_step.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
     own = np.flatnonzero(problem.unknowns_of(names) & (full.fit.values != problem.null))

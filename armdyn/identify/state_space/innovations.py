@@ -347,7 +347,7 @@ def semidefinite_cholesky(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def kalman_update(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def kalman_update(variance: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Update the covariance P of a state by a measurement with the information matrix L L' (Kalman filter).
 
     The columns of L are used one by one, each as the measurement of one number, with a square root of P. So no matrix
@@ -356,14 +356,14 @@ def kalman_update(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, n
 
     Args:
         variance: (..., n, n) covariance P before the measurement.
-        told: (..., n, n) factor L.
+        factor: (..., n, n) factor L.
 
     Returns:
         (..., n, n) covariances after the measurement, and log-determinants of 1 + P L L'.
     """
     root, size = semidefinite_cholesky(variance), np.ones(variance.shape[:-2])
-    for k in range(told.shape[-1]):
-        seen = np.swapaxes(root, -1, -2) @ told[..., k, None]
+    for k in range(factor.shape[-1]):
+        seen = np.swapaxes(root, -1, -2) @ factor[..., k, None]
         spread = 1.0 + np.swapaxes(seen, -1, -2) @ seen
         root = root - root @ seen * (np.swapaxes(seen, -1, -2) / (spread + np.sqrt(spread)))
         size = size * spread[..., 0, 0]

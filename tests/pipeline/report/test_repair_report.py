@@ -41,7 +41,7 @@ def link(mass, determined):
     ],
 )
 def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
-    found = SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened))
+    found = SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(std_inflation=widened))
     assert Repair.level.fget(found) is level
 
 
