@@ -1,11 +1,11 @@
-"""Make channels from arrays and data frames in memory; all problems are reported at once."""
+"""Make the channels of a recording from arrays or data frames in memory; one error lists all faults."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from armdyn.errors import InputError, at, collect
+from armdyn.errors import InputError, collect_errors, error_location
 from armdyn.recording.channels import (
     JOINT_CHANNELS,
     Channel,
@@ -20,10 +20,10 @@ from armdyn.recording.units import si_factor
 from urdf.table_file import join_problems
 
 
-def channels_of(
+def channels_from_arrays(
     time: Any, values: Mapping[str, Any], units: Mapping[str, str], joints: Sequence[str] = ()
 ) -> dict[str, Channel]:
-    """Make channels that share their time stamps.
+    """Make the channels of a recording from arrays that share their time stamps.
 
     Args:
         time: (n,) time stamps, s, strictly increasing.
@@ -33,11 +33,11 @@ def channels_of(
         joints: names of the columns of two-dimensional values.
 
     Raises:
-        InputError: it lists everything that is wrong.
+        InputError: the arrays cannot be used; the message lists all faults.
     """
     problems: list[str] = []
     stamps: FloatArray | None = None
-    with collect(problems):
+    with collect_errors(problems):
         stamps = _numbers("time", time)
         check_clock(stamps)
     sound = not problems
@@ -46,12 +46,12 @@ def channels_of(
     found: dict[str, Channel] = {}
     for label, raw in columns.items():
         name, written = name_and_unit(label)
-        with collect(problems):
+        with collect_errors(problems):
             value = _numbers(name, raw)
-            with at(f"'{name}'"):
+            with error_location(f"'{name}'"):
                 # Units that are not given are SI.
                 usual = "" if is_auxiliary(name) else channel_units(name)[0]
-                to_si = unit_conversion(name, written or _given(units, name) or usual)
+                to_si = unit_conversion(name, written or units.get(name) or units.get(name.partition(".")[0]) or usual)
                 if name in found:
                     raise InputError("is given twice")
                 if stamps is not None and value.shape != stamps.shape:
@@ -69,10 +69,10 @@ def channels_of(
     return found
 
 
-def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
-    """Time and values of a data frame (pandas, polars or pyarrow) or of a mapping.
+def split_frame(frame: Any) -> tuple[Any, dict[str, Any]]:
+    """Split a data frame (pandas, polars, pyarrow or a mapping) into its time, (n,) s, and its other columns by name.
 
-    Time is the column ``time`` (``time [ms]`` in another unit), else the index of a frame of pandas; durations and
+    The time is the column ``time`` (``time [ms]`` in another unit), else the index of a pandas frame; durations and
     dates become seconds.
 
     Raises:
@@ -84,14 +84,14 @@ def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
     for label in columns:
         name, unit = name_and_unit(label)
         if name == "time":
-            return seconds(columns.pop(label), unit or "s"), columns
+            return time_in_seconds(columns.pop(label), unit or "s"), columns
     index = getattr(frame, "index", None)
     if index is None or callable(index):
         raise InputError("no 'time' column: add one, in seconds, or name it 'time [ms]'")
-    return seconds(index, "s"), columns
+    return time_in_seconds(index, "s"), columns
 
 
-def seconds(time: Any, unit: str) -> FloatArray:
+def time_in_seconds(time: Any, unit: str) -> FloatArray:
     """Convert time stamps to s, (n,), from numbers in `unit`, durations or dates.
 
     Raises:
@@ -104,7 +104,7 @@ def seconds(time: Any, unit: str) -> FloatArray:
 
 
 def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    """One column per channel, and the faults of the shapes."""
+    """One column per channel, and a sentence on each value of a wrong shape."""
     found: dict[str, Any] = {}
     problems = []
     for label, raw in values.items():
@@ -122,10 +122,6 @@ def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str
         for i, joint in enumerate(joints):
             found[f"{name}.{joint}" + (f" [{unit}]" if unit else "")] = table[:, i]
     return found, problems
-
-
-def _given(units: Mapping[str, str], name: str) -> str:
-    return units.get(name) or units.get(name.partition(".")[0]) or ""
 
 
 def _numbers(name: str, raw: Any) -> FloatArray:

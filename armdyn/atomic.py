@@ -1,7 +1,7 @@
-"""Write files in one step: a file is the old one or the complete new one, and keeps its mode and owner.
+"""Write files in one step: also after a crash, a file has its old or its complete new content, never a part of it.
 
-Only a regular file is replaced, by a rename; a link is kept, and the file that it points to is replaced. Pipes and
-devices are written to directly.
+A regular file is replaced by renaming a complete new one, which gets its mode and owner. A link stays a link: the file
+that it points to is replaced. Pipes and devices are written to directly.
 """
 
 import os
@@ -16,26 +16,26 @@ from pathlib import Path
 from typing import BinaryIO
 
 from armdyn.errors import InputError
-from armdyn.read_files import may_replace, refuse_to_replace
+from armdyn.read_files import allow_overwrite, check_overwrite
 
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
 _TEMPORARY = ".armdyn-{}.tmp"
 ABANDONED_SECONDS = 86400.0
-"""Age, s, from which a temporary file belongs to a program that was killed."""
+"""Age, s, of a temporary file beyond which it is removed: the program that wrote it must have been killed."""
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8 in one step; see `replacing`."""
-    with replacing(path) as file:
+    """Write a text as UTF-8: even after a crash, the file has its old or its new content; see `replace_file`."""
+    with replace_file(path) as file:
         file.write(text.encode("utf-8", errors="replace"))
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory, with the directories above it where they are missing.
+    """Make a directory, and the missing directories above it; an existing directory is no error.
 
     Raises:
-        InputError: it cannot be made, or a file has its name.
+        InputError: the directory cannot be made, or a file has its name.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -44,15 +44,15 @@ def make_directory(path: Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that replaces `path` when the block ends without an error.
+def replace_file(path: Path) -> Iterator[BinaryIO]:
+    """Context manager: open a new file for writing, which replaces `path` when the block ends without an error.
 
     Args:
         path: a file, which may exist or not, a link to one, or a pipe or device, which is written to.
 
     Raises:
-        InputError: the directory is missing, it or the file is not writable, the disk is full, or the command has read
-            the old file; the old file is then unchanged, and nothing is left beside it.
+        InputError: the directory is missing, the directory or the file is not writable, the disk is full, or the
+            command has read the old file. The old file is then unchanged, and no temporary file remains.
     """
     with _refusing(path):
         if is_stream(path):
@@ -85,18 +85,18 @@ def _replaceable(path: Path) -> Path:
         raise IsADirectoryError(0, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(0, "it is write-protected")
-    refuse_to_replace(target)
+    check_overwrite(target)
     return target
 
 
 @contextmanager
-def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
-    """Open two files that belong together; both are replaced or none; see `replacing`.
+def replace_two_files(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Context manager: open two new files that belong together, of which both or none replace the old ones.
 
     Raises:
-        InputError: see `replacing`; with a full disk both files are unchanged.
+        InputError: one of the files cannot be written (see `replace_file`); both old files are then unchanged.
     """
-    with replacing(first) as one, replacing(second) as other:
+    with replace_file(first) as one, replace_file(second) as other:
         yield one, other
         for path, file in ((first, one), (second, other)):
             if not is_stream(path):
@@ -105,7 +105,7 @@ def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, Binary
 
 
 def is_stream(path: Path) -> bool:
-    """Whether this is a pipe, a device or an open file, which is written to and never replaced."""
+    """Whether a path is a pipe, a device or an open file, which is written to directly and never replaced."""
     if _open_descriptor(path) is not None:
         return True
     try:
@@ -132,13 +132,13 @@ def _stream(path: Path) -> BinaryIO:
 
 
 class GrowingFile:
-    """A file that is useful before it is complete, such as a recording: after a crash it has what was written so far.
+    """A file that is useful before it is complete, such as a recording: after a crash it holds all that was written.
 
-    Where there is no such file yet, it grows under its own name; otherwise under another name beside it, and replaces
-    the old file when it is finished: until then the old one is unchanged, with everything that belongs to it.
+    A new file is written under its own name. Where an old file has this name, the new one is written beside it under
+    another name, and replaces the old one in `finish`.
 
     Args:
-        path: path of the file; see `replacing`.
+        path: path of the file; see `replace_file`.
 
     Attributes:
         stream: stream to write to.
@@ -158,10 +158,10 @@ class GrowingFile:
                 unfinished = f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
                 self._target, self._beside = target, target.with_name(unfinished)
             self.stream = (self._beside or target).open("xb")
-            may_replace(self._beside or target)
+            allow_overwrite(self._beside or target)
 
     def finish(self) -> None:
-        """Close the file and let it replace the old one.
+        """Close the file; where an old file has its name, the new one replaces it.
 
         Raises:
             OSError: the disk is full, or the file was moved away.
@@ -172,7 +172,7 @@ class GrowingFile:
                 old = self._target.stat()
                 self._beside.chmod(stat.S_IMODE(old.st_mode))
             self._beside.replace(self._target)
-            may_replace(self._target)
+            allow_overwrite(self._target)
             self._beside = None
 
 
@@ -193,7 +193,7 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
                 os.fchmod(descriptor, mode)  # whatever the umask, and after the owner, which clears bits
             os.fsync(descriptor)  # a disk that is full says so at the latest here
         temporary.replace(target)
-        may_replace(target)
+        allow_overwrite(target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -1,6 +1,6 @@
-"""The private folder of cached results that are slow to compute; nobody else can write to it.
+"""The user's private folder for results that are slow to compute; no other user can write to it.
 
-Its entries are loaded as machine code, so an entry that somebody else could have written is never used.
+Its files are loaded as machine code, so a file that another user could have written is never used.
 """
 
 import os
@@ -14,22 +14,24 @@ from functools import cache
 from pathlib import Path
 
 OTHERS_WRITE_MODE = stat.S_IWGRP | stat.S_IWOTH
+"""Bits of a file's mode that allow other users to write to it."""
 MAX_ENTRY_NAME_LENGTH = 100
-"""Largest number of characters of an entry's name; file systems take 255, and a hash follows."""
+"""Largest number of characters in the name of a cached file, before its hash; file systems allow 255 in all."""
 
 
 def cache_directory() -> Path:
-    """Directory for generated tables: the user's private one, or a temporary one for this process.
+    """Directory for cached results: the user's private one, or, where that cannot be used, one for this process.
 
-    ``$ARMDYN_CACHE`` if set, else ``$XDG_CACHE_HOME/armdyn``, else ``~/.cache/armdyn``.
+    The private one is ``$ARMDYN_CACHE`` if set, else ``$XDG_CACHE_HOME/armdyn``, else ``~/.cache/armdyn``.
     """
     return private_directory() or _passing_directory()
 
 
 def private_directory() -> Path | None:
-    """The user's cache, created if absent; None where it is not writable, or others can write to it.
+    """The user's cache directory, created if absent; None where it is not writable, or other users can write to it.
 
-    A folder in the usual place that is ours is closed to others; one that ``$ARMDYN_CACHE`` names stays as it is.
+    A directory of the user in the default place is closed to other users; the mode of one that ``$ARMDYN_CACHE`` names
+    is not changed.
     """
     chosen = os.environ.get("ARMDYN_CACHE")
     try:
@@ -47,7 +49,7 @@ def private_directory() -> Path | None:
 
 
 def is_private(file: Path) -> bool:
-    """Whether this is a regular file of the user, no link, to which nobody else can write."""
+    """Whether a path is a regular file (no link) that belongs to the user and that no other user can write to."""
     try:
         found = file.lstat()
     except OSError:

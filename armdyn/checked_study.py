@@ -13,12 +13,12 @@ from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import available, load_effects
+from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.motion_polish import polished
+from armdyn.identify.motion_fit import fit_to_motion
 from armdyn.identify.repair import Repair, add, fitted_model, repair
-from armdyn.identify.selection.set_score import BELIEF_NATS
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
@@ -68,10 +68,10 @@ class ModelWithCatalogue:
             InputError: a file cannot be used.
         """
         if isinstance(model, Model):
-            return cls(ModelFile(model, {}), available(model))
+            return cls(ModelFile(model, {}), available_effects(model))
         own = load_effects(effects, stages=None)
         file = read_model_file(model, own)
-        return cls(file, available(file.model, own, effects), Path(model))
+        return cls(file, available_effects(file.model, own, effects), Path(model))
 
     def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
         """Inspect recordings for this model with the effects `adding`."""
@@ -131,20 +131,24 @@ class CheckedStudy:
         known = model if isinstance(model, ModelWithCatalogue) else ModelWithCatalogue.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
         declared = known.file.model
-        training, others, last = ([declared.taking(run) for run in given] for given in (training, others, last))
+        training, others, last = (
+            [declared.with_model_channels(run) for run in given] for given in (training, others, last)
+        )
         every = [*training, *others, *last]
-        model = declared.following(every)
+        model = declared.adapted_to(every)
         known = replace(known, file=replace(known.file, model=model))
         coming = find_several(adding, known.catalogue) if adding else ()
         for run in every:
             check_run(known.file.model, run, coming)
         found = known.inspect(every, coming)  # the recorded channels, before a servo's torque is estimated from them
-        training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
+        training, others, last = (
+            [model.with_estimated_channels(run) for run in given] for given in (training, others, last)
+        )
         if not trusted:
             require_usable(found)
-        by_hand = declared.told_beside - {effect.name for effect in coming}
+        by_hand = declared.excluded_effects - {effect.name for effect in coming}
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
-        begun = known.file.model.named_only() if chosen else known.file.model
+        begun = known.file.model.without_background() if chosen else known.file.model
         return cls(known, Study.of(begun, training, others, chosen, last), chosen, found, trusted, declared)
 
     @property
@@ -209,7 +213,7 @@ class CheckedStudy:
         model, after = found.model, self._telling(found.after)
         arm, declared = model.as_arm(), None if self.declared is None else self.declared.as_arm()
         if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
-            model = polished(arm, [run.recording for run in self.study.runs], declared.drives)
+            model = fit_to_motion(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
                 n: replace(p, value=model.value(n), std=model.parameters[n].std)
                 for n, p in after.parameters.items()
@@ -239,5 +243,5 @@ def absent_in_motion(found: Repair) -> frozenset[str]:
     """Names of added effects none of whose values the motion distinguishes from zero by `BELIEF_NATS`."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
-    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > BELIEF_NATS * (p.std or 0.0) ** 2}
+    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > ACCEPTANCE_NATS * (p.std or 0.0) ** 2}
     return frozenset(p.effect for p in values if p.effect not in present)

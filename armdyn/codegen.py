@@ -25,7 +25,7 @@ COMPILE_VARIABLE = "ARMDYN_COMPILE"
 
 
 @cache
-def compiler() -> str | None:
+def find_compiler() -> str | None:
     """The C compiler on the path; None where there is none or ``ARMDYN_COMPILE=0``."""
     if os.environ.get(COMPILE_VARIABLE) == "0":
         return None
@@ -35,15 +35,16 @@ def compiler() -> str | None:
 def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
     """Compile functions to machine code where a compiler exists; otherwise return them unchanged.
 
-    The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
-    compiler runs once per formulation, and again where the library was damaged. A failing compiler, a full disk or a
-    cache that others can write to is no error: the virtual machine gives the same numbers, more slowly.
+    The compiled library is stored in the user's private cache under a hash of its source and a hash of its content, so
+    that the compiler runs once for the same equations, and again where the library was damaged. A failing compiler, a
+    full disk or a cache that others can write to is no error: CasADi's virtual machine gives the same numbers, more
+    slowly.
 
     Args:
-        name: prefix of the file in the cache, an identifier.
-        functions: functions by key; each keeps its inputs and outputs.
+        name: first part of the library's file name.
+        functions: functions by name; each keeps its inputs and outputs.
     """
-    command = compiler()
+    command = find_compiler()
     if command is None:
         return dict(functions)
     directory = private_directory()
@@ -97,11 +98,11 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
         return product.replace(directory / _library_name(stem, product.read_bytes()))
 
 
-class Buffered:
-    """A CasADi function on preallocated arrays: one call costs well under a microsecond beyond the arithmetic.
+class BufferedFunction:
+    """A CasADi function with preallocated input and output arrays, so that a call has little overhead.
 
-    Inputs and outputs must be dense; they are (rows, columns), column-major. The outputs are overwritten by the next
-    call; copy what is kept.
+    Inputs and outputs must be dense; the arrays are (rows, columns), column-major. The next call overwrites the
+    outputs: copy them where they are needed later.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -117,7 +118,7 @@ class Buffered:
         self.outputs = tuple(flat.reshape(function.size_out(i), order="F") for i, flat in enumerate(outputs))
 
     def __call__(self, *arguments: object) -> tuple[np.ndarray, ...]:
-        """Copy the arguments in, evaluate, and return the output arrays."""
+        """Evaluate the function for arrays or numbers in the order of its inputs, and return its output arrays."""
         for array, argument in zip(self.inputs, arguments, strict=True):
             given = np.asarray(argument, dtype=float)
             array[...] = given.reshape(array.shape, order="F") if given.shape != array.shape else given

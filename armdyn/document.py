@@ -1,4 +1,4 @@
-"""Documents: the sentences, tables and figures of a result, which terminal, page and notebook render alike.
+"""Documents: the sentences, tables and figures of a result, which a terminal, an HTML page and a notebook can show.
 
 A document has no layout: `armdyn.notebook` renders it as cards, data frames and figures, `pipeline.console.screen`
 prints it, and `pipeline.report.page` writes one HTML file.
@@ -28,21 +28,21 @@ class Column:
     Attributes:
         name: name in a data frame, and, with spaces in place of underscores, the heading.
         values: values of any type, None where there is none.
-        form: format of numbers that are not integers.
-        missing: text for None.
-        shares: length of the bar behind each value, 1 = full; empty for no bars.
-        judged: whether the colour of a bar depends on its length.
-        wide: whether to leave the column out of narrow tables, on a terminal and in a card.
+        number_format: format of numbers that are not integers.
+        missing_text: text for None.
+        bar_lengths: length of the bar behind each value, 1 = full; empty for no bars.
+        bar_coloured_by_length: whether the colour of a bar depends on its length.
+        dropped_when_narrow: whether narrow tables, on a terminal and in a notebook's card, leave the column out.
         title: heading of the column; where empty, its name with spaces in place of underscores.
     """
 
     name: str
     values: Sequence[Any]
-    form: str = ".4g"
-    missing: str = "–"
-    shares: Sequence[float] = ()
-    judged: bool = False
-    wide: bool = False
+    number_format: str = ".4g"
+    missing_text: str = "–"
+    bar_lengths: Sequence[float] = ()
+    bar_coloured_by_length: bool = False
+    dropped_when_narrow: bool = False
     title: str = ""
 
     @property
@@ -57,16 +57,16 @@ class Column:
 
     def _text(self, value: Any) -> str:
         if value is None:
-            return self.missing
+            return self.missing_text
         if isinstance(value, bool):
             return "yes" if value else "no"
         if isinstance(value, list | tuple):
             return ", ".join(map(str, value))
-        return format(value, self.form) if isinstance(value, float) else str(value)
+        return format(value, self.number_format) if isinstance(value, float) else str(value)
 
 
-def columns_of(items: Collection[Any], **forms: str) -> list[Column]:
-    """Make a column of each attribute of the items, by its name; `forms` are formats of numbers by name."""
+def attribute_columns(items: Collection[Any], **forms: str) -> list[Column]:
+    """Make table columns from items: one column for each attribute named in `forms`, with its number format."""
     return [Column(name, [getattr(item, name) for item in items], form) for name, form in forms.items()]
 
 
@@ -78,13 +78,13 @@ class Table:
         columns: from left to right.
         caption: a sentence below the table.
         name: name under which a data frame of the table is available; empty for none.
-        folded: text of the line behind which a page hides the table; empty for a visible table.
+        fold_label: text of the line behind which a page hides the table; empty for a visible table.
     """
 
     columns: Sequence[Column]
     caption: str = ""
     name: str = ""
-    folded: str = ""
+    fold_label: str = ""
 
     @classmethod
     def of(cls, header: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> "Table":
@@ -97,14 +97,14 @@ class Table:
         return {column.name: column.values for column in self.columns}
 
     @property
-    def filled(self) -> list[Column]:
+    def nonempty_columns(self) -> list[Column]:
         """Columns that contain at least one value."""
         return [c for c in self.columns if any(value not in (None, "", (), []) for value in c.values)]
 
     @property
-    def narrow(self) -> list[Column]:
+    def narrow_columns(self) -> list[Column]:
         """Columns that are kept where the table must be narrow."""
-        return [column for column in self.filled if not column.wide]
+        return [column for column in self.nonempty_columns if not column.dropped_when_narrow]
 
     def __len__(self) -> int:
         return len(self.columns[0].values) if self.columns else 0
@@ -143,7 +143,7 @@ class Widget:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of a document.
+    """One part of a document, with a heading, a sentence, figures and tables.
 
     Attributes:
         title: heading, and the entry in the navigation of a page.
@@ -167,8 +167,8 @@ class Section:
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 
-class Level(Enum):
-    """How good the result is; the value is a word for readers who see no colours."""
+class ResultLevel(Enum):
+    """How good a result is, which decides its colour; the value is a word for readers who see no colours."""
 
     GOOD = "done"
     IMPROVED = "improved"
@@ -178,7 +178,7 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """A number in large type.
+    """A number that a document shows in large type.
 
     Attributes:
         name: name of the number.
@@ -206,7 +206,7 @@ class NextStep:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A line, or points, of a figure over time.
+    """One curve of a figure over time, drawn as a line or as points.
 
     Attributes:
         row: panel in which it is drawn, and title of its axis.
@@ -214,7 +214,7 @@ class Curve:
         time: (n,) times, s.
         value: (n,) values in the unit of the row.
         run: name of the run; of several runs one is visible at a time.
-        dots: whether it consists of measured samples instead of a line.
+        drawn_as_points: whether it consists of measured samples instead of a line.
         half_width: (n,) half the width of a band around it; None for no band.
     """
 
@@ -223,13 +223,13 @@ class Curve:
     time: "FloatArray"
     value: "FloatArray"
     run: str = ""
-    dots: bool = False
+    drawn_as_points: bool = False
     half_width: "FloatArray | None" = None
 
 
 @dataclass(frozen=True)
 class Document:
-    """Everything that is shown of a result.
+    """A result for a reader: title, main sentence, sections with figures and tables, and next steps.
 
     Attributes:
         title: title of the document.
@@ -249,7 +249,7 @@ class Document:
     title: str
     verdict: str
     sections: Sequence[Section] = ()
-    level: Level | None = None
+    level: ResultLevel | None = None
     subtitle: str = ""
     key_figures: Sequence[KeyFigure] = ()
     notes: Sequence[str] = ()
@@ -265,5 +265,5 @@ class Document:
         return [table for section in self.sections for table in section.tables]
 
     def section(self, title: str) -> Section:
-        """The section with a title."""
+        """The first section of the document with this title."""
         return next(section for section in self.sections if section.title == title)

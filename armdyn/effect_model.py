@@ -1,4 +1,4 @@
-"""The effects and parameters of a model, and the copies of it that have others: it is never changed in place."""
+"""The effects and parameters of a model. A model is never changed in place: methods return changed copies."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from armdyn.document import Column, Columns, Table, columns_of
+from armdyn.document import Column, Columns, Table, attribute_columns
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
@@ -20,9 +20,9 @@ class Background:
     """Small values of unnamed effects of a model: together they improve the prediction, but none of them is reported.
 
     Attributes:
-        width: prior standard deviation about their null values, in typical sizes; 0 where only values with certain
-            evidence were fitted.
-        names: names of the parameters, which no fit changes.
+        width: standard deviation of the prior about the null values, in units of each parameter's `typical`; 0 where
+            only effects were fitted for which the recordings give strong evidence.
+        names: names of the parameters; later fits do not change them.
     """
 
     width: float
@@ -36,13 +36,13 @@ class Background:
 
     @property
     def sentence(self) -> str:
-        """The background in one sentence, for a reader."""
+        """One sentence for a reader: how many small values a report does not list, and the width of their prior."""
         return f"Not listed: a {self.label}, of a width of {self.width:.3g} typical sizes."
 
 
 @dataclass(frozen=True, repr=False)
 class EffectModel(ABC):
-    """Effects and parameters of a model.
+    """Base class of every model: its effects and parameters, and methods that return copies with other ones.
 
     Attributes:
         effects: effects in the order in which they were added.
@@ -62,30 +62,30 @@ class EffectModel(ABC):
         return tuple(self.parameters)
 
     def value(self, name: str) -> float:
-        """Value of a parameter, in its unit."""
+        """Value of the parameter `name`, in the parameter's unit."""
         return self._parameter(name).value
 
     def theta(self) -> np.ndarray:
-        """(p,) values in the order of `names`."""
+        """Values of all parameters as a vector (p,), in the order of `names`."""
         return np.array([p.value for p in self.parameters.values()])
 
     @property
     @abstractmethod
     def base(self) -> str:
-        """Name of the physics, without effects."""
+        """Name of the base model to which effects are added, such as ``"arm"`` or ``"pendulum"``."""
 
     @property
     @abstractmethod
     def stages(self) -> tuple[str, ...]:
-        """Names of the stages on which effects of this model may act."""
+        """Names of the stages (parts of the equations, such as ``"joint"``) on which effects of this model can act."""
 
     @property
     def named_effects(self) -> tuple[Effect, ...]:
-        """The effects that the model names, each on its named joints, without those of the background."""
-        return self.named_only().effects
+        """The effects that reports list, each on its joints, without the small values of the background."""
+        return self.without_background().effects
 
-    def named_only(self) -> Self:
-        """The model without its background."""
+    def without_background(self) -> Self:
+        """A copy of the model without its background of small values."""
         model = self
         for effect in self.effects:
             unnamed = self._joints_without_name(effect.name)
@@ -98,40 +98,50 @@ class EffectModel(ABC):
         held = self.background.names if self.background is not None else ()
         return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
-    def reachable(self, effect: Effect) -> tuple[str, ...]:
+    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect can act, in the model's order; ``("",)`` where its stage has no joints.
 
         Raises:
-            InputError: it cannot act on a joint that it names, or on any joint.
+            InputError: the effect names a joint on which it cannot act, or it can act on no joint.
         """
         del effect
         return ("",)
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter of an effect on a joint, with the units and typical size that it has there."""
+        """Make the parameter `short` of an effect on a joint, in the unit and typical size for that joint.
+
+        Args:
+            quantity: declaration of the parameter by the effect.
+            effect: name of the effect.
+            short: name of the parameter within the effect.
+            joint: name of the joint, ``""`` where the effect has none.
+        """
         return quantity.parameter(effect, short, joint)
 
     def joints_with(self, effect: str) -> tuple[str, ...]:
-        """Joints on which the model has an effect; ``("",)`` where its stage has no joints; empty without it."""
-        return next((e.joints or self.reachable(e) for e in self.effects if e.name == effect), ())
+        """Joints on which the model has an effect.
 
-    def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
+        ``("",)`` where the effect's stage has no joints; empty where the model does not have the effect.
+        """
+        return next((e.joints or self.possible_joints(e) for e in self.effects if e.name == effect), ())
+
+    def parameter_names_by_joint(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by joint; the joint is ``""`` where the effect has none."""
         return {
             joint: tuple(p.name for p in self.parameters.values() if p.effect == effect and p.joint == joint)
             for joint in self.joints_with(effect)
         }
 
-    def lacks(self, effect: Effect) -> bool:
-        """Whether `with_effect` would change the model."""
+    def can_add_effect(self, effect: Effect) -> bool:
+        """Whether the model can have an effect that it does not have yet, on all of its joints or on some."""
         if effect.acts_on not in self.stages:
             return False
-        return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
+        return not set(effect.joints or self.possible_joints(effect)) <= set(self.joints_with(effect.name))
 
     def with_effect(self, effect: Effect) -> Self:
-        """The model with one more effect, or with an effect on more joints, at its null value.
+        """A copy of the model with one more effect, or with an effect on more joints, at its null value.
 
-        On joints where the effect is only in the background, it is removed from the background.
+        Small values of this effect on these joints are removed from the background.
 
         Raises:
             InputError: the model has the effect already, or lacks the stage on which it acts.
@@ -142,7 +152,7 @@ class EffectModel(ABC):
                 f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of base '{self.base}' lacks: "
                 f"choose one that acts on {' or '.join(self.stages)}"
             )
-        reachable = self.reachable(effect)
+        reachable = self.possible_joints(effect)
         if effect.joints and reachable == ("",):
             listed = ",".join(effect.joints)
             raise InputError(f"the effect '{effect.name}' acts on the {effect.acts_on}: leave out ':{listed}'")
@@ -165,7 +175,7 @@ class EffectModel(ABC):
         return self._with(effects if has else [*effects, whole], {**self.parameters, **{p.name: p for p in added}})
 
     def without_effect(self, name: str) -> Self:
-        """The model without one effect, or without it on some joints: ``"<effect>:<joint>,<joint>"``.
+        """A copy of the model without one effect, or without it on some joints: ``"<effect>:<joint>,<joint>"``.
 
         Raises:
             UnknownNameError: the model does not have the effect.
@@ -182,8 +192,8 @@ class EffectModel(ABC):
         kept = {n: p for n, p in self.parameters.items() if p.effect != name or p.joint in left}
         return self._with((e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left), kept)
 
-    def with_only(self, effects: Collection[str]) -> Self:
-        """The model with these effects only; its parameters keep their order."""
+    def with_only_effects(self, effects: Collection[str]) -> Self:
+        """A copy of the model that has only the effects with these names; its parameters keep their order."""
         kept = tuple(effect for effect in self.effects if effect.name in effects)
         if len(kept) == len(self.effects):
             return self
@@ -199,21 +209,21 @@ class EffectModel(ABC):
         )
 
     def with_background(self, width: float, values: Mapping[str, float], effects: Iterable[Effect]) -> Self:
-        """The model with a new background: small values of effects on joints where the model does not name them.
+        """A copy of the model with a new background: small values of effects that reports do not list.
 
         Args:
-            width: prior standard deviation about their null values, in typical sizes.
+            width: standard deviation of the prior about the null values, in units of each parameter's `typical`.
             values: values by parameter name; other parameters of the same effect and joint get their null values.
             effects: definitions of the effects, which are added on the joints with values.
 
         Raises:
-            InputError: the width is negative, a value is out of bounds, or it belongs to an effect that the model names
-                on this joint.
+            InputError: the width is negative, a value is out of bounds, or the model already lists the effect on this
+                joint.
             UnknownNameError: there is no such effect, joint or parameter.
         """
         if not 0.0 <= width < inf:
             raise InputError(f"width {width:g}: give a number that is not negative, in typical sizes")
-        bare, known = self.named_only(), {effect.name: effect for effect in effects}
+        bare, known = self.without_background(), {effect.name: effect for effect in effects}
         joints: dict[str, list[str]] = {}
         for name in values:
             quantity, _, joint = name.partition("[")
@@ -237,44 +247,46 @@ class EffectModel(ABC):
         return replace(model.with_parameters(held), background=background)
 
     def with_candidates(self, effects: Iterable[Effect]) -> Self:
-        """The model with all of `effects` that it lacks and can have, at their null values and not fitted."""
+        """A copy of the model with all of `effects` that it can have, the new ones at their null values and fixed."""
         model = self
         for effect in effects:
-            if model.lacks(effect):
+            if model.can_add_effect(effect):
                 had, there = set(model.names), model.joints_with(effect.name)
-                new = (joint for joint in effect.joints or model.reachable(effect) if joint and joint not in there)
+                new = (
+                    joint for joint in effect.joints or model.possible_joints(effect) if joint and joint not in there
+                )
                 model = model.with_effect(effect.on(*new))
                 model = model.with_fixed(*(name for name in model.names if name not in had))
         return model
 
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """The model with other parameter values, in their units; standard deviations are removed."""
+        """A copy of the model with other values of some parameters, in their units, without standard deviations."""
         return self.with_parameters({name: self._parameter(name).with_value(v) for name, v in values.items()})
 
     def with_parameters(self, changed: Mapping[str, Parameter]) -> Self:
-        """The model with some parameters replaced."""
+        """A copy of the model in which some parameters, given by name, are replaced."""
         for name in changed:
             self._parameter(name)
         return replace(self, parameters=MappingProxyType({**self.parameters, **changed}))
 
     def with_prior(self, name: str, mean: float, std: float) -> Self:
-        """The model with a prior on a parameter: mean and standard deviation, in its unit."""
+        """A copy of the model with a normal prior on a parameter: mean and standard deviation, in its unit."""
         known = replace(self._parameter(name), prior=Prior(mean, std), value=mean)
         return self.with_parameters({name: known})
 
     def with_fixed(self, *names: str) -> Self:
-        """The model with these parameters fixed at their values in every fit."""
+        """A copy of the model in which no fit changes the parameters `names`."""
         return self.with_parameters({name: replace(self._parameter(name), fitted=False) for name in names})
 
-    def background_data(self) -> Mapping[str, Callable[[], Columns]]:
-        """The values of its background as a table of a document's data; empty where it has none."""
+    def background_table(self) -> Mapping[str, Callable[[], Columns]]:
+        """The values of the model's background as a table for `Document.data`; empty without a background."""
         return {} if self.background is None else {"background": self._background_columns}
 
     def _background_columns(self) -> Columns:
-        """Table of the background: one row per value."""
         held = [self.parameters[name] for name in self.background.names] if self.background is not None else []
-        columns = [Column("parameter", [p.name for p in held]), *columns_of(held, effect="", joint="", value="")]
-        columns += [*columns_of(held, unit=""), Column("typical_sizes", [(p.value - p.null) / p.typical for p in held])]
+        columns = [Column("parameter", [p.name for p in held]), *attribute_columns(held, effect="", joint="", value="")]
+        sizes = [(p.value - p.null) / p.typical for p in held]
+        columns += [*attribute_columns(held, unit=""), Column("typical_sizes", sizes)]
         return Table(columns).values
 
     def _parameter(self, name: str) -> Parameter:

@@ -1,4 +1,4 @@
-"""One root error; its subclasses carry what was wrong and what to do next."""
+"""The errors that a user can correct: each message says what is wrong, where, and what to do."""
 
 import traceback
 from collections.abc import Iterable, Iterator
@@ -30,10 +30,10 @@ class InputError(ArmdynError):
 
 
 @contextmanager
-def at(where: object) -> Iterator[None]:
-    """Add the place, such as a file or an entry, to the messages of errors in the block.
+def error_location(where: object) -> Iterator[None]:
+    """Context manager: put a location, such as a file or an entry, before the message of an input error in the block.
 
-    A message that begins with the place already is unchanged.
+    A message that already begins with the location is not changed.
     """
     try:
         yield
@@ -43,8 +43,11 @@ def at(where: object) -> Iterator[None]:
 
 
 @contextmanager
-def collect(problems: list[str], where: str = "") -> Iterator[None]:
-    """Append errors of the block to a list, with the place before each, and go on, so that all are reported at once."""
+def collect_errors(problems: list[str], where: str = "") -> Iterator[None]:
+    """Context manager: append the message of an input error in the block to a list, instead of raising the error.
+
+    The location `where`, if given, is put before the message.
+    """
     try:
         yield
     except InputError as error:
@@ -55,10 +58,10 @@ class UnknownNameError(InputError):
     """A name is not in a list of valid names.
 
     Args:
-        kind: kind of the name, such as ``"effect"``.
+        kind: kind of thing that is named, such as ``"effect"``.
         name: the name that was given.
         valid: the names that exist.
-        besides: further text on what may be written, for a message without a similar valid name.
+        besides: text that is added to the message where no valid name is similar.
     """
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
@@ -76,15 +79,15 @@ MAX_SHOWN_MESSAGE_LENGTH = 300
 """Largest number of characters shown of a message from another library; some contain whole matrices."""
 
 
-def sentence_of(error: BaseException, failed: str) -> str:
-    """Describe an error in one line.
+def error_sentence(error: BaseException, failed: str) -> str:
+    """Describe an exception in one line.
 
-    Errors of armdyn already say what to do. For any other, the type, its message and the place in the code are given,
-    which is what a developer needs.
+    An error of armdyn is described by its message. For any other, a developer needs its type, its message and the line
+    of code that raised it.
 
     Args:
         error: the exception.
-        failed: text such as ``"the estimator node failed at 1.20 s"``.
+        failed: what failed, such as ``"the estimator node failed at 1.20 s"``.
     """
     said = " ".join(str(error).split())
     said = said if len(said) <= MAX_SHOWN_MESSAGE_LENGTH else said[:MAX_SHOWN_MESSAGE_LENGTH] + " ..."

@@ -10,14 +10,14 @@ from armdyn.effects.effect import Effect
 from armdyn.identify import repair as repairs
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.repair import Repair, require_found
+from armdyn.identify.repair import Repair, require_fit
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
-    """Fit a model: it gets the values and standard deviations that the runs determine.
+    """Fit a model to recordings and return it with the fitted values and their standard deviations.
 
     Args:
         model: the model, or its file.
@@ -29,7 +29,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
         WrongRecordingError: a recording contradicts its declaration; see `inspect`.
         TaskFailedError: the fit has failed.
     """
-    return require_found(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
+    return require_fit(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
@@ -130,7 +130,7 @@ def repair(
     *,
     trust_data: bool = False,
 ) -> Repair:
-    """Diagnose a model and add effects until nothing is left to explain.
+    """Find the effects that a model lacks and add them, until the remaining error is noise or no effect reduces it.
 
     Args:
         model: the model, or its file.

@@ -1,4 +1,4 @@
-"""A model: a base, effects and parameters. It is never changed in place."""
+"""The base class of all models, which predict recordings from base physics, effects and parameters."""
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from armdyn.document import Column, Document, Section, Table, columns_of
+from armdyn.displayable import Displayable
+from armdyn.document import Column, Document, Section, Table, attribute_columns
 from armdyn.effect_model import EffectModel
 from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
-from armdyn.shown import Displayable
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of a model for one run, with all channels one after another.
+    """Prediction of a model for one run; the samples of all channels are in one array, channel after channel.
 
     Attributes:
         channels: names of the channels in the order of the blocks.
-        slices: slice of each channel's samples.
+        slices: slice of each channel's samples in the arrays, by channel name.
         time: (n,) times of the samples, s.
         values: (n,) predicted values, in the channels' units.
         sensitivities: (n, p) exact derivatives with respect to the parameters, in the order of `Model.names`.
@@ -41,7 +41,7 @@ class Prediction:
 
 
 def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
-    """Join channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p), to a prediction."""
+    """Join channels to a prediction; each is given as its name, times (n,) s, values (n,) and sensitivities (n, p)."""
     names, times, values, sensitivities = zip(*parts, strict=True)
     ends = np.cumsum([len(time) for time in times]).tolist()
     slices = {name: slice(end - len(time), end) for name, time, end in zip(names, times, ends, strict=True)}
@@ -53,7 +53,7 @@ class Model(EffectModel, Displayable):
     """Base class of `PendulumModel`, `ArmModel` and `PhysicsModel`: effects and parameters that predict recordings."""
 
     linear = False
-    """Whether predictions are linear in most unknowns; one expansion then predicts the influence of any set of
+    """Whether predictions are linear in most parameters, so that one linearisation predicts the influence of any set of
     effects."""
 
     @property
@@ -62,44 +62,47 @@ class Model(EffectModel, Displayable):
         return 0.005
 
     @property
-    def settled_window(self) -> float:
-        """Length of a part of a run, s, below which friction and creep are not identifiable."""
+    def min_effect_window(self) -> float:
+        """Shortest part of a run, s, in which effects such as friction and creep are identifiable."""
         return 3.0
 
     def __str__(self) -> str:
-        """The base, its values and its effects, in one line."""
+        """The base model, its values and its effects, in one line."""
         said = [effect.label for effect in self.named_effects] or ["no effects"]
         said += [self.background.label] if self.background is not None else []
-        return f"{self.about}; {', '.join(said)}"
+        return f"{self.base_summary}; {', '.join(said)}"
 
     __repr__ = __str__
 
     @property
-    def about(self) -> str:
-        """The base with its values, without usual values that no fit changes and without effects."""
+    def base_summary(self) -> str:
+        """The base model and its parameter values in one line, without effects and without constants such as gravity.
+
+        A constant is left out while it has its usual value.
+        """
         shared = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
-        own = (p for p in shared if not p.considered or p.value != p.null)
+        own = (p for p in shared if not p.is_consider_parameter or p.value != p.null)
         values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
         return f"{self.base}, {values}" if values else self.base
 
     def document(self) -> Document:
-        """Build the table of parameters."""
-        shared = {name: p for name, p in self.named_only().parameters.items() if p.scope == "shared"}
+        """Build a document with the table of the model's parameters."""
+        shared = {name: p for name, p in self.without_background().parameters.items() if p.scope == "shared"}
         values = shared.values()
-        columns = [Column("parameter", list(shared)), *columns_of(values, value=".6g")]
-        columns += [Column("std", [p.std for p in values], ".2g"), *columns_of(values, unit="", fitted="")]
+        columns = [Column("parameter", list(shared)), *attribute_columns(values, value=".6g")]
+        columns += [Column("std", [p.std for p in values], ".2g"), *attribute_columns(values, unit="", fitted="")]
         tables = [Table(columns, name="parameters")]
         said = self.background.sentence if self.background is not None else ""
         sections = [Section("Parameters", said, tables=tables)]
-        return Document(f"Model: {self.base}", f"{self}.", sections, data=self.background_data())
+        return Document(f"Model: {self.base}", f"{self}.", sections, data=self.background_table())
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
-        """First guesses of the parameters with one value per run: the state at the start of a simulated motion."""
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
+        """First guesses, by name, of parameters with one value per run, such as the angle at the start of a swing."""
         del run
         return {}
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Start states from each of which a fit is tried; empty where a fit converges from any start.
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """Start states (values by parameter name) from each of which a fit is tried; empty where one start suffices.
 
         Args:
             run: a recording.
@@ -109,16 +112,20 @@ class Model(EffectModel, Displayable):
         return ()
 
     def start_window(self, theta: np.ndarray) -> float:
-        """Length of a run, s, that suffices to choose among the possible starts; `theta` is (p,)."""
+        """Length of the first part of a run, s, that suffices to choose among `possible_starts`.
+
+        Args:
+            theta: (p,) parameter values.
+        """
         del theta
         return np.inf
 
-    def between_gaps(self, run: Run) -> tuple[Run, ...]:
-        """The parts of a run between missing samples; the whole run, where a simulation goes on through a gap."""
+    def split_at_gaps(self, run: Run) -> tuple[Run, ...]:
+        """Split a run where samples are missing; the run stays whole where the model can simulate through a gap."""
         return (run,)
 
-    def pieces(self, run: Run) -> Sequence[Run]:
-        """The run, or its parts with a start state each."""
+    def split_into_pieces(self, run: Run) -> Sequence[Run]:
+        """Split a run into the parts that are simulated separately, each from a start state; by default one part."""
         return (run,)
 
     def changes_link(self, names: Sequence[str]) -> bool:
@@ -129,34 +136,34 @@ class Model(EffectModel, Displayable):
     def link_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
     ) -> tuple["LinkChange", ...]:
-        """Links that effects change, in the order of the joints; empty for a model without links.
+        """Links whose mass, centre or inertia the effects change, in the order of the joints; empty without links.
 
         Args:
-            theta: (p,) fitted parameters.
+            theta: (p,) fitted parameter values.
             covariance: (p, p) covariance of the parameters.
-            of_runs_alone: (p, p) covariance nearly without priors.
-            free: (p,) bool, fitted parameters.
+            of_runs_alone: (p, p) covariance from the runs almost alone, with priors that are a hundred times wider.
+            free: (p,) bool, parameters that were fitted.
         """
         del theta, covariance, of_runs_alone, free
         return ()
 
     def as_arm(self) -> "ArmModel | None":
-        """This model if it is of an arm, with joints, links and drives; None for every other base."""
+        """The model itself if it describes an arm with joints, links and drives; None for any other base."""
         return None
 
-    def described(self, folder: Path) -> Mapping[str, Any]:
-        """Entries of a model file that name the base; paths in them are relative to the file's `folder`."""
+    def file_entries(self, folder: Path) -> Mapping[str, Any]:
+        """Entries of a model file that define the base model; paths in them are relative to `folder`."""
         del folder
         return {"base": self.base}
 
     @property
     def has_catalogue_stages(self) -> bool:
-        """Whether its stages are those of the catalogue's effects; a user's own base may define another load."""
+        """Whether the stages are those of the catalogue's effects; a user's own base may define its ``"load"`` anew."""
         return True
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
-        """Effects that come with the base, besides the catalogue's."""
+        """Effects that a user's own base defines, in addition to those of the catalogue."""
         return ()
 
     @property
@@ -165,63 +172,68 @@ class Model(EffectModel, Displayable):
         return None
 
     def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[RollOut, ...]":
-        """Simulated against recorded motion in recordings, each with its role; empty for a model without joints."""
+        """Simulate recordings and compare the motion with the recorded one; empty for a model without joints.
+
+        Args:
+            recordings: recordings, each with its role, such as ``"training"`` or ``"exam"``.
+        """
         del recordings
         return ()
 
     @property
-    def first_guesses(self) -> tuple[str, ...]:
-        """Parameters whose values are only guesses; unidentified ones stay near the given values."""
+    def guessed_parameters(self) -> tuple[str, ...]:
+        """Names of parameters whose given values are only guesses; those that no run identifies stay near them."""
         return ()
 
-    def following(self, runs: Sequence[Run]) -> Self:
-        """The model adapted to further quantities of recordings, such as a servo's commands; most are unchanged."""
+    def adapted_to(self, runs: Sequence[Run]) -> Self:
+        """A copy of the model adapted to what the runs contain, such as a servo's commands; by default no change."""
         del runs
         return self
 
-    def taking(self, run: Run) -> Run:
-        """The run with those of its further quantities as channels that the model predicts or needs as input."""
+    def with_model_channels(self, run: Run) -> Run:
+        """A copy of a run in which the further quantities that the model predicts or needs as input are channels."""
         return run
 
     @property
     def hangs_from_gripper(self) -> bool:
-        """Whether it is a load on a string, for which motions of the gripper can be designed."""
+        """Whether the model is a load on a string, so that an experiment can be designed as a gripper motion."""
         return False
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """Open questions that recordings leave, with what would answer them: sentences without full stops."""
+        """What the recordings leave unknown about the model, and what would answer it: sentences without full stops."""
         return ()
 
     @property
-    def told_beside(self) -> frozenset[str]:
-        """Names of effects that are no candidates, because recordings state them or because they fit any recording.
+    def excluded_effects(self) -> frozenset[str]:
+        """Names of effects that a diagnosis does not consider; a user can still add them.
 
-        A user can still add them.
+        The recordings state their values, or they would fit any recording.
         """
         return frozenset()
 
-    def reading(self, run: Run) -> Run:
-        """The run with estimated channels that the model predicts: a servo's position error gives its torque."""
+    def with_estimated_channels(self, run: Run) -> Run:
+        """A copy of a run with estimated channels, such as a joint torque from the position error of its servo."""
         return run
 
-    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
-        """A model that may lack effects which are not `needed`, where it predicts `runs` faster.
+    def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+        """A model with the `needed` effects that predicts `runs` faster; it may lack any other effect.
 
-        At the null values of the effects that it lacks, it predicts the same; its parameters keep their order.
+        While the effects that it lacks are at their null values, both models predict the same. The order of the
+        parameters does not change.
         """
         del runs
-        return self.with_only(needed)
+        return self.with_only_effects(needed)
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run in the form for comparison with this model; prepare every run once, before its noise is estimated.
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+        """Prepare a run for comparison with this model; do this once per run, before its noise is estimated.
 
-        For an arm the measured torques are low-passed and thinned out here, and the predictions for the returned run
-        likewise. Other models use runs as they are.
+        An arm's model low-passes the measured torques and keeps fewer samples of them; its predictions for the returned
+        run are processed in the same way. Other models use runs as they are.
 
         Args:
             run: a recording.
-            beside: further recordings that show the properties of the sensors; by default this one alone.
+            beside: further recordings that show the properties of the same sensors; by default none.
 
         Raises:
             InputError: the run cannot be compared with this model.
@@ -229,28 +241,32 @@ class Model(EffectModel, Displayable):
         del beside
         return run
 
-    def jumps(self, run: Run) -> np.ndarray:
+    def jump_times(self, run: Run) -> np.ndarray:
         """(j,) times, s, ascending, at which the prediction for a prepared run may jump."""
         del run
         return np.zeros(0)
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
-        """Standard deviation of the compared samples, by channel of a prepared run, where it depends on (p,) `theta`.
+        """Standard deviation of the noise of a prepared run, for the channels where it depends on the parameters.
 
-        The noise of an arm's positions becomes torque through its inertias.
+        Through an arm's inertias, the noise of its measured positions becomes noise of its predicted torques.
+
+        Args:
+            run: a prepared run.
+            theta: (p,) parameter values.
         """
         del run, theta
         return {}
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Signals on which a residual may depend, such as the swing angle or a joint's speed, over the run's time."""
+        """Signals on which the residual of a run may depend, by name, such as the swing angle or a joint's speed."""
         del run, theta
         return {}
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
-        """Channels whose residual is a missing force, by name with the joint; empty for a model with states.
+        """Channels whose residual is itself a missing force or torque, with the joint of each.
 
-        A model with states lacks an acceleration, which its residual contains only through the motion.
+        Empty for a model that simulates a motion: its residual shows a missing force only through the motion.
         """
         del run
         return {}
@@ -260,15 +276,15 @@ class Model(EffectModel, Displayable):
         """Channels of a run that this model predicts, in the order of the prediction.
 
         Raises:
-            InputError: there is no such channel.
+            InputError: the run has no channel that this model predicts.
         """
 
     @abstractmethod
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """Predict the channels of a run.
+        """Predict the channels of a run, with derivatives with respect to the parameters.
 
         Args:
-            run: a recording; the channels that both it and the model have are predicted.
+            run: a recording; only the channels that it contains are predicted.
             theta: (p,) parameter values for this run, in the order of `names`.
 
         Raises:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from armdyn import atomic
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
@@ -19,9 +19,9 @@ from urdf.bounds import LARGEST_SIZE
 from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
-"""Module of each base; a user's own base is the path of a Python file."""
+"""Module of each base model; in a model file, a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
-"""Keys of every model file; each base has further ones."""
+"""Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
 _Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
 
@@ -64,12 +64,12 @@ class _BackgroundEntry:
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A model and its history.
+    """Content of a model file: a model, and the history of its changes.
 
     Attributes:
         model: the model, with its effects and parameters.
-        description: entries that belong to the base, such as the arm's file.
-        history: one entry per change, as in the contract.
+        description: entries of the file that define the base model, such as the path of the arm's URDF.
+        history: one entry for each change of the model: the effects added, the runs used and the errors after it.
     """
 
     model: Model
@@ -90,13 +90,13 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
         extra: a user's own effects, which the model may have.
 
     Raises:
-        InputError: it names the file, the field, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the field, the mistake and a remedy.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
     table = read_toml(path, f": make one with 'armdyn new pendulum {path}' or 'armdyn new --base FILE.py {path}'")
-    with at(path):
+    with error_location(path):
         return _parsed(table, path.parent, tuple(extra))
 
 
@@ -113,12 +113,12 @@ def write_model_file(path: Path | str, file: ModelFile) -> None:
 
 
 def model_text(file: ModelFile, folder: Path) -> str:
-    """Text of a model file, in TOML; paths are relative to the folder of the file."""
+    """Text of a model file, in TOML; paths in it are relative to `folder`, which will hold the file."""
     import tomlkit
 
-    model, background = file.model.named_only(), file.model.background
+    model, background = file.model.without_background(), file.model.background
     document = tomlkit.document()
-    for key, value in {**model.described(folder), **file.description}.items():
+    for key, value in {**model.file_entries(folder), **file.description}.items():
         document[key] = value
     document["effects"] = [effect.label for effect in model.effects]
     parameters = tomlkit.table()
@@ -161,19 +161,19 @@ def model_text(file: ModelFile, folder: Path) -> str:
 
 
 def base_pendulum(known: Mapping[str, str] | None = None) -> Model:
-    """A bare pendulum with known values; see `with_known`."""
+    """Make a pendulum's model without effects, with known values such as ``{"mass": "80 g +/- 0.4 g"}``."""
     from armdyn.pendulum.model import pendulum_model
 
-    return with_known(pendulum_model(0.35, 0.1), known or {})
+    return with_known_values(pendulum_model(0.35, 0.1), known or {})
 
 
-def with_known(model: Model, known: Mapping[str, str]) -> Model:
-    """Set known values of a model's parameters.
+def with_known_values(model: Model, known: Mapping[str, str]) -> Model:
+    """Return a copy of a model with known values of parameters.
 
     Args:
         model: the model without known values.
-        known: values such as ``{"mass": "80 g +/- 0.4 g"}``; a value without a standard deviation is only a first
-            guess, or exact where no fit changes it.
+        known: values such as ``{"mass": "80 g +/- 0.4 g"}``. A value without a standard deviation is a first guess for
+            a parameter that is fitted, and exact for one that is not.
 
     Raises:
         InputError: a name, unit or value is not valid.
@@ -183,7 +183,7 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
         if name not in settable:
             raise UnknownNameError("parameter", name, settable)
         parameter = model.parameters[name]
-        with at(name):
+        with error_location(name):
             value = parse_quantity(text, parameter.unit)
         if value.std is not None:
             model = model.with_prior(name, value.value, value.std)
@@ -221,7 +221,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
     if "background" in table:
         held = read_as(_BackgroundEntry, table["background"], "[background]")
-        with at("[background]"), _own_effects_in_a_file():
+        with error_location("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
             model = model.with_background(held.width, held.values, known.values())
     history = table.get("history", [])

@@ -3,7 +3,7 @@
 from html import escape
 from typing import Any
 
-from armdyn.document import MAX_CARD_ROWS, Curve, Document, Level, Table
+from armdyn.document import MAX_CARD_ROWS, Curve, Document, ResultLevel, Table
 from armdyn.errors import InputError, UnknownNameError
 
 MAX_CURVE_POINTS = 2000
@@ -13,16 +13,16 @@ GREY, ORANGE, BLUE, GREEN, VERMILLION = "#7B8794", "#E69F00", "#0072B2", "#009E7
 PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GREY)
 
 
-def card(document: Document) -> str:
-    """A document as HTML that suits light and dark pages."""
-    colour = "currentColor" if document.level is None else GREEN if document.level is Level.GOOD else VERMILLION
+def html_card(document: Document) -> str:
+    """Render a document as a short piece of HTML that is readable on light and dark pages."""
+    colour = "currentColor" if document.level is None else GREEN if document.level is ResultLevel.GOOD else VERMILLION
     head = f"<b>{escape(document.title)}</b><br>{escape(document.verdict)}"
     tables = "".join(_html(table) for table in document.tables if table.name)
     return f"<div style='border-left:4px solid {colour};padding:2px 12px;max-width:60em'>{head}{tables}</div>"
 
 
 def _html(table: Table) -> str:
-    columns = table.narrow
+    columns = table.narrow_columns
     if not columns:
         return ""
     header = "".join(f"<th style='text-align:left'>{escape(column.heading)}</th>" for column in columns)
@@ -33,8 +33,8 @@ def _html(table: Table) -> str:
     return folded if len(table) > MAX_CARD_ROWS else made
 
 
-def frame(document: Document, what: str) -> Any:
-    """A table of a document as a pandas data frame; see `Displayable.to_dataframe`."""
+def data_frame(document: Document, what: str) -> Any:
+    """Convert the table `what` of a document to a pandas data frame; see `Displayable.to_dataframe`."""
     tables = {table.name: lambda table=table: table.values for table in document.tables if table.name}
     made = tables | dict(document.data)
     name = what or document.default or next(iter(made))
@@ -47,21 +47,21 @@ def frame(document: Document, what: str) -> Any:
     return pd.DataFrame(dict(made[name]()))
 
 
-def figure(document: Document) -> Any:
-    """Curves of a document as a plotly figure, a row for each quantity; see `Displayable.plot`."""
+def plotly_figure(document: Document) -> Any:
+    """Draw the curves of a document as a plotly figure, with a panel for each quantity; see `Displayable.plot`."""
     if document.curves is None:
         raise InputError(f"{document.title}: nothing to plot; of a model plot what 'armdyn.compare' gives")
     try:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
 
-        from armdyn.notebook_figure import KeptFigure
+        from armdyn.notebook_figure import PortableFigure
     except ImportError as error:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
     rows, runs = list(dict.fromkeys(c.row for c in curves)), list(dict.fromkeys(c.run for c in curves))
-    labels = list(dict.fromkeys(c.label for c in curves if not c.dots))
-    palette = (ORANGE, BLUE)[-len(labels) :] if any(c.dots for c in curves) else PALETTE
+    labels = list(dict.fromkeys(c.label for c in curves if not c.drawn_as_points))
+    palette = (ORANGE, BLUE)[-len(labels) :] if any(c.drawn_as_points for c in curves) else PALETTE
     made = make_subplots(len(rows), 1, shared_xaxes=True, vertical_spacing=0.15 / max(len(rows), 1))
     listed: set[tuple[str, str]] = set()
     for curve in curves:
@@ -70,7 +70,7 @@ def figure(document: Document) -> Any:
         thin = slice(None, None, -(-len(curve.time) // MAX_CURVE_POINTS))
         shown: dict[str, Any] = {"legendgroup": curve.label, "showlegend": (curve.run, curve.label) not in listed}
         listed.add((curve.run, curve.label))
-        if curve.dots:
+        if curve.drawn_as_points:
             shown |= {"mode": "markers", "marker": {"color": GREY, "size": 3}}
         else:
             number = labels.index(curve.label)
@@ -99,7 +99,7 @@ def figure(document: Document) -> Any:
         ]
         menu = {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
         made.update_layout(updatemenus=[menu])
-    return KeptFigure(made)
+    return PortableFigure(made)
 
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:

@@ -5,8 +5,8 @@ from typing import Any
 import plotly.graph_objects as go
 
 
-class KeptFigure(go.Figure):  # type: ignore[misc]
-    """A figure whose output also has HTML and text, because `nbconvert` cannot draw plotly's own form."""
+class PortableFigure(go.Figure):  # type: ignore[misc]
+    """A plotly figure that a notebook also stores as HTML and text, because `nbconvert` cannot draw plotly's form."""
 
     def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:
         return {

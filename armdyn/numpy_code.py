@@ -23,22 +23,22 @@ OPERATIONS: Mapping[int, str] = {
     ca.OP_AND: "np.logical_and({}, {}) * 1.0", ca.OP_OR: "np.logical_or({}, {}) * 1.0",
     ca.OP_NOT: "np.logical_not({}) * 1.0", ca.OP_IF_ELSE_ZERO: "np.where({}, {}, 0.0)",
 }  # fmt: skip
-"""Form of each CasADi operation in numpy."""
+"""Numpy expression of each CasADi operation, by its number, with ``{}`` for each operand."""
 
 
 def unknown_operations(f: ca.Function) -> set[int]:
-    """The operations of an SX function that cannot be written as numpy code."""
+    """Numbers of the operations of a CasADi SX function that cannot be written as numpy code."""
     used = {f.instruction_id(k) for k in range(f.n_instructions())}
     return used - {*OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
 
 
 def numpy_lines(f: ca.Function, read: Callable[[int, int], str], write: Callable[[int, int], str]) -> list[str]:
-    """Lines that compute an SX function with known operations only.
+    """Lines of Python code that compute a CasADi SX function, all of whose operations are in `OPERATIONS`.
 
     Args:
         f: the function.
-        read: gives the expression of an input's entry, by input and entry number.
-        write: gives the target of an output's entry, by output and entry number.
+        read: function from the number of an input, and of an entry of it, to the expression for its value.
+        write: function from the number of an output, and of an entry of it, to the variable to assign.
     """
     lines = []
     for k in range(f.n_instructions()):

@@ -1,4 +1,4 @@
-"""Parameters of a model: name, bounds, prior and value; and recorded quantities that effects read."""
+"""The parameters of a model, with bounds, prior and value, and the recorded quantities that its effects use."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -32,14 +32,14 @@ class Prior:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a model.
+    """A parameter of a model: a number with a unit, bounds and perhaps a prior, which a fit may change.
 
     Attributes:
-        name: ``"length"`` or ``"quadratic_drag.coefficient"``.
+        name: such as ``"length"`` or ``"quadratic_drag.coefficient"``.
         unit: SI unit as text.
-        value: the present value.
-        typical: a realistic size of the parameter; it scales finite steps, searches and first guesses.
-        null: the value at which the physics behind it is absent (equal to ``value`` for base parameters).
+        value: the present value, in `unit`.
+        typical: a realistic size of the parameter, its "typical size"; it scales steps, searches and first guesses.
+        null: the value at which the parameter's effect is absent (equal to `value` for parameters of the base model).
         std: standard deviation after a fit, None before.
         lower: smallest physical value.
         upper: largest physical value.
@@ -49,9 +49,9 @@ class Parameter:
         source: where the value comes from.
         effect: name of the effect that it belongs to, ``""`` for a parameter of the base.
         joint: the joint that it belongs to, ``""`` for none.
-        needs: channels of which a recording must have one to make it identifiable; any channel where empty.
-        beside: further channels of which the recording must also have one: a delay is visible only against another
-            clock.
+        needs: channels of which a recording must have one to make the parameter identifiable; any channel where empty.
+        beside: further channels of which the recording must also have one: a delay is visible only relative to
+            another sensor.
     """
 
     name: str
@@ -72,13 +72,13 @@ class Parameter:
     beside: tuple[str, ...] = ()
 
     @property
-    def considered(self) -> bool:
-        """Whether it has a prior whose standard deviation counts although no fit changes it (a consider parameter)."""
+    def is_consider_parameter(self) -> bool:
+        """Whether it is a consider parameter: no fit changes it, but the standard deviation of its prior counts."""
         return not self.fitted and self.prior is not None and not self.effect
 
-    def shows_in(self, channels: Collection[str]) -> bool:
-        """Whether recordings of these channels can determine it."""
-        return not asked_for(channels, self.needs, self.beside)
+    def is_identifiable_from(self, channels: Collection[str]) -> bool:
+        """Whether recordings of these channels can determine the parameter."""
+        return not missing_channels(channels, self.needs, self.beside)
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
@@ -90,16 +90,18 @@ class Parameter:
             )
 
     def with_value(self, value: float, std: float | None = None) -> "Parameter":
-        """The same parameter with another value (in its unit) and, after a fit, its standard deviation."""
+        """A copy with another value, in the parameter's unit, and, after a fit, its standard deviation."""
         return replace(self, value=float(value), std=std)
 
 
-def asked_for(channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Channels of which one is missing in a recording of `channels`; empty where none is missing.
+def missing_channels(
+    channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """Channels of which a recording would need one in addition to its own; empty where it has what is needed.
 
     Args:
         channels: channels of the recording.
-        needs: channels of which one is needed, on any joint where none is named; any channel where empty.
+        needs: channels of which one is needed; ``"tau"`` means that of any joint; any channel where empty.
         beside: further channels of which one is needed as well.
     """
     held = {*channels, *(name.partition(".")[0] for name in channels)}
@@ -118,9 +120,9 @@ class Quantity:
         upper: largest physical value.
         scope: ``"shared"`` by all runs or ``"per_run"``.
         summary: one phrase on the meaning of the number.
-        spread: prior standard deviation about the null value of what occurs in nature; it keeps a fit stable where a
-            run does not identify the number, such as the place of a mass of zero.
-        needs: channels of which a recording must have one to make it identifiable; any channel where empty.
+        spread: standard deviation of a prior about the null value, as large as values that occur in nature; it keeps a
+            fit stable where a run does not identify the parameter, such as the position of a mass of zero.
+        needs: channels of which a recording must have one to make the parameter identifiable; any channel where empty.
         beside: further channels of which the recording must also have one; see `Parameter`.
     """
 
@@ -136,7 +138,13 @@ class Quantity:
     beside: tuple[str, ...] = ()
 
     def parameter(self, effect: str, short: str, joint: str = "") -> Parameter:
-        """The parameter of an effect whose short name is `short`, on a joint or on none, at its null value."""
+        """Make the declared parameter of an effect, at its null value.
+
+        Args:
+            effect: name of the effect.
+            short: name of the parameter within the effect.
+            joint: name of the joint; empty where the effect acts on no joint.
+        """
         return Parameter(
             name=f"{effect}.{short}[{joint}]" if joint else f"{effect}.{short}", effect=effect, joint=joint,
             unit=self.unit, value=self.null, typical=self.typical, null=self.null,
@@ -146,28 +154,29 @@ class Quantity:
 
 
 quantity: Any = Quantity
-"""A `Quantity` as the default value of an argument, which is an expression when the effect is applied."""
+"""`Quantity`, for use as the default value of an argument of an effect's function: when the effect is applied, the
+function gets a CasADi expression for the argument."""
 
 
 @dataclass(frozen=True)
 class RecordedColumn:
-    """Declares a recorded quantity that an effect reads, as the default value of an argument of its function.
+    """Declares a recorded quantity that an effect uses, as the default value of an argument of the effect's function.
 
     Attributes:
         name: name of the column, such as ``"extra.temperature"``.
         unit: SI base unit of its values, ``"1"`` for a plain number.
-        usual: value where it was not recorded: in runs without the column, in plans, in control, in exports.
+        usual: value that is used where the quantity was not recorded: in other runs, in plans, in control, in exports.
     """
 
     name: str
     unit: str
     usual: float
 
-    def over(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
-        """(n,) values at (n,) times, s: linear between the samples, constant before the first and after the last.
+    def interpolate(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
+        """Interpolate the quantity, (n,), linearly between its samples; constant before the first and after the last.
 
         Args:
-            recorded: further quantities of a run, by name.
+            recorded: recorded quantities of a run, by name; without this one, all values are `usual`.
             time: (n,) times on the run's clock, s.
 
         Raises:
@@ -184,4 +193,5 @@ class RecordedColumn:
 
 
 column: Any = RecordedColumn
-"""A `RecordedColumn` as the default value of an argument, which is an expression like that of a `quantity`."""
+"""`RecordedColumn`, for use as the default value of an argument of an effect's function: when the effect is applied,
+the function gets a CasADi expression for the argument."""

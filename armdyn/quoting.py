@@ -1,8 +1,7 @@
-"""Quote names and sentences of others in generated files, so that they cannot become code.
+"""Quote names and texts from input files in generated files, so that they cannot become code.
 
-A name keeps its letters in a comment or in quotes, and cannot end either. Everything else in a generated file is
-numbers and identifiers made here. HTML is escaped by `html.escape`, XML by `xml.etree`, whole TOML documents by
-tomlkit.
+A text in a comment or in quotes stays readable, and cannot end the comment or the quotes. HTML is escaped by
+`html.escape`, XML by `xml.etree`, and whole TOML documents by tomlkit instead.
 """
 
 import json
@@ -23,14 +22,14 @@ def one_line(text: str) -> str:
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """A C comment with one of the lines in each of its own; the text cannot end the comment or start another."""
+    """Write lines of text as a C comment; the text can neither end the comment nor begin another one."""
     # A trigraph is a backslash to old compilers; with a space it is none.
     safe = (re.sub(r"(?<=[*/?])(?=[*/?])", " ", one_line(line)) for line in lines)
     return "\n".join(("/*", *(f" * {line}".rstrip() for line in safe), " */"))
 
 
 def python_docstring(lines: Iterable[str], indent: str = "") -> str:
-    """A Python docstring of these lines; the text can neither end the docstring nor act as an escape."""
+    """Write lines of text as a Python docstring; the text can neither end the docstring nor act as an escape."""
     safe = [one_line(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines]
     if len(safe) == 1:
         return f'{indent}"""{safe[0]}"""'
@@ -38,13 +37,13 @@ def python_docstring(lines: Iterable[str], indent: str = "") -> str:
 
 
 def toml_string(text: str) -> str:
-    """A basic TOML string, in quotes."""
+    """Write a text as a basic TOML string, in quotes."""
     escapes = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r"}
     return '"' + "".join(escapes.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in text) + '"'
 
 
 def script_json(value: object) -> str:
-    """JSON that can end neither an HTML script element nor a line of the script."""
+    """Write a value as JSON that can end neither an HTML script element nor a line of the script."""
     return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c").replace("\u2028", "\\u2028")
 
 
@@ -53,8 +52,8 @@ def _escape(character: str) -> str:
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
-def listed(names: Iterable[str], most: int = 4) -> str:
-    """Names for a sentence, separated by commas; beyond `most` of them, the number of the others."""
+def name_list(names: Iterable[str], most: int = 4) -> str:
+    """List names for a sentence, separated by commas: the first `most` of them and the number of the others."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 

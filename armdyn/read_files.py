@@ -1,8 +1,8 @@
 """Keep a list of the files that a command has read, so that no output overwrites one of them.
 
-A model names a URDF, a recording has a sidecar, a batch names models: a user who chooses an output cannot know them
-all. Python calls an audit hook for every file that is opened; files opened by other languages are added by `reading`.
-Only a command keeps the list; a program may overwrite what it has read.
+A user who chooses an output file cannot know every file that a command reads, such as the URDF that a model names.
+Python calls an audit hook for every file that is opened; files opened by other languages are added by `register_input`.
+Only commands keep the list: a user's own program may overwrite what it has read.
 
 The same hook prevents a command from waiting for ever at a named pipe.
 """
@@ -53,8 +53,8 @@ def _refuse_named_pipe(path: str | bytes) -> None:
 
 
 @contextmanager
-def keeping_inputs() -> Iterator[None]:
-    """Keep a list of the files read in the block, refuse to overwrite them, and open no named pipe."""
+def protect_inputs() -> Iterator[None]:
+    """Context manager: refuse to overwrite any file that was read in the block, and to open a named pipe."""
     global _opened, _hooked
     if not _hooked:
         sys.addaudithook(_hear)
@@ -66,20 +66,20 @@ def keeping_inputs() -> Iterator[None]:
         _opened = before
 
 
-def reading(path: Path) -> None:
-    """Add a file that a library in another language reads to the list."""
+def register_input(path: Path) -> None:
+    """Register as an input a file that is read by a library in another language than Python."""
     sys.audit("open", str(path), "rb", os.O_RDONLY)
 
 
-def may_replace(path: Path) -> None:
-    """Allow a file to be overwritten although it was read: it is the command's own, or its user asked for that."""
+def allow_overwrite(path: Path) -> None:
+    """Allow a command to overwrite a file although it has read it, such as a file that it has written itself."""
     identity = _identity(path)
     if _opened is not None and identity is not None:
         _opened.free.add(identity)
 
 
-def refuse_to_replace(path: Path) -> None:
-    """Refuse to overwrite a file that was read, under any of its names.
+def check_overwrite(path: Path) -> None:
+    """Check that a command may write to a path: a file that it has read, also under another name, is refused.
 
     Raises:
         InputError: the file was read.

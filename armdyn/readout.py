@@ -1,7 +1,7 @@
-"""Sample a quantity as its sensor does: gain, lag, dead time, low-pass, sampling; with exact derivatives.
+"""Compute what a sensor reads of a signal: gain, lag, dead time, low-pass and sampling; with exact derivatives.
 
-It serves both the torque along a recorded motion of an arm and the output of a simulation. The quantity is given at
-nodes: the stamps of a recording or the grid of a simulation.
+The signal, such as the torque along a recorded motion or the output of a simulation, is given at nodes: the time stamps
+of the recording or the time grid of the simulation.
 """
 
 from abc import ABC, abstractmethod
@@ -11,38 +11,44 @@ import numpy as np
 from scipy.linalg import solve_banded
 from scipy.sparse import csr_matrix
 
-from armdyn.codegen import Buffered
+from armdyn.codegen import BufferedFunction
 from armdyn.physics.definition import Expression
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, LowPass, SplineSamples, basis_matrix
 
 NODE_TOLERANCE = 1e-9
-"""Distance of a sample from a node, in intervals of the nodes, below which it needs no interpolation."""
+"""Distance of a sample from a node, in intervals between nodes, below which the node's value is used as it is."""
 
 
 class Sampler(ABC):
-    """A linear map from signals at nodes to samples at other times, which may be late."""
+    """Base class of linear maps from signals at nodes to samples at other times, with a dead time."""
 
     nodes: np.ndarray
     """(K,) times of the nodes, s."""
 
     @abstractmethod
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
-        """(N, m) coefficients that represent (K, m) signals between the nodes; linear in the signals."""
+        """(N, m) coefficients of the curves through m signals, given as (K, m) values at the nodes."""
 
     @abstractmethod
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """(n, N) matrix from coefficients to values at the sample times minus `delay` s, or to a derivative, 1/s."""
+        """(n, N) matrix from the coefficients to the samples, or to a time derivative of them.
+
+        Args:
+            delay: dead time, s: a sample shows the signal that much earlier.
+            derivative: order of the time derivative.
+        """
 
 
-class Interpolated(Sampler):
-    """Samples of the signal itself, cubic between the nodes and constant after the last one.
+class InterpolatingSampler(Sampler):
+    """Sampler that interpolates the signal by cubic polynomials between the nodes.
 
-    Before the first node a late sample continues the signal with its first slope.
+    After the last node the signal is constant; before the first node it continues with its first slope.
 
     Args:
         nodes: (K,) times of the nodes, s, K >= 4.
         time: (n,) times of the samples, s.
-        spread: variance, s^2, of the times over which a sample is a mean, 0 for an instant; only for even nodes.
+        spread: variance, s^2, of the times over which each sample is a mean; 0 for samples at one instant. Other values
+            need equally spaced nodes.
     """
 
     def __init__(self, nodes: np.ndarray, time: np.ndarray, spread: float = 0.0) -> None:
@@ -103,8 +109,8 @@ class Interpolated(Sampler):
         return _rows(values, columns, len(nodes))
 
 
-class LowPassed(Sampler):
-    """Samples of the signal after a low-pass without phase shift.
+class LowPassSampler(Sampler):
+    """Sampler that low-passes the signal without phase shift.
 
     Args:
         nodes: (K,) times of the nodes, s.
@@ -144,10 +150,11 @@ class LowPassed(Sampler):
         return matrix.multiply((at >= self.nodes[0])[:, None]).tocsr() if derivative else matrix
 
 
-class Sensor:
-    """A sensor's reading of a quantity: reading(t) = [gain quantity]_lagged (t - delay).
+class SensorReadout:
+    """A sensor with gain, first-order lag and dead time: reading(t) = [gain quantity]_lagged (t - delay).
 
-    Signals are (K, 1 + m): the quantity and its derivatives by m parameters, those of `theta` first.
+    Its methods take and return signals (K, 1 + m): the quantity at K times, and its derivatives with respect to m
+    parameters, those of `theta` first.
 
     Args:
         theta: (p,) symbols of the parameters.
@@ -163,40 +170,48 @@ class Sensor:
 
     def __init__(self, theta: Expression, gain: Expression = 1, lag: Expression = 0, delay: Expression = 0) -> None:
         settings = ca.densify(ca.SX(ca.vertcat(gain, lag, delay)))
-        self._function = Buffered(ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))]))
+        self._function = BufferedFunction(
+            ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))])
+        )
         depends = (ca.which_depends(settings[i], theta, 1, False) if theta.numel() else [] for i in range(3))
         self._columns = [np.flatnonzero(which) for which in depends]
         self.amplifies = len(self._columns[0]) > 0
         self.lags, self.delays = (not ca.SX(expression).is_zero() for expression in (lag, delay))
 
     def delay(self, theta: np.ndarray) -> float:
-        """Dead time, s."""
+        """Dead time, s, for (p,) parameter values."""
         return float(self._function(theta)[0][2, 0])
 
-    def amplified(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """The signal multiplied by the gain."""
+    def amplify(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Multiply a signal (K, 1 + m) by the gain, for (p,) parameter values."""
         if not self.amplifies:
             return signal
         amplified = signal * self._function(theta)[0][0, 0]
         return self._with(amplified, 0, signal[:, 0], theta)
 
-    def lagged(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """The signal after the lag, continued before the start with its first slope; `nodes` are (K,) times, s."""
+    def apply_lag(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Apply the first-order lag to a signal (K, 1 + m); before the start it had its first slope.
+
+        Args:
+            signal: (K, 1 + m) signal.
+            theta: (p,) parameter values.
+            nodes: (K,) times of the signal, s.
+        """
         if not self.lags:
             return signal
         tau, steps = float(self._function(theta)[0][1, 0]), np.diff(nodes)
         slope = (signal[1] - signal[0]) / steps[0]
-        following, by_lag = lagged(signal, tau, steps, signal[0] - tau * slope, float(-slope[0]))
+        following, by_lag = first_order_lag(signal, tau, steps, signal[0] - tau * slope, float(-slope[0]))
         return self._with(following, 1, by_lag, theta)
 
     def read(self, signal: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """(n, 1 + m) samples of an amplified signal at the sampler's nodes."""
-        return self.sampled(sampler.coefficients(self.lagged(signal, theta, sampler.nodes)), sampler, theta)
+        """(n, 1 + m) samples with lag and dead time of a signal (K, 1 + m) that already has the gain."""
+        return self.sample(sampler.coefficients(self.apply_lag(signal, theta, sampler.nodes)), sampler, theta)
 
     def adjoint(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """(K,) weights of the quantity at the nodes that give the same sum as (n,) `weights` of the samples.
+        """(K,) weights of the quantity at the nodes whose weighted sum is that of the samples with (n,) `weights`.
 
-        Only for a sampler whose coefficients are the signal itself, such as `Interpolated`.
+        It is the adjoint of `read`, for a sampler whose coefficients are the signal, as for `InterpolatingSampler`.
         """
         signal = np.asarray(sampler.matrix(self.delay(theta) if self.delays else 0.0).T @ weights)
         if not self.lags:
@@ -210,13 +225,13 @@ class Sensor:
         weighted[:2] += np.array([1.0, -1.0]) * follows[0] * tau / steps[0]
         return weighted
 
-    def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """(n, 1 + m) samples of a signal with (N, 1 + m) coefficients."""
+    def sample(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+        """(n, 1 + m) samples with dead time of a signal that is given by its (N, 1 + m) coefficients."""
         delay = self.delay(theta) if self.delays else 0.0
         samples = np.asarray(sampler.matrix(delay) @ coefficients)
-        return self.moved(samples, coefficients[:, 0], sampler, theta)
+        return self.add_delay_derivatives(samples, coefficients[:, 0], sampler, theta)
 
-    def moved(
+    def add_delay_derivatives(
         self,
         samples: np.ndarray,
         coefficients: np.ndarray,
@@ -224,9 +239,14 @@ class Sensor:
         theta: np.ndarray,
         delay: float | None = None,
     ) -> np.ndarray:
-        """The samples, with their derivatives by the dead time added; `coefficients` (N,) are those of the quantity.
+        """Add the derivatives with respect to the dead time to samples (n, 1 + m).
 
-        Where the coefficients include the dead time already, `delay` is 0.
+        Args:
+            samples: (n, 1 + m) samples that already have the dead time.
+            coefficients: (N,) coefficients of the quantity.
+            sampler: the sampler of these coefficients.
+            theta: (p,) parameter values.
+            delay: dead time, s, that the coefficients do not include; None means all of it.
         """
         if not self.delays:
             return samples
@@ -241,7 +261,7 @@ class Sensor:
         return signal
 
 
-def lagged(
+def first_order_lag(
     values: np.ndarray,
     time_constant: float,
     step: float | np.ndarray,
@@ -280,7 +300,7 @@ def lagged(
 
 
 def _lag_shares(time_constant: float, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K-1,) e and (1 - e) tau/dt of a lag over steps; see `lagged`."""
+    """(K-1,) e and (1 - e) tau/dt of a lag over steps; see `first_order_lag`."""
     if time_constant < 1e-3 * step.min():  # e underflows to zero and every term but the linear one with it
         return np.zeros_like(step), max(time_constant, 0.0) / step
     e = np.exp(-step / time_constant)

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn import atomic
-from armdyn.arrays import channels_of, frame_columns
-from armdyn.document import Column, Curve, Document, Section, Table, columns_of
+from armdyn.arrays import channels_from_arrays, split_frame
+from armdyn.displayable import Displayable
+from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.channels import (
     MIN_SAMPLES,
@@ -27,20 +28,19 @@ from armdyn.recording.csv_run import csv_text, read_csv
 from armdyn.recording.preparation import Preparation
 from armdyn.recording.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.recording.units import KnownQuantity
-from armdyn.shown import Displayable
 
 __all__ = ["Channel", "KnownQuantity", "Run", "read_run", "write_run_csv"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Displayable):
-    """One recording; its arrays are read-only.
+    """One recording of a robot: time series of measured quantities in SI units; its arrays are read-only.
 
     Attributes:
         name: the file's name, such as ``"a.csv"``.
         channels: measured quantities by name, each with its own time stamps. Those named ``"extra.<name>"`` are moved
             to `extra`.
-        known: values measured by hand (``mass``, ``length``, ...), in SI units: priors, not truth.
+        known: values measured by hand (``mass``, ``length``, ...), in SI units; a fit uses them as priors.
         noise: standard deviation per channel, in the channel's unit, where known.
         description: a sentence for a reader.
         source: the file it came from; None where it was made in memory.
@@ -49,11 +49,12 @@ class Run(Displayable):
         outliers: number of samples that were left out as faulty, by channel.
         spread: variance, s^2, of the instants over which samples are means, by channel. Such a mean differs from the
             signal by half of its second derivative times the variance.
-        recorded: time of the recording, UTC; None where it is unknown.
-        asked: open questions on the import, by channel or for the time: uncertain mappings.
-        extra: further quantities by name, such as ``"extra.temperature"``, on which a law may depend; they are not
+        recorded: date and time of the recording, UTC; None where it is unknown.
+        asked: questions that the import from a foreign format could not answer, by channel or ``"time"``, such as an
+            uncertain unit.
+        extra: further quantities by name, such as ``"extra.temperature"``, on which a force may depend; they are not
             compared with predictions, so any sampling rate will do.
-        own: further quantities that a user's own base predicts or needs; they are among `channels`.
+        base_channels: names of further quantities, in `channels`, that a user's own base model predicts or needs.
 
     Raises:
         InputError: a joint is revolute in one channel and prismatic in another.
@@ -73,13 +74,13 @@ class Run(Displayable):
     recorded: datetime | None = field(default=None, kw_only=True)
     asked: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     extra: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
-    own: frozenset[str] = field(default=frozenset(), kw_only=True)
+    base_channels: frozenset[str] = field(default=frozenset(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
-        further = {n: c for n, c in self.channels.items() if is_auxiliary(n) and n not in self.own}
-        kept = {n: c for n, c in self.extra.items() if n not in self.own}
+        further = {n: c for n, c in self.channels.items() if is_auxiliary(n) and n not in self.base_channels}
+        kept = {n: c for n, c in self.extra.items() if n not in self.base_channels}
         object.__setattr__(self, "extra", {**kept, **further})
         object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
@@ -115,9 +116,9 @@ class Run(Displayable):
             description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: it lists everything that is wrong.
+            InputError: the arrays cannot be used; the message lists all faults.
         """
-        channels = channels_of(time, values, units or {}, joints)
+        channels = channels_from_arrays(time, values, units or {}, joints)
         return cls(name, channels, known or {}, noise or {}, description)
 
     @classmethod
@@ -133,9 +134,9 @@ class Run(Displayable):
             description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: it lists everything that is wrong.
+            InputError: the frame cannot be used; the message lists all faults.
         """
-        time, values = frame_columns(frame)
+        time, values = split_frame(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
 
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[()]]:
@@ -153,12 +154,12 @@ class Run(Displayable):
 
     def document(self) -> Document:
         """Build the table of channels, and the curves over time: a row for each quantity, a curve for each joint."""
-        channels, values = self.everything, self.everything.values()
+        channels, values = self.all_channels, self.all_channels.values()
         seconds = max((float(c.time[-1] - c.time[0]) for c in values), default=0.0)
         described = f"{self.description}. " if self.description else ""
         columns = [
             Column("channel", list(channels)),
-            *columns_of(values, unit=""),
+            *attribute_columns(values, unit=""),
             Column("samples", [len(c) for c in values]),
             Column("from [s]", [float(c.time[0]) for c in values]),
             Column("to [s]", [float(c.time[-1]) for c in values]),
@@ -175,8 +176,8 @@ class Run(Displayable):
         )
 
     @property
-    def everything(self) -> Mapping[str, Channel]:
-        """All channels and further quantities, by name."""
+    def all_channels(self) -> Mapping[str, Channel]:
+        """All recorded quantities by name: `channels` and `extra`."""
         return {**self.channels, **self.extra}
 
     @property
@@ -187,32 +188,32 @@ class Run(Displayable):
         return ", ".join(filter(None, (f"{', '.join(quantities)}{of_joints}", *self.extra))) or "nothing"
 
     def _samples(self) -> dict[str, list[Any]]:
-        """Table of samples: a row per time stamp, a column per channel; nan where a channel has no sample."""
-        time = np.unique(np.concatenate([c.time for c in self.everything.values()]))
+        """Table with a row per time stamp and a column per channel; nan where a channel has no sample."""
+        time = np.unique(np.concatenate([c.time for c in self.all_channels.values()]))
         columns: dict[str, list[Any]] = {"time": time.tolist()}
-        for name, c in self.everything.items():
+        for name, c in self.all_channels.items():
             column = np.full(len(time), np.nan)
             column[np.searchsorted(time, c.time)] = c.value
             columns[f"{name} [{c.unit}]"] = column.tolist()
         return columns
 
     def _curves(self) -> list[Curve]:
-        parts = [(*name.partition("."), c) for name, c in self.everything.items()]
+        parts = [(*name.partition("."), c) for name, c in self.all_channels.items()]
         return [Curve(f"{quantity} [{c.unit}]", joint or quantity, c.time, c.value) for quantity, _, joint, c in parts]
 
     @property
     def recording(self) -> "Run":
-        """The recording at its own rate: this run, unless a model prepared it for comparison."""
+        """The recording at its original sampling rate: this run itself, unless a model has prepared it."""
         return self
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """Processing of channels before a comparison, by channel; empty where a model uses them as they are."""
+        """How a model has processed channels for the comparison, by channel; empty where it uses them as recorded."""
         return {}
 
     @property
-    def measured(self) -> tuple[str, ...]:
-        """Names of the channels that a model predicts: force, swing, joint torques."""
+    def predictable_channels(self) -> tuple[str, ...]:
+        """Names of the channels that a model can predict: force, swing angle and rate, joint torques."""
         return tuple(name for name in self.channels if channel_kind(name).measured)
 
     @property
@@ -226,9 +227,9 @@ class Run(Displayable):
         Raises:
             UnknownNameError: this run does not have the channel.
         """
-        if name not in self.everything:
-            raise UnknownNameError(f"channel of {self.name}", name, self.everything)
-        return self.everything[name]
+        if name not in self.all_channels:
+            raise UnknownNameError(f"channel of {self.name}", name, self.all_channels)
+        return self.all_channels[name]
 
     def require_informative(self, name: str) -> Channel:
         """The channel `name`, which must have enough samples and must change.
@@ -266,7 +267,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
         recover: read an MCAP file that was cut off as far as it goes, with a warning in `Run.warnings`.
 
     Raises:
-        InputError: it names the file, the row, column or field, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the row or column, the mistake and a remedy.
     """
     path = Path(path)
     if path.is_dir():  # also ".", which has no suffix to change
@@ -312,15 +313,16 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         InputError: the run has no channel, or the files cannot be written.
     """
     path = Path(path)
-    if not run.everything:
+    if not run.all_channels:
         raise InputError(f"{run.name}: nothing was recorded, so there is nothing to write to {path}")
     units = {
-        name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
+        name: run.all_channels[name].unit if name in run.all_channels else channel_kind(name).units[0]
+        for name in run.noise
     }
     noise = {name: KnownQuantity(std, None, units[name]) for name, std in run.noise.items()}
     sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded, run.asked))
-    with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
-        for file, text in zip(files, (sidecar, csv_text(run.everything)), strict=True):
+    with atomic.replace_two_files(path.with_suffix(".toml"), path) as files:
+        for file, text in zip(files, (sidecar, csv_text(run.all_channels)), strict=True):
             file.write(text.encode("utf-8", errors="replace"))
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from urdf.table_file import read_table
 
 
@@ -16,10 +16,10 @@ def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str
         finite: refuse `nan` and `inf` everywhere.
 
     Raises:
-        InputError: it names the file, what is wrong and what to do.
+        InputError: the file is not valid; the message names the file, the mistake and a remedy.
     """
     try:
-        with at(path):
+        with error_location(path):
             return read_table(path, finite=finite)[1]
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file{absent}") from error

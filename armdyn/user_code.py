@@ -8,11 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from armdyn.errors import ArmdynError, InputError
+from armdyn.errors import MAX_SHOWN_MESSAGE_LENGTH, ArmdynError, InputError
 from urdf.bounds import LARGEST_TEXT, MIB
-
-MAX_EXCEPTION_LENGTH = 300
-"""Largest number of characters of an exception's message."""
 
 
 def load_module(path: Path, holds: str) -> ModuleType:
@@ -37,15 +34,15 @@ def load_module(path: Path, holds: str) -> ModuleType:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    with faults_in(path), warnings.catch_warnings():
+    with user_code_errors(path), warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)  # style warnings are the user's own affair
         spec.loader.exec_module(module)
     return module
 
 
 @contextmanager
-def faults_in(path: Path) -> Iterator[None]:
-    """Turn everything that a user's file raises into an `InputError` of one line, with the file and line."""
+def user_code_errors(path: Path) -> Iterator[None]:
+    """Context manager: turn any exception of a user's file into an `InputError` with the file, line and cause."""
     try:
         yield
     except KeyboardInterrupt:
@@ -56,12 +53,12 @@ def faults_in(path: Path) -> Iterator[None]:
         else:
             text = str(error) if isinstance(error, ArmdynError) else f"{type(error).__name__}: {error}"
             said = " ".join(text.split())
-        placed = said if said.startswith(str(path)) else f"{place_of(error, path)}: {said[:MAX_EXCEPTION_LENGTH]}"
+        placed = said if said.startswith(str(path)) else f"{error_line(error, path)}: {said[:MAX_SHOWN_MESSAGE_LENGTH]}"
         raise InputError(placed) from error
 
 
-def place_of(error: BaseException | None, path: Path) -> str:
-    """The path of the file, with the last of its lines in an exception's traceback, where there is one."""
+def error_line(error: BaseException | None, path: Path) -> str:
+    """Text ``"<path>, line <number>"`` of the line in a file where an exception arose; else the path alone."""
     line = error.lineno if isinstance(error, SyntaxError) else None
     trace = error.__traceback__ if error is not None else None
     while trace is not None:

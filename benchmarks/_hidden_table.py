@@ -22,9 +22,9 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import blocks_of, predictions
-from armdyn.identify.prepare import noise_of_runs
-from armdyn.identify.problem import Block, Problem, chi2_of
+from armdyn.identify.holdout import all_blocks, predict_runs
+from armdyn.identify.prepare import run_noise
+from armdyn.identify.problem import Block, Problem
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -103,17 +103,20 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     """
     if not fresh:
         return {}
-    noise = noise_of_runs(study.model, fresh)
+    noise = run_noise(study.model, fresh)
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}
-    for key, blocks in (("held_out", blocks_of(predictions(problem, fresh))), ("in_turn", study.held_out_blocks(fit))):
+    for key, blocks in (
+        ("held_out", all_blocks(predict_runs(problem, fresh))),
+        ("in_turn", study.held_out_blocks(fit)),
+    ):
         chi2[key] = chi2_per_sample(blocks) if blocks else None
     return chi2
 
 
 def chi2_per_sample(blocks: Sequence[Block]) -> float:
     """Sum of the squared residuals, in standard deviations of the noise, over the number of samples."""
-    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+    return chi2_sum(blocks) / sum(len(block.residual) for block in blocks)
 
 
 def kept(file: Path | None, make: Callable[[], Any]) -> Any:

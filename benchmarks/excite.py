@@ -110,7 +110,7 @@ def errors(found: Excitation, motion: Expectation, seeds: int, encoder: float) -
     collected = []
     for seed in range(seeds):
         run = recorded(found, Moved(found.series, motion.coefficients), hidden, 1.0, seed, encoder)
-        prepared = model.prepared(run)
+        prepared = model.prepare_run(run)
         found_values = estimate(model, [prepared], prepared.noise)
         collected.append([found_values.value(p.name) - truth[p.name] for p in wanted])
     return np.sqrt(np.mean(np.square(collected), axis=0))

@@ -36,11 +36,11 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
 
 def begin_child() -> None:
     """To be called first in a process that `multiprocessing` has started."""
-    from armdyn.threads import keep_one_thread  # takes half a second, which a parent may not need
+    from armdyn.threads import use_one_thread_permanently  # takes half a second, which a parent may not need
 
     _leave_signals_to_parent()
     _end_with_parent()
-    keep_one_thread()
+    use_one_thread_permanently()
 
 
 def _leave_signals_to_parent() -> None:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.atomic import replacing
+from armdyn.atomic import replace_file
 from armdyn.errors import InputError
-from armdyn.read_files import may_replace
+from armdyn.read_files import allow_overwrite
 from ik.errors import StaleTableError
 from ik.path import Path
 from urdf import Robot
@@ -34,7 +34,7 @@ def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, An
     """
     said = json.dumps({"format": TABLE_FORMAT, **about})
     text = json.dumps({"format": TABLE_FORMAT, **about, "digest": digest_of(said, arrays)})
-    with replacing(target) as file:
+    with replace_file(target) as file:
         np.savez(file, about=np.array(text), **arrays)
 
 
@@ -50,7 +50,7 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
                 raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
-        may_replace(source)  # a table that may be built again
+        allow_overwrite(source)  # a table that may be built again
         if about["format"] != TABLE_FORMAT:
             raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD}")
         arrays = {name: file[name] for name in names}

@@ -43,8 +43,8 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
         **fields(found, "verdict sentence"),
         **fit_answer(found.comparison),
         "candidates": [fields(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
-        **fields(found, "remedies cannot_be_seen=unseen"),
-        "unknown": unknown_answer(found.unknown),
+        **fields(found, "remedies cannot_be_seen=unidentified_effects"),
+        "unknown": unknown_answer(found.residual_character),
         "missing_force": missing_force_answer(found.missing_force),
     }
 
@@ -64,7 +64,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
             for step in found.path
         ],
         "links": [link_answer(link) for link in found.links],
-        "unknown": unknown_answer(found.unknown),
+        "unknown": unknown_answer(found.residual_character),
         "missing_force": missing_force_answer(found.missing_force),
     }
 
@@ -121,20 +121,25 @@ def model_answer(study: Study) -> dict[str, Any]:
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
     """Parameters, channels and places of one fit."""
-    quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value=white"
+    from armdyn.identify.bands import COVERAGE_LEVEL
+
+    quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value"
     bands = found.bands
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **fields(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
-        "not_told_apart": [fields(one, "changes settled_by") for one in found.together],
+        **fields(found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"),
+        "not_told_apart": [
+            fields(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
+        ],
         "outliers": outlier_counts(found.fit.problem.runs),
-        "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
+        "bands": {c: {"level": COVERAGE_LEVEL, "covered": v} for c, v in bands.coverage.items()} if bands else {},
         "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),
         "where": [
-            fields(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
+            fields(place, "channel run against from=start to=end unit chi2_per_sample share")
+            for place in found.failing_ranges
         ],
     }
 

@@ -43,9 +43,9 @@ def export(
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
-    file = replace(file, model=file.model.named_only()) if named_only else file
+    file = replace(file, model=file.model.without_background()) if named_only else file
     free_to_write(output, force)
-    written = write_export(file, output, str(file.model.about), incomplete=incomplete)
+    written = write_export(file, output, str(file.model.base_summary), incomplete=incomplete)
     if written.refused and written.missing is not None:
         sentence = written.missing.sentence
         raise TaskFailedError(f"{output}: not written, {sentence}: give incomplete=True to write it all the same")
@@ -85,7 +85,7 @@ def excite(
     from pipeline.motion.excitation import excitation
 
     given = model if isinstance(model, Model) else read_model_file(model).model
-    arm = required_arm(given, "a motion is designed", "give an arm's").named_only()
+    arm = required_arm(given, "a motion is designed", "give an arm's").without_background()
     if rivals is None:
         goal = goal_to_determine(arm, [find(name) for name in effects], rate)
     else:

@@ -39,7 +39,7 @@ class Arm:
     Attributes:
         robot: the robot of a URDF, reduced to the arm's joints.
         file: file of the URDF or of the settings; None where the robot is known by name.
-        carried: joints that move as recorded and have no effects and no predicted torques; see `following`.
+        carried: joints that move as recorded and have no effects and no predicted torques; see `ArmModel.adapted_to`.
     """
 
     robot: urdf.Robot

@@ -128,4 +128,4 @@ class MotionSamples:
         rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held_values(m.time) > 0.5).astype(float))
         told = read.commands if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
-        return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])
+        return np.vstack([*rows, *(column.interpolate(self.extra, m.time) for column in columns)])

@@ -14,12 +14,12 @@ import numpy as np
 from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
-from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.codegen import BufferedFunction
+from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.parameter import RecordedColumn
-from armdyn.readout import Sensor
+from armdyn.readout import SensorReadout
 
 JOINT_INPUTS = (
     "time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on",
@@ -153,7 +153,10 @@ class ExpressionChange:
         null: Sequence[float],
     ) -> None:
         outputs = [ca.densify(expression), ca.densify(ca.jacobian(expression, theta))]
-        self._function, self._null = Buffered(ca.Function("change", [described, theta], outputs)), np.array(null)
+        self._function, self._null = (
+            BufferedFunction(ca.Function("change", [described, theta], outputs)),
+            np.array(null),
+        )
         self.names = tuple(names)
         self.depends = np.array([bool(ca.depends_on(expression, theta[i])) for i in range(theta.numel())])
 
@@ -195,7 +198,7 @@ class JointFunctions:
     torque: tuple[TorqueTerm, ...]
     inner_torque: TorqueTerm
     offset: TorqueTerm
-    sensor: Sensor
+    sensor: SensorReadout
     link: ExpressionChange | None
     remembers: bool
 
@@ -224,7 +227,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
-    columns = columns_of(effects)
+    columns = recorded_columns(effects)
     inputs, shape = ca.SX.sym("w", len(JOINT_INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
     time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT]
@@ -252,7 +255,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         torque=_terms(added, inputs, theta, remembered, columns),
         inner_torque=TorqueTerm(joint.inner_torque, inputs, theta, remembered, columns),
         offset=TorqueTerm(joint.offset, inputs, theta, remembered, columns),
-        sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
+        sensor=SensorReadout(theta, joint.gain, joint.lag, joint.delay),
         link=ExpressionChange(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
         remembers=bool(joint.added_states),
     )

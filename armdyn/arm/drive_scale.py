@@ -31,9 +31,9 @@ from armdyn.arm.readings import drive_error, is_read_from_commands
 from armdyn.arm.rigid import INERTIAL_PARAMETERS, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
 from armdyn.linear.correlation import correlation_time
-from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
+from armdyn.linear.solve import BoundedSolution, scale_to_unit_diagonal, solve_bounded
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
@@ -248,7 +248,7 @@ def _own_regression(X: np.ndarray, y: np.ndarray) -> tuple[float, float, tuple[f
     lags = min(MAX_SERVO_LAGS, len(y) // 4)
     correlated = correlation_time([residual - residual.mean()], lags, MIN_SERVO_CORRELATION)
     noise = float(np.sqrt(np.mean(residual**2) * correlated))
-    compliance = float(solution.x[0]), float(_variance(A, solution.held == 0)[0]) * noise**2
+    compliance = float(solution.x[0]), float(_variance(A, solution.on_bound == 0)[0]) * noise**2
     return float(np.mean(np.abs(residual)) ** 2), noise, compliance
 
 
@@ -263,7 +263,7 @@ def _bounded(A: np.ndarray, b: np.ndarray, positive: Sequence[bool]) -> BoundedS
 def _variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Diagonal of the inverse of the `free` part of an information matrix; infinite elsewhere."""
     use = free & (np.diag(A) > 0.0)
-    scale, unit = scaled(A[np.ix_(use, use)])
+    scale, unit = scale_to_unit_diagonal(A[np.ix_(use, use)])
     found = np.full(len(A), np.inf)
     found[use] = np.diag(np.linalg.inv(unit)) / scale**2
     return found
@@ -318,7 +318,7 @@ class _JointFit:
             A[load, load] += 0.0 if carried else 1.0
             solution = _bounded(A, b, positive)
             values = np.append(np.maximum(solution.x[:count], 0.1 * values[:count]), solution.x[count:])
-        free = solution.held == 0
+        free = solution.on_bound == 0
         self._values, self._carried = values, carried
         self.compliance, self.std = values[:count], np.sqrt(_variance(A, free)[:count])
         self.loaded_std = self.std

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
 from urdf.table_file import read_as
@@ -154,7 +154,7 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
     if not isinstance(table, Mapping):
         raise InputError("[drives]: write a table for each kind of drive, such as [drives.sts3215]")
     for name, entries in table.items():
-        with at(f"[drives.{name}]"):
+        with error_location(f"[drives.{name}]"):
             entry = read_as(_Entry, entries)
             if entry.law not in get_args(ControlLaw):
                 raise UnknownNameError("law", entry.law, get_args(ControlLaw))
@@ -201,7 +201,7 @@ def _servo(entry: Any, *, slides: bool) -> Servo:
     for key, unit in _units(entry.law, slides).items():
         text = getattr(entry, key)
         if text is not None:
-            with at(key):
+            with error_location(key):
                 read = parse_quantity(text, unit)
                 if read.value < 0.0 or (read.value == 0.0 and key not in ("damping", "delay")):
                     raise InputError(f"'{text}': write one that is positive")

@@ -22,7 +22,7 @@ from armdyn.arm.prediction import channel_predictor, predict_at_states, prepared
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.arm.readings import with_servo_torques
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
@@ -63,14 +63,14 @@ class ArmModel(Model):
         return self
 
     @property
-    def about(self) -> str:
-        """The arm's name and its joints; see `Model.about`."""
+    def base_summary(self) -> str:
+        """The arm's name and its joints; see `Model.base_summary`."""
         return f"arm {self.arm.robot.name}, {len(self.joints)} joints from {self.joints[0]} to {self.joints[-1]}"
 
-    def described(self, folder: Path) -> Mapping[str, Any]:
-        """Entries for the arm's file or name, and its drives; see `Model.described`."""
+    def file_entries(self, folder: Path) -> Mapping[str, Any]:
+        """Entries for the arm's file or name, and its drives; see `Model.file_entries`."""
         drives = {name: servo.entries(self.arm.sliding[servo.joints[0]]) for name, servo in self.drives.items()}
-        own = {**super().described(folder), **({"drives": drives} if drives else {})}
+        own = {**super().file_entries(folder), **({"drives": drives} if drives else {})}
         if self.arm.file is None:
             return own
         try:
@@ -95,16 +95,16 @@ class ArmModel(Model):
 
         return roll_outs(self, recordings)
 
-    def following(self, runs: Sequence[Run]) -> Self:
-        """The model with other joints of the URDF that move, and with identified drives; see `Model.following`."""
+    def adapted_to(self, runs: Sequence[Run]) -> Self:
+        """The model with other joints of the URDF that move, and with identified drives; see `Model.adapted_to`."""
         arm = with_carried_joints(self.arm, runs)
         drives = identified_drives(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
             return self
         return replace(self, arm=arm, drives=MappingProxyType(drives))
 
-    def reading(self, run: Run) -> Run:
-        """The run with torques of servos, from their position or velocity errors; see `Model.reading`."""
+    def with_estimated_channels(self, run: Run) -> Run:
+        """The run with torques of servos from position or velocity errors; see `Model.with_estimated_channels`."""
         return with_servo_torques(run, self.arm.joints, tuple(self.drives.values()))
 
     @property
@@ -119,8 +119,8 @@ class ArmModel(Model):
         )
 
     @property
-    def told_beside(self) -> frozenset[str]:
-        """Effects that are part of a reading or are identified for all drives of a kind; see `Model.told_beside`."""
+    def excluded_effects(self) -> frozenset[str]:
+        """Effects that are part of a reading or identified for all drives of a kind; see `Model.excluded_effects`."""
         drives = self.drives.values()
         identified = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
@@ -143,8 +143,8 @@ class ArmModel(Model):
         """The model with the drives of a table ``[drives]``; see `read_drives`."""
         return replace(self, drives=MappingProxyType(read_drives(table, self.arm.sliding))) if table else self
 
-    def reachable(self, effect: Effect) -> tuple[str, ...]:
-        """Joints on which an effect can act, ``("",)`` for one on the base; see `Model.reachable`.
+    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
+        """Joints on which an effect can act, ``("",)`` for one on the base; see `Model.possible_joints`.
 
         Raises:
             InputError: it cannot act on a joint that it names.
@@ -168,7 +168,7 @@ class ArmModel(Model):
         Raises:
             InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
-        if effect.acts_on in self.stages and not self.reachable(effect):
+        if effect.acts_on in self.stages and not self.possible_joints(effect):
             raise InputError(
                 f"the effect '{effect.name}' cannot act on this arm: {REASONS_AGAINST_EFFECT[effect.reach]}"
             )
@@ -187,7 +187,7 @@ class ArmModel(Model):
         link, own = self._functions[i].link, [self._columns[i].index(self.names.index(name)) for name in names]
         return link is not None and bool(link.depends[own].any())
 
-    def between_gaps(self, run: Run) -> tuple[Run, ...]:
+    def split_at_gaps(self, run: Run) -> tuple[Run, ...]:
         """The parts of a run between missing samples: accelerations are differences of neighbouring samples."""
         return cut_at_gaps(run)
 
@@ -212,8 +212,8 @@ class ArmModel(Model):
         """The measured torques of the arm's joints; see `Model.predicted_channels`."""
         return torque_channels(run, self.arm.sliding, self.arm.carried)
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run with low-passed and thinned torques, or the given run if it is prepared; see `Model.prepared`."""
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+        """The run with low-passed and thinned torques, or the given run if it is prepared; see `Model.prepare_run`."""
         if isinstance(run, PreparedRun):
             return run
         self.predicted_channels(run)
@@ -230,7 +230,7 @@ class ArmModel(Model):
         rigid, armature = self.arm.model.copy(), np.zeros(len(self.arm.joints))
         for i, change in self._bodies(theta).links.items():
             rigid.inertias[i + 1] = pin.Inertia.FromDynamicParameters(self.arm.described[i] + change)
-        for joint, (name,) in self.parts(ROTOR_EFFECT).items():
+        for joint, (name,) in self.parameter_names_by_joint(ROTOR_EFFECT).items():
             armature[self.arm.joints.index(joint)] = theta[self.names.index(name)]
         rigid.armature = armature
         return rigid
@@ -404,11 +404,11 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
         InputError: not exactly one of URDF and known robot is given, or the arm cannot be used.
     """
     description = {key: table[key] for key in KEYS if key in table}
-    with at("the arm"):
+    with error_location("the arm"):
         keys = read_as(Keys, description)
     if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    # The path of the URDF depends on the place of the model file; see `ArmModel.described`.
+    # The path of the URDF depends on the place of the model file; see `ArmModel.file_entries`.
     rest = {key: value for key, value in description.items() if key not in ("urdf", "drives")}
     urdf = None if keys.urdf is None else folder / keys.urdf
     model = arm_model(urdf, keys.robot, keys.joints, tool=keys.tool)

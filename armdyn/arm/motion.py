@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import erf
 
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.choice import (

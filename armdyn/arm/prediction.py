@@ -20,8 +20,8 @@ from armdyn.arm.prepared import (
 )
 from armdyn.arm.reduction import DelayedInputs, NonlinearTerm, Reduction, TorqueSum
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
-from armdyn.readout import Interpolated, LowPassed, Sampler
+from armdyn.object_cache import cached_with_first_argument
+from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
 from armdyn.recording.channels import DriveReading
 from armdyn.recording.spikes import without_spikes
 from armdyn.run import Channel, Run
@@ -66,13 +66,13 @@ class ChannelPredictor:
         elif not sensor.delays or sensor.delay(own) == 0.0:
             total = self._total(self._samples, *given)
             whole = self._total(self._coefficients, *given).value if sensor.delays else total.value
-            read = sensor.moved(total.block, whole, self._sampler, own)
+            read = sensor.add_delay_derivatives(total.block, whole, self._sampler, own)
         else:
             total = self._total(self._coefficients, *given, of_joints=False)
             at_joints = self._total(self._read_late(sensor.delay(own)), *given, of_bodies=False)
-            read = sensor.sampled(total.block, self._sampler, own)
+            read = sensor.sample(total.block, self._sampler, own)
             on_time = np.asarray(self._sampler.matrix(0.0) @ at_joints.block)
-            read += sensor.moved(on_time, at_joints.value, self._sampler, own, 0.0)
+            read += sensor.add_delay_derivatives(on_time, at_joints.value, self._sampler, own, 0.0)
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
     def _read_late(self, delay: float) -> Reduction:
@@ -127,7 +127,7 @@ class ChannelPredictor:
         if of_joints:
             for i in outer:
                 self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
-        total.block = own.sensor.amplified(total.block, theta[j])
+        total.block = own.sensor.amplify(total.block, theta[j])
         total.value = total.block[:, 0]
         if of_joints:
             self._add(total, own.offset, j, theta[j], bodies, reduced)
@@ -206,7 +206,7 @@ def predict_at_states(
                 "of its own: leave it out"
             )
     apart = np.arange(len(stretch.time), dtype=float)
-    sampler = Interpolated(apart, apart)
+    sampler = InterpolatingSampler(apart, apart)
     return [ChannelPredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
 
 
@@ -250,9 +250,9 @@ def channel_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> Channe
     if run.recording is not run:
         stamps, done = stretch.motion.time, run.preparations[name]
         known = samples_with_known_direction(motion, joint, stamps, done.cutoff)
-        sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
+        sampler = LowPassSampler(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
-        sampler = Interpolated(channel.time, channel.time)
+        sampler = InterpolatingSampler(channel.time, channel.time)
     return ChannelPredictor(stretch, sampler, joint, motion)
 
 

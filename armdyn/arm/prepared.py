@@ -20,7 +20,7 @@ from armdyn.arm.drive import DriveLowPass, RecordedTorque, TorqueRecording
 from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, measured_motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.errors import InputError
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run

@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from armdyn.arm.drives import Servo
 from armdyn.arm.motion import measured_motion
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import DriveReading
 from armdyn.run import Run
 

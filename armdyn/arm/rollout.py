@@ -16,7 +16,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.readings import mean_command
 from armdyn.arm.simulator import DriveInputs, simulate_arm
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 
 ROLLOUT_STEP, COARSE_STEP = 0.001, 0.004

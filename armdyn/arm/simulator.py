@@ -25,7 +25,7 @@ from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression
 from armdyn.arm.symbolic import added_torques, rigid_torques
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.effects.effect import Effect
 
 ARM_STEPS_PER_CALL = 50
@@ -120,7 +120,9 @@ UNLIMITED_TORQUE = 1e30
 
 
 @lru_cache(maxsize=16)
-def _compiled(arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
+def _compiled(
+    arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
+) -> BufferedFunction:
     """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
     nameless: Any = dict.fromkeys(names)  # values are inputs of the function
     step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
@@ -129,7 +131,7 @@ def _compiled(arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)
     p = ca.MX.sym("p", step.size1_in(2))
     whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, ARM_STEPS_PER_CALL))])
-    return Buffered(compile_functions(name, {name: whole})[name])
+    return BufferedFunction(compile_functions(name, {name: whole})[name])
 
 
 def _step(model: ArmModel) -> ca.Function:

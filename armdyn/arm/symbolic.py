@@ -71,7 +71,7 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
 def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
     """Gain and offset, N m or N, of each drive's command or reading."""
     present = {effect.name for effect in model.effects if effect.name in READING_EFFECTS}
-    return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only(present))[-1]]
+    return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only_effects(present))[-1]]
 
 
 def _torques(

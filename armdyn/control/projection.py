@@ -17,7 +17,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.errors import TaskFailedError
 
 FIRST_QUASI_NEWTON_STEPS = 2
@@ -90,7 +90,9 @@ class ProjectionOptimizer:
                 "forward": _forward(problem.states, steps),
             },
         )
-        self._project, self._backward, self._forward = (Buffered(built[k]) for k in ("project", "backward", "forward"))
+        self._project, self._backward, self._forward = (
+            BufferedFunction(built[k]) for k in ("project", "backward", "forward")
+        )
 
     def solve(
         self,

@@ -1,8 +1,8 @@
-"""Discover a formula for the missing force, with the same evidence as for effects of the catalogue.
+"""Discover a formula for the missing force, with the same statistical evidence as for effects of the catalogue.
 
 Every candidate term is an effect. The catalogue's effects and the terms are searched together, as in a repair: terms
-are fitted inside the model, held-out runs help to choose, and the penalty of a set grows with the number of effects
-that were tried. The result is a formula, or the name of an effect of the catalogue.
+are fitted inside the model, held-out runs help to choose, and the penalty of a set of effects grows with the number of
+effects that were tried. The result is a formula, or the name of an effect of the catalogue.
 """
 
 from collections import Counter
@@ -16,49 +16,53 @@ import numpy as np
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.physics import physics_curves, physics_terms
-from armdyn.discovery.result import Discovery, Finding
+from armdyn.discovery.result import DiscoveredLaw, Discovery
 from armdyn.discovery.source import effects_of_terms
-from armdyn.discovery.term import Term, check_same_units, named_terms
+from armdyn.discovery.term import CandidateTerm, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
-from armdyn.identify.explained import Scale
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.lost import lost_sentence
-from armdyn.identify.problem import transferred
-from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.problem import transfer_values
+from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, search
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.threads import one_thread
 
-Terms = Callable[[Fit], Iterator[Term]]
+Terms = Callable[[Fit], Iterator[CandidateTerm]]
 TERMS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
-"""Candidate terms and candidate curves, by base; a user's own base has those of `physics_terms`."""
+"""Functions that give candidate formulas and candidate curves, by base model; a user's own base has those of
+`discovery.physics`."""
 MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
-"""Number of terms of a joint, and of each kind, that are fully evaluated: those with the largest predicted
-contribution."""
+"""Largest number of terms for one joint, and of one kind for one joint, that are fully evaluated: those with the
+largest predicted contribution."""
 MAX_CURVE_RESIDUAL_SHARE = 0.7
-"""Largest share of a formula's squared error above the noise that a curve may leave to be reported instead."""
+"""A curve is reported in place of a formula if it leaves less than this share of the squared error (above the noise)
+that the formula leaves."""
 
 
 @one_thread
-def discover(study: Study, progress: Progress | None = None) -> Discovery:
+def discover(study: Study, progress: ProgressCallback | None = None) -> Discovery:
     """Find a formula for the force that the model of a study lacks.
 
     Args:
-        study: model, runs and catalogue; a formula that an effect of the catalogue explains as well gets its name.
-        progress: called with a text at every step.
+        study: model, runs and catalogue; where an effect of the catalogue explains the error as well as a formula, its
+            name is reported too.
+        progress: called with a short text at every step.
 
     Raises:
-        InputError: a further quantity has two units.
+        InputError: a recorded quantity has different units in two runs.
+        TaskFailedError: the fit has failed.
     """
     model, catalogue = study.model, study.catalogue
     check_same_units([*study.runs, *study.held_out])
@@ -66,25 +70,25 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
     say("fitting the model as it is")
     bare = study.choosing_from(())
     first = bare.first()
-    given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
+    given = Search((SearchStep((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
-        return concluded(bare, given, {}, {})
+        return describe_discovery(bare, given, {}, {})
     formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     searched = partial(_searched, study, say)
     terms = named_terms(formulas(first), taken)
     study, found = searched(terms)
     if study.is_lost(found.last.fit):
-        raise TaskFailedError(lost_sentence(found.last.fit))
+        raise TaskFailedError(failed_fit_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = searched(smooth)
         if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
-    return concluded(study, found, terms, {e.name: e for e in catalogue})
+    return describe_discovery(study, found, terms, {e.name: e for e in catalogue})
 
 
-def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Study, Search]:
+def _searched(given: Study, say: ProgressCallback, terms: dict[str, CandidateTerm]) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
     size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
@@ -97,15 +101,18 @@ def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Stud
 
 
 def predicts_better(study: Study, found: Search) -> bool:
-    """Whether held-out runs are predicted better than by the model as given; True where there are none."""
+    """Whether the last step of a search predicts held-out runs better than the model as given.
+
+    True where no run is predicted without having been fitted.
+    """
     unfitted = [study.held_out_blocks(step.fit) for step in (found.steps[0], found.last)]
     given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
     return not unfitted[1] or then < given
 
 
-def _promising(study: LinearStudy, terms: Mapping[str, Term], known: Step) -> set[str]:
+def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: SearchStep) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution beside known effects, few of a kind."""
-    at = study.fit_with(known.effects, known.fit, transferred(known.fit.values, known.fit.problem, study.problem))
+    at = study.fit_with(known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem))
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
     for score in study.scores(study.with_places(at), known.effects):
@@ -127,15 +134,24 @@ def _is_whole(study: Study, found: Search) -> bool:
     )
 
 
-def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
-    """The result of a search, as formulas."""
+def describe_discovery(
+    study: Study, found: Search, terms: dict[str, CandidateTerm], known: dict[str, Effect]
+) -> Discovery:
+    """Describe the result of a search as formulas with values, errors and shares of the error.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search.
+        terms: candidate terms by the names of their effects.
+        known: effects of the catalogue by name.
+    """
     start, last = found.steps[0], found.last
     shares = [0.0, *(study.explained_share(start.fit, step.fit) for step in found.steps[1:])]
     gains = dict(zip(found.steps[1:], np.diff(shares).tolist(), strict=True))
     fitted = fitted_parameters(study, last.fit)
     findings = [_finding(study, c, gains, fitted, terms, known) for c in last.effects if c not in start.effects]
     unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
-    scale = Scale.of(last.fit.blocks)
+    scale = ChannelScale.of(last.fit.blocks)
     return Discovery(
         findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
         before=start.fit.rmse(),
@@ -145,11 +161,11 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         noise=scale.noise,
         units=scale.units,
         explains=shares[-1],
-        leaves_something=last.tests.fails,
-        judged=bool(unfitted[1]),
+        residual_exceeds_noise=last.tests.fails,
+        has_unfitted_run=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        still=all(block.predicted.std() < block.noise for block in start.fit.blocks),
+        nothing_moves=all(block.predicted.std() < block.noise for block in start.fit.blocks),
         missing_force=found.missing_force(law=True),
     )
 
@@ -157,11 +173,11 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
 def _finding(
     study: Study,
     candidate: Candidate,
-    gains: Mapping[Step, float],
+    gains: Mapping[SearchStep, float],
     fitted: Mapping[str, Parameter],
-    terms: dict[str, Term],
+    terms: dict[str, CandidateTerm],
     known: dict[str, Effect],
-) -> Finding:
+) -> DiscoveredLaw:
     """One effect of the result, with the share that the steps which added it, or one of its joints, explain."""
     own = set(candidate.names)
     steps = [step for step in gains if any(not own.isdisjoint(added.names) for added in step.added)]
@@ -172,8 +188,8 @@ def _finding(
     tied = [c.effect for step in steps for c in step.tied]
     other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
-        term = term.at({name: values[name].value for name in term.constants if name in values})
-    return Finding(
+        term = term.with_start_values({name: values[name].value for name in term.constants if name in values})
+    return DiscoveredLaw(
         effect=candidate.effect,
         joints=candidate.joints,
         acts_on=effect.acts_on,
@@ -188,11 +204,11 @@ def _finding(
     )
 
 
-def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str:
+def _formula(name: str, terms: dict[str, CandidateTerm], known: dict[str, Effect]) -> str:
     return terms[name].formula if name in terms else f"{name}: {known[name].equation}"
 
 
-def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]:
+def _distinct(findings: Sequence[DiscoveredLaw], taken: set[str]) -> Iterator[DiscoveredLaw]:
     """Give findings unique names that describe them: ``discovered_stop``, ``discovered_stop_2``."""
     for one in findings:
         if one.term is None:

@@ -1,4 +1,4 @@
-"""Candidate terms for a pendulum: torques on the string, forces on the load, a rail that is not straight."""
+"""Candidate terms for a pendulum: torques on its string, forces on its load, a gripper's rail that is not straight."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,38 +6,38 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable, recorded_variables
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable, recorded_variables
 from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
 
 
-def pendulum_terms(fit: Fit) -> Iterator[Term]:
-    """All candidate formulas for the runs of a fit of the bare model."""
+def pendulum_terms(fit: Fit) -> Iterator[CandidateTerm]:
+    """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
     widths = (0.1 * v["speed"].size, 0.4 * v["speed"].size)
-    yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], widths, "drag", "damping")
-    yield from shapes.of_recorded(string, recorded_variables(fit.problem.runs), v["speed"])
+    yield from shapes.hinge_terms(string, v["angle"], v["speed"], v["time"], widths, "drag", "damping")
+    yield from shapes.recorded_terms(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
-        yield shapes.magnet(load, v["position"])
-        under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield shapes.magnet(under, v["position"])
+        yield shapes.magnet_term(load, v["position"])
+        under = replace(load, code=below, formula_pattern="{} * ({away} along the line, 1 upwards)")
+        yield shapes.magnet_term(under, v["position"])
         for n in (1, 2, 3):
-            yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
+            yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 
 
-def pendulum_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over the quantities on which a force may depend."""
+def pendulum_curves(fit: Fit) -> Iterator[CandidateTerm]:
+    """Candidate smooth curves for the missing force, over each quantity on which it may depend."""
     string, load, rail, v = _sites(fit)
-    yield from shapes.curves(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
+    yield from shapes.curve_terms(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
-        yield shapes.curve(load, v["position"])
-        yield shapes.curve(rail, v["along"])
+        yield shapes.curve_term(load, v["position"])
+        yield shapes.curve_term(rail, v["along"])
 
 
-def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
+def _sites(fit: Fit) -> tuple[TermLocation, TermLocation, TermLocation, dict[str, TermVariable]]:
     """String, load and rail, and the quantities on which forces there may depend, with their ranges in the runs."""
     problem, model = fit.problem, fit.problem.model
     at = [problem.theta(i, fit.values) for i in range(len(problem.runs))]
@@ -54,10 +54,10 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
     torque = MISSING_FORCE_SHARE * mass * gravity * length
-    dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
-    string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
-    load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
-    rail = Site(
+    dry = TermLocation("string", "N m", "string.with_dry_torque({})", torque, formula_pattern="-sign(speed) * {}")
+    string = TermLocation("string", "N m", "string.with_torque({})", torque, dry_friction_site=dry)
+    load = TermLocation("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
+    rail = TermLocation(
         "gripper",
         "m",
         "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))",
@@ -65,4 +65,4 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
     )
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
-    return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
+    return string, load, rail, {name: TermVariable(name, *what, samples[name]) for name, what in of.items()}

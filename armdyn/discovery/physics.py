@@ -1,4 +1,4 @@
-"""Candidate terms for a user's own base: changes of a state's rate, as functions of states and inputs."""
+"""Candidate terms for a user's own base model: functions of states and inputs, added to the rate of a state."""
 
 import keyword
 import re
@@ -9,38 +9,38 @@ from typing import cast
 import numpy as np
 
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable
-from armdyn.discovery.units import over
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable
+from armdyn.discovery.units import divide_units
 from armdyn.identify.fit import Fit
 from armdyn.physics.definition import RATE_STAGE
 from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 
 MISSING_RATE_SHARE = 0.05
-"""Typical size of a missing rate, as a share of the state's rate."""
+"""Typical size of a missing term in the rate (time derivative) of a state, as a share of the rate."""
 RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
-"""Names that formulas use for other purposes."""
+"""Names that formulas use for their own parameters, so that a state or input gets another name in them."""
 
 
-def physics_terms(fit: Fit) -> Iterator[Term]:
-    """All candidate formulas for the runs of a fit of the bare model."""
+def physics_terms(fit: Fit) -> Iterator[CandidateTerm]:
+    """Candidate formulas for what is missing in the rate of each state, in the runs of a fit without added effects."""
     for site, variables in _states(fit):
-        yield shapes.constant(site)
+        yield shapes.constant_term(site)
         for v in variables:
-            yield from shapes.of_anything(site, v)
+            yield from shapes.rate_terms(site, v)
         for one, other in combinations(variables, 2):
-            what = f"{one.spoken} times {other.spoken}"
-            yield shapes.product(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
+            what = f"{one.name_in_sentence} times {other.name_in_sentence}"
+            yield shapes.product_term(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
 
 
-def physics_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over the quantities on which a rate may depend."""
+def physics_curves(fit: Fit) -> Iterator[CandidateTerm]:
+    """Candidate smooth curves for what is missing in the rate of each state, over each state and input."""
     for site, variables in _states(fit):
         for v in variables:
-            yield shapes.curve(site, v)
+            yield shapes.curve_term(site, v)
 
 
-def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
+def _states(fit: Fit) -> Iterator[tuple[TermLocation, list[TermVariable]]]:
     """Every state whose rate is no state itself, with states and inputs and their ranges in the runs."""
     model = cast(PhysicsModel, fit.problem.model)
     units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
@@ -53,14 +53,17 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
         for name, values in model.rates(run, theta).items():
             rates.setdefault(name, []).append(values)
     variables = [
-        Variable(_called(name), f'rate["{name}"]', units[name], np.concatenate(parts))
+        TermVariable(_called(name), f'rate["{name}"]', units[name], np.concatenate(parts))
         for name, parts in samples.items()
     ]
     variables = [variable for variable in variables if variable.span > 0.0]
     for name, parts in rates.items():
-        unit = over(units[name], ("s", 1))
+        unit = divide_units(units[name], ("s", 1))
         size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-        yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
+        yield (
+            TermLocation(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name),
+            variables,
+        )
 
 
 def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:

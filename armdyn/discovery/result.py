@@ -7,39 +7,39 @@ from pathlib import Path
 import numpy as np
 
 from armdyn import atomic
-from armdyn.discovery.source import file_text, paragraph
-from armdyn.discovery.term import Term
-from armdyn.document import Document, Level, Section, Table
+from armdyn.discovery.source import effects_file_text, indented_lines
+from armdyn.discovery.term import CandidateTerm
+from armdyn.displayable import Displayable
+from armdyn.document import Document, ResultLevel, Section, Table
 from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
-from armdyn.identify.explained import in_percent
-from armdyn.identify.residual.missing_force import ForceCurve, pooled
+from armdyn.identify.explained_share import percent_text
+from armdyn.identify.residual.missing_force import ForceCurve, pool_curves
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE_STAGE
-from armdyn.shown import Displayable
 
 MIN_LAW_SHARE = 0.5
-"""Least share of the squared error that a law must explain; one that explains less is only part of a law."""
+"""Least share of the squared error that the discovered laws must explain for a good result."""
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """One law that was discovered.
+class DiscoveredLaw:
+    """One discovered law: a formula for a missing force with its values, or an effect of the catalogue.
 
     Attributes:
         effect: name of the effect.
         joints: joints on which it acts, for an arm; empty for other bases.
-        acts_on: the stage on which it acts.
+        acts_on: the stage (part of the equations) on which it acts.
         kind: the kind of law in a word or two; the effect's name where it is an effect of the catalogue.
         says: what the law does, in words.
         formula: the formula, for a reader.
-        values: values of its parameters, by their short names.
-        explains: share of the squared error that it explains in addition to the laws before it.
-        known_as: effect of the catalogue that it is, or that explains as much; None where there is none.
+        values: its parameters by short name.
+        explains: share of the squared error that it explains in addition to the laws found before it.
+        known_as: name of the catalogue's effect that it is, or that explains as much; None where there is none.
         rivals: formulas of another kind that these runs cannot distinguish from it.
-        term: the term that is written to a file of effects; None for an effect of the catalogue.
+        term: the term that can be written to a file of effects; None for an effect of the catalogue.
     """
 
     effect: str
@@ -52,11 +52,11 @@ class Finding:
     explains: float
     known_as: str | None
     rivals: tuple[str, ...]
-    term: Term | None
+    term: CandidateTerm | None
 
     @property
     def joint(self) -> str | None:
-        """The joint, or several joined by commas; None for a base without joints."""
+        """Names of the joints on which the law acts, joined by commas; None for a base without joints."""
         return ",".join(self.joints) or None
 
     @property
@@ -71,7 +71,7 @@ class Finding:
 
     @property
     def value_texts(self) -> dict[str, str]:
-        """Its parameters with values and standard deviations for a reader, by their short names."""
+        """Texts for a reader, such as ``"stiffness = 3.2 ± 0.1 N m/rad"``, by the short name of the parameter."""
         return {name: f"{name} = {_number(value)}" for name, value in self.values.items()}
 
     @property
@@ -87,24 +87,24 @@ class Discovery(Displayable):
     """Result of a discovery.
 
     Attributes:
-        findings: laws, the one that explains most first; empty where none was found.
-        before: root mean square error by channel of the model as given.
-        after: root mean square error by channel with all findings.
-        held_out_before: root mean square error by channel of the model as given, on held-out runs or on runs predicted
+        findings: discovered laws, the one that explains most first; empty where none was found.
+        before: root mean square error of the model as given on the fitted runs, by channel.
+        after: root mean square error of the model with all findings on the fitted runs, by channel.
+        held_out_before: root mean square error of the model as given, by channel, on held-out runs or on runs predicted
             from the others; empty for a single run.
-        held_out_rmse: the same error with all findings.
+        held_out_rmse: root mean square error of the model with all findings, on the runs of `held_out_before`.
         noise: standard deviation of the noise by channel.
         units: unit by channel.
         explains: share of the squared error that all findings explain.
-        leaves_something: whether the residual is more than noise.
-        judged: whether a run that was not fitted was predicted.
+        residual_exceeds_noise: whether the residual is more than noise.
+        has_unfitted_run: whether the error was measured on at least one run that was not fitted.
         runs: names of the fitted runs.
         held_out: names of the held-out runs.
-        still: whether all predicted channels of the fitted runs are constant within the noise.
+        nothing_moves: whether all predicted channels of the fitted runs are constant within the noise.
         missing_force: curves of the missing force before and after.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[DiscoveredLaw, ...]
     before: Mapping[str, float]
     after: Mapping[str, float]
     held_out_before: Mapping[str, float]
@@ -112,16 +112,16 @@ class Discovery(Displayable):
     noise: Mapping[str, float]
     units: Mapping[str, str]
     explains: float
-    leaves_something: bool
-    judged: bool
+    residual_exceeds_noise: bool
+    has_unfitted_run: bool
     runs: tuple[str, ...]
     held_out: tuple[str, ...]
-    still: bool = False
+    nothing_moves: bool = False
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
-    def new(self) -> tuple[Finding, ...]:
-        """The findings that are not in the catalogue."""
+    def new(self) -> tuple[DiscoveredLaw, ...]:
+        """The discovered laws that are no effects of the catalogue."""
         return tuple(one for one in self.findings if one.term is not None)
 
     @property
@@ -129,53 +129,57 @@ class Discovery(Displayable):
         """The result in one or two sentences, for a reader."""
         if not self.findings:
             return self._why_nothing()
-        text = f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {in_percent(self.explains)} of "
+        text = (
+            f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {percent_text(self.explains)} of "
+        )
         text += "the misfit"
         text += (
-            "." if self.judged else ", in the one recording that it was fitted to: hold another one out to believe it."
+            "."
+            if self.has_unfitted_run
+            else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
         in_catalogue = [one for one in self.new if one.known_as]
         known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
         rivals = dict.fromkeys(r for one in self.findings for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
         text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""
-        return text + (" More than noise is left." if self.leaves_something and self.explains < 0.99 else "")
+        return text + (" More than noise is left." if self.residual_exceeds_noise and self.explains < 0.99 else "")
 
     def _why_nothing(self) -> str:
-        if not self.leaves_something:
+        if not self.residual_exceeds_noise:
             still = " But nothing moves by more than the noise: record a motion, which shows a law."
-            return f"Nothing is missing: what is left is noise.{still if self.still else ''}"
+            return f"Nothing is missing: what is left is noise.{still if self.nothing_moves else ''}"
         other = ", and another motion: one alone shows a force in few places and at few speeds"
         return (
             "Something is missing, and no formula and no curve over what this model knows explains it: it may be the "
             "force of another body, or depend on what was not recorded. Record what it may depend on as well, as a "
-            f"column such as 'extra.temperature [degC]'{'' if self.judged else other}."
+            f"column such as 'extra.temperature [degC]'{'' if self.has_unfitted_run else other}."
         )
 
     def file_text(self) -> str:
-        """The text of the file of effects, with the evidence in its docstrings.
+        """Text of a Python file that defines the discovered laws as effects, with their evidence in docstrings.
 
         Raises:
-            InputError: nothing was discovered.
+            InputError: no law was discovered that the catalogue lacks.
         """
         if not self.new:
             raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
         evidence = {one.effect: self._evidence(one) for one in self.new}
-        return file_text(
+        return effects_file_text(
             "Discovered by armdyn: what the model lacked, as effects.", [o.term for o in self.new if o.term], evidence
         )
 
     def write(self, path: Path | str) -> None:
-        """Write the file of effects, and read it as a user's file is read.
+        """Write the discovered laws to a Python file of effects, and check that the file can be loaded.
 
         Raises:
-            InputError: nothing was discovered, or the file cannot be written.
+            InputError: no law was discovered that the catalogue lacks, or the file cannot be written.
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())
         load_effects(path, (*STAGES, RATE_STAGE))
 
-    def _evidence(self, one: Finding) -> str:
+    def _evidence(self, one: DiscoveredLaw) -> str:
         """The evidence in a docstring: the values, the share that they explain, the data of the picture."""
 
         def errors(before: Mapping[str, float], after: Mapping[str, float]) -> str:
@@ -184,7 +188,7 @@ class Discovery(Displayable):
         text = f"Fitted to {', '.join(self.runs)}" + (
             f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
         )
-        text += f": it explains {in_percent(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
+        text += f": it explains {percent_text(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
         if self.held_out_rmse:
             text += f"; of runs not fitted {errors(self.held_out_before, self.held_out_rmse)}"
         if one.rivals:
@@ -194,12 +198,12 @@ class Discovery(Displayable):
         if drawn is not None:
             points = ", ".join(f"{x:.3g}: {y:.3g}" for x, y in zip(drawn.x, drawn.as_given, strict=True))
             parts.append(f"The missing force, {drawn.unit}, over the {drawn.against}, {drawn.x_unit}:\n{points}")
-        return "\n\n".join(map(paragraph, parts))
+        return "\n\n".join(map(indented_lines, parts))
 
     def document(self) -> Document:
         """Build the tables: the laws with their values, then the errors."""
         laws = [
-            [o.formula, o.label, ", ".join(o.value_texts.values()), in_percent(o.explains), o.known_as or "",
+            [o.formula, o.label, ", ".join(o.value_texts.values()), percent_text(o.explains), o.known_as or "",
              "; ".join(o.rivals)]
             for o in self.findings
         ]  # fmt: skip
@@ -211,14 +215,16 @@ class Discovery(Displayable):
         heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
-        level = Level.CAUTION if self.leaves_something and self.explains < MIN_LAW_SHARE else Level.GOOD
+        level = (
+            ResultLevel.CAUTION if self.residual_exceeds_noise and self.explains < MIN_LAW_SHARE else ResultLevel.GOOD
+        )
         data = {"missing_force": lambda: missing_force_columns(self.missing_force)}
         return Document("Discover", self.sentence, sections, level, data=data)
 
 
-def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
+def _curve_of(one: DiscoveredLaw, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The curve of the missing force over the quantity on which a law depends."""
-    mine = [c for c in pooled(curves) if c.joint == one.joint]
+    mine = [c for c in pool_curves(curves) if c.joint == one.joint]
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 

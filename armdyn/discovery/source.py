@@ -1,4 +1,4 @@
-"""Write terms as a file of effects, as a person would write it, and read it like any user's file."""
+"""Write candidate terms as a readable Python file of effects, and make effects of terms by loading such a file."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,18 +7,18 @@ from textwrap import indent, wrap
 
 import numpy as np
 
-from armdyn.discovery.term import Constant, Term
+from armdyn.discovery.term import CandidateTerm, TermParameter
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import effects_of
+from armdyn.effects.user import effects_defined_in
 from armdyn.user_code import load_module
 
-FILE_HEAD = '''"""{title}"""
+FILE_HEAD_TEMPLATE = '''"""{title}"""
 
 import casadi as ca
 
 from armdyn import {names}
 '''
-EFFECT = '''
+EFFECT_TEMPLATE = '''
 
 @effect(
     acts_on="{stage}",
@@ -34,44 +34,44 @@ def {name}(
 '''
 INDENT, LINE_WIDTH = "    ", 110
 MAX_SUMMANDS_PER_LINE = 3
-"""Largest number of summands in one line."""
+"""Largest number of summands that are written in one line of code."""
 SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
-"""Symbol of a term in a formula, by its unit."""
+"""Symbol on the left side of a formula, by the unit of the term."""
 
 
-def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
-    """Effects made of terms, read from a file like a user's effects; a joint's term acts on its joint."""
+def effects_of_terms(terms: Sequence[CandidateTerm]) -> tuple[Effect, ...]:
+    """Make effects of candidate terms, in their order; the effect of a joint's term acts on that joint only."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
-        path.write_text(file_text("Candidate terms.", terms))
-        found = effects_of(path, vars(load_module(path, "terms")))
+        path.write_text(effects_file_text("Candidate terms.", terms))
+        found = effects_defined_in(path, vars(load_module(path, "terms")))
     return tuple(e.on(t.site.joint) if t.site.joint else e for e, t in zip(found, terms, strict=True))
 
 
-def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
-    """The text of a file of effects.
+def effects_file_text(title: str, terms: Iterable[CandidateTerm], evidence: Mapping[str, str] | None = None) -> str:
+    """Text of a Python file that defines terms as effects.
 
     Args:
         title: first sentence of the file.
         terms: the terms; each becomes an effect.
-        evidence: by name of a term, the text of its docstring after the formula.
+        evidence: text of an effect's docstring after the formula, by the term's name.
     """
     terms = list(terms)
     reads = any(v.column for term in terms for v in term.variables)
-    head = FILE_HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
+    head = FILE_HEAD_TEMPLATE.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
     return head + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
 
 
-def _effect_text(term: Term, evidence: str) -> str:
+def _effect_text(term: CandidateTerm, evidence: str) -> str:
     constants = {**dict.fromkeys(term.shapes, term.size), **term.constants}
     arguments = [_argument(name, constant) for name, constant in constants.items()]
     columns = [(v.name, v.column) for v in term.variables if v.column is not None]
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
     reads = [f"{v.name} = {v.source}" for v in term.variables if v.column is None]
     doc = f"{SYMBOL_BY_UNIT.get(term.site.unit, 'y')} = {term.formula}."
-    return EFFECT.format(
+    return EFFECT_TEMPLATE.format(
         stage=term.site.stage,
-        summary=f"{term.says[:1].upper()}{term.says[1:]}",
+        summary=f"{term.description[:1].upper()}{term.description[1:]}",
         name=term.name,
         arguments=indent(",\n".join(arguments) + ",", INDENT),
         doc=doc + (f"\n\n{evidence}\n{INDENT}" if evidence else ""),
@@ -79,16 +79,16 @@ def _effect_text(term: Term, evidence: str) -> str:
     )
 
 
-def _returned(term: Term) -> list[str]:
+def _returned(term: CandidateTerm) -> list[str]:
     """Lines that return the changed stage; a sum of many terms gets a variable and a line for each."""
     if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
-        return [f"return {term.site.adds.format(term.force)}"]
+        return [f"return {term.site.code.format(term.force)}"]
     first, *others = term.summands
     total = ["total = (", f"    {first}", *(f"    + {other}" for other in others), ")"]
-    return [*total, f"return {term.site.adds.format('total')}"]
+    return [*total, f"return {term.site.code.format('total')}"]
 
 
-def _argument(name: str, of: Constant) -> str:
+def _argument(name: str, of: TermParameter) -> str:
     """``name=quantity(...)``: a size has no spread, a constant starts at its value."""
     numbers = {"typical": of.typical or of.spread, "null": of.value, "lower": of.lower, "upper": of.upper}
     needed = {key: x for key, x in numbers.items() if abs(x) < np.inf and (x or key != "null")}
@@ -103,6 +103,6 @@ def _short(value: float) -> str:
     return repr(float(f"{value:.6g}"))
 
 
-def paragraph(text: str) -> str:
-    """Break a docstring's text into lines."""
+def indented_lines(text: str) -> str:
+    """Break a docstring's text into indented lines."""
     return "\n".join(f"{INDENT}{line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))

@@ -1,4 +1,4 @@
-"""A candidate term: a shape of the missing force with units, which can be written as an effect of a model."""
+"""Candidate terms: formulas for a missing force, with units, which can be written as effects of a model."""
 
 import ast
 import re
@@ -14,21 +14,21 @@ from armdyn.recording.channels import FloatArray
 from armdyn.run import Run
 
 MAX_NAME_STEM_LENGTH = 50
-"""Length of the beginning of an effect's name, in characters; a number follows."""
+"""Largest number of characters of an effect's name before its number."""
 MAX_RANGE_RATIO_OF_CONSTANT = 1e-6
-"""Ratio of range to size below which a recorded quantity is constant, up to rounding."""
+"""Ratio of a recorded quantity's range to its largest value up to which it is constant, except for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
-class Variable:
+class TermVariable:
     """A quantity on which a force may depend.
 
     Attributes:
-        name: its name in formulas, such as ``"angle"``.
-        source: its expression in the stage, such as ``"string.angle"``.
-        unit: its SI unit, or the unit that a user's own base gives it.
-        samples: (n,) its values in the runs, in any order; they give the range for positions and widths.
-        column: the recorded column that it is, in place of an expression; None for an expression.
+        name: name in formulas, such as ``"angle"``.
+        source: expression in the code of an effect, such as ``"string.angle"``; empty for a recorded quantity.
+        unit: SI unit, or the unit that a user's own base gives it.
+        samples: (n,) values in the runs, in any order, from which the range of the quantity follows.
+        column: declaration of a recorded quantity; None for a quantity of the equations.
     """
 
     name: str
@@ -39,45 +39,45 @@ class Variable:
 
     @property
     def quantity(self) -> str:
-        """Its name in recordings: ``"angle"``, ``"extra.temperature"``."""
+        """Full name of the quantity, such as ``"angle"`` or ``"extra.temperature"``."""
         return self.name if self.column is None else self.column.name
 
     @property
-    def spoken(self) -> str:
-        """Its name in a sentence: ``"angle"``, ``"temperature"``."""
+    def name_in_sentence(self) -> str:
+        """Name of the quantity in a sentence, such as ``"angle"`` or ``"temperature"``."""
         return self.quantity.rpartition(".")[2]
 
     @property
     def low(self) -> float:
-        """Smallest value in the runs, without isolated samples."""
+        """Smallest value of the quantity in the runs, without outliers (0.2 % quantile)."""
         return float(np.quantile(self.samples, 0.002))
 
     @property
     def high(self) -> float:
-        """Largest value in the runs, without isolated samples."""
+        """Largest value of the quantity in the runs, without outliers (99.8 % quantile)."""
         return float(np.quantile(self.samples, 0.998))
 
     @property
     def span(self) -> float:
-        """Range of its values in the runs."""
+        """Difference of the quantity's largest and smallest value in the runs."""
         return self.high - self.low
 
     @property
     def size(self) -> float:
-        """Largest absolute value in the runs."""
+        """Largest absolute value of the quantity in the runs."""
         return max(abs(self.low), abs(self.high))
 
     @property
     def comes_near_zero(self) -> bool:
-        """Whether it comes nearer to zero than half its size: else a term in proportion to it is nearly constant."""
+        """Whether the quantity varies by more than half its size; else a term in proportion is nearly constant."""
         return self.span > self.size / 2
 
 
 def check_same_units(runs: Iterable[Run]) -> None:
-    """Refuse a recorded quantity whose unit is of another kind in another recording.
+    """Check that every recorded quantity, such as a temperature, has the same unit in all recordings.
 
     Raises:
-        InputError: it names the quantity and two of the recordings.
+        InputError: a quantity has two units; the message names it and two of the recordings.
     """
     first: dict[str, tuple[str, str]] = {}
     for run in runs:
@@ -87,57 +87,57 @@ def check_same_units(runs: Iterable[Run]) -> None:
                 raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: mend one unit")
 
 
-def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
-    """Recorded quantities that all runs contain and that change; each has one unit, see `check_same_units`."""
+def recorded_variables(runs: Sequence[Run]) -> list[TermVariable]:
+    """Recorded quantities, such as a temperature, that all runs contain and that are not constant."""
     found = []
     for name, first in runs[0].extra.items():
         if all(name in run.extra for run in runs):
             samples = np.concatenate([run.extra[name].value for run in runs])
             column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
-            variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
+            variable = TermVariable(name.replace(".", "_"), "", column.unit, samples, column)
             found += [variable] if variable.span > MAX_RANGE_RATIO_OF_CONSTANT * variable.size else []
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
-    """A place in the equations where a term can be added.
+class TermLocation:
+    """A place in a model's equations where a term can be added, such as the torque of one joint.
 
     Attributes:
-        stage: the stage on which the effect acts.
+        stage: name of the stage on which the term's effect acts.
         unit: unit of the added term.
-        adds: expression that returns the changed stage, with ``{}`` for the added term.
-        typical: typical size of a missing term.
-        resists: sign with which a term takes energy or pulls back: ``"-"`` for a force on the load, empty for a drive's
-            torque.
-        dry: expression that adds dry friction; its shapes are sizes, at least zero.
-        shown: form of the added term in a formula, with ``{}`` for the term.
+        code: code that returns the changed stage, with ``{}`` for the added term.
+        typical: typical size of a missing term, in `unit`.
+        resisting_sign: sign of a term that opposes the motion: ``"-"`` for a force on the load, empty for a drive's
+            torque, which is positive where it overcomes friction.
+        dry_friction_site: the place where the size of a dry friction can be added; None where there is none.
+        formula_pattern: form of the added term in a formula, with ``{}`` for the term.
         joint: the joint of an arm; empty for other bases.
     """
 
     stage: str
     unit: str
-    adds: str
+    code: str
     typical: float
-    resists: str = "-"
-    dry: "Site | None" = None
-    shown: str = "{}"
+    resisting_sign: str = "-"
+    dry_friction_site: "TermLocation | None" = None
+    formula_pattern: str = "{}"
     joint: str = ""
 
 
 @dataclass(frozen=True)
-class Constant:
-    """A parameter of a term: its size, or a position, a width, a period.
+class TermParameter:
+    """Declaration of a parameter of a term: its size, a position, a width or a period.
 
     Attributes:
-        unit: its SI unit.
+        unit: SI unit.
         value: start value of a fit.
-        spread: prior standard deviation about the start value: half the distance to the next value tried.
+        spread: prior standard deviation about the start value: half the distance to the next start value; 0 for none.
         lower: smallest value.
         upper: largest value.
-        scale: factor by which an arm multiplies the declared value, to get the value of its joint.
-        scope: ``"shared"`` by all runs, or ``"per_run"`` with one value for each run, such as a state's start.
-        typical: typical difference from the value; 0 where it is the spread.
+        scale: factor from the value that an effect declares to the value for its joint of an arm.
+        scope: ``"shared"`` by all runs, or ``"per_run"`` with one value for each run.
+        typical: typical difference from the start value; 0 where `spread` is used instead.
     """
 
     unit: str
@@ -149,57 +149,57 @@ class Constant:
     scope: Scope = "shared"
     typical: float = 0.0
 
-    def scaled(self, scale: float) -> "Constant":
-        """The constant as an effect declares it, for an arm that multiplies it by `scale`."""
+    def scaled(self, scale: float) -> "TermParameter":
+        """A copy divided by `scale`, for a joint of an arm that multiplies declared values by this factor."""
         declared = {name: getattr(self, name) / scale for name in ("value", "spread", "lower", "upper", "typical")}
         return replace(self, **declared, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
-    """A sum of shapes at one site; each shape has a fitted size, whose unit follows from its quantities.
+class CandidateTerm:
+    """A candidate term: a sum of fitted sizes times given shapes, added at one place of a model's equations.
 
     Attributes:
-        kind: kind of the law in a word or two, ``"stop"``, ``"cubic drag"``.
-        says: what the force does, for a sentence.
-        site: place in the equations.
-        variables: quantities on which it depends, by name.
-        shapes: CasADi expression of each shape, by the name of its size.
-        size: each of the sizes: its unit, its typical value, and zero as its bound where friction takes energy.
-        constants: further fitted parameters, by name.
-        lines: lines of code before the force: a state of the effect, or a function that its shapes call.
-        name: name of the effect.
+        kind: kind of the law in a word or two, such as ``"stop"`` or ``"cubic drag"``.
+        description: what the force does, for a sentence.
+        site: the place in the equations.
+        variables: quantities on which the term depends.
+        shapes: CasADi expression of each shape, by the name of the size that multiplies it.
+        size: declaration of each size; its lower bound is zero for friction, which only takes energy.
+        constants: declarations of further parameters, such as a position, by name.
+        lines: lines of code that are needed before the shapes, such as a state or a function.
+        name: name of the term's effect.
     """
 
     kind: str
-    says: str
-    site: Site
-    variables: tuple[Variable, ...]
+    description: str
+    site: TermLocation
+    variables: tuple[TermVariable, ...]
     shapes: Mapping[str, str]
-    size: Constant
-    constants: Mapping[str, Constant] = field(default_factory=dict)
+    size: TermParameter
+    constants: Mapping[str, TermParameter] = field(default_factory=dict)
     lines: tuple[str, ...] = ()
     name: str = ""
 
     @property
     def stem(self) -> str:
-        """Beginning of the name of its effect."""
+        """First part of the name of the term's effect; a number may follow."""
         return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:MAX_NAME_STEM_LENGTH]
 
     @property
     def is_curve(self) -> bool:
-        """Whether it is a smooth curve through values instead of a formula."""
+        """Whether the term is a smooth curve through fitted values instead of a formula."""
         return self.kind.startswith("curve")
 
     @property
     def summands(self) -> list[str]:
-        """CasADi expressions of quantities, sizes and constants, whose sum is added at the site."""
+        """CasADi expressions of size times shape, whose sum is the term."""
         parts = (f"{'-' * (s[0] == '-')}{size} * {_factor(s.removeprefix('-'))}" for size, s in self.shapes.items())
         return [part.replace(" * 1 / ", " / ").removesuffix(" * 1") for part in parts]
 
     @property
     def force(self) -> str:
-        """CasADi expression of the whole sum."""
+        """CasADi expression of the whole term."""
         return " + ".join(self.summands).replace("+ -", "- ")
 
     @property
@@ -207,17 +207,17 @@ class Term:
         """The formula for a reader, such as ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth {self.kind} through {len(self.shapes)} values"
-        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.shown.format(self.force)).replace("**", "^")
+        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.formula_pattern.format(self.force)).replace("**", "^")
 
-    def at(self, values: Mapping[str, float]) -> "Term":
-        """The same term with other start values of its constants."""
+    def with_start_values(self, values: Mapping[str, float]) -> "CandidateTerm":
+        """A copy of the term with other start values of its constants, given by name."""
         moved = {n: replace(self.constants[n], value=float(x / self.constants[n].scale)) for n, x in values.items()}
         return replace(self, constants={**self.constants, **moved})
 
 
-def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str, Term]:
-    """Terms with unique numbered names that are not `taken`; a joint's name may be too long to be part of them."""
-    found: dict[str, Term] = {}
+def named_terms(terms: Iterable[CandidateTerm], taken: Collection[str] = ()) -> dict[str, CandidateTerm]:
+    """Give terms unique names with numbers, such as ``"discovered_stop_3"``, that are not among `taken`."""
+    found: dict[str, CandidateTerm] = {}
     numbers = count()
     for term in terms:
         name = next(n for number in numbers if (n := f"{term.stem}_{number}") not in taken)

@@ -1,4 +1,4 @@
-"""Units of sizes: the unit of a force over the units of its factors."""
+"""Divide units, written as text."""
 
 import re
 from collections import defaultdict
@@ -8,7 +8,7 @@ _DIFFERENCES = {"degC": "K", "degF": "delta_degF"}
 """Unit of differences, by units whose zero is elsewhere: only differences of them have multiples and powers."""
 
 
-def over(unit: str, *others: tuple[str, int]) -> str:
+def divide_units(unit: str, *others: tuple[str, int]) -> str:
     """A unit divided by powers of others: ``over("N m", ("rad/s", 3))`` is ``"N m s^3/rad^3"``."""
     powers = _powers(unit)
     for other, power in others:

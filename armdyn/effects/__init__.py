@@ -1,4 +1,4 @@
-"""The catalogue of physical effects: one small definition each, in a file per place where it acts."""
+"""The catalogue of physical effects that can be added to a model; each module has the effects of one stage."""
 
 from urdf.lazy import lazy_names
 

@@ -16,14 +16,14 @@ def _collect() -> Mapping[str, Effect]:
 
 CATALOGUE: Mapping[str, Effect] = _collect()
 STAGES: tuple[str, ...] = tuple(dict.fromkeys((*(item.acts_on for item in CATALOGUE.values()), "tension")))
-"""Stages of the catalogue's effects, and the string's tension, on which only a user's own effects act.
+"""Names of the stages (parts of the equations) on which effects act; on ``"tension"``, only a user's own effects do.
 
-A user's own physics may have other stages.
+A user's own base model may have other stages.
 """
 
 
 def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
-    """The effect called `name`, from the catalogue or from a user's own effects.
+    """Find an effect by its name, in the catalogue or among a user's own effects.
 
     Args:
         name: ``"<effect>"``, or ``"<effect>:<joint>,<joint>"`` for one that acts on these joints only.
@@ -41,12 +41,12 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
 
 
 def find_several(names: str, extra: Iterable[Effect] = ()) -> tuple[Effect, ...]:
-    """Effects from a text such as ``"rotor_inertia+joint_spring:elbow,wrist"``; see `find`."""
+    """Find the effects that a text such as ``"rotor_inertia+joint_spring:elbow,wrist"`` names; see `find`."""
     known = tuple(extra)
     return tuple(find(name.strip(), known) for name in names.split("+"))
 
 
-def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Effects in the order in which they act on a model: the catalogue's order, then by name."""
+def catalogue_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Sort effects: those of the catalogue in its order, then a user's own by name."""
     place = {name: i for i, name in enumerate(CATALOGUE)}
     return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))

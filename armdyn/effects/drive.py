@@ -1,7 +1,8 @@
-"""Effects of servos (`[drives]` of a model file), with parameters of their own for every joint.
+"""Effects of servo drives (`[drives]` of a model file), with parameters of their own for every joint.
 
-Gain, supply, limit, delay and rate of a kind of drives are in its table. The effects here act between the torque R by
-the drive's law and its actual torque tau. Sizes are written for an effort limit of 50 N m; see `joint`.
+The table of a drive in a model file gives its control law (gain, supply, limit, delay and rate), from which the torque
+R follows. The effects describe how the actual torque tau of a joint differs from R. Typical sizes are written for an
+effort limit of 50 N m; see `joint`.
 """
 
 import casadi as ca
@@ -20,7 +21,7 @@ def servo_gain(
     joint: Joint,
     error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is asked too much"),
 ) -> Joint:
-    """R = (1 + e) tau."""
+    """Torque by the drive's law R = (1 + e) tau, tau the actual torque."""
     return joint.with_gain(1 + error)
 
 
@@ -35,7 +36,7 @@ def servo_damping(
     joint: Joint,
     coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per error of velocity"),
 ) -> Joint:
-    """Tau = R + d (v_cmd - v) while on."""
+    """Torque tau = R + d (v_cmd - v) while the drive is on, R by its law, v_cmd the commanded velocity."""
     return joint.with_offset(coefficient * (joint.velocity - joint.told.velocity) * joint.on)
 
 
@@ -48,7 +49,7 @@ def servo_integral(
     joint: Joint,
     rate: Expression = quantity("1/s", typical=0.5, lower=0.0, upper=50.0, summary="over that of the error itself"),
 ) -> Joint:
-    """Tau = R + r int R dt."""
+    """Torque tau = R + r int R dt, R by the drive's law."""
     return joint.with_offset(-rate * joint.told.total)
 
 
@@ -63,7 +64,7 @@ def back_emf(
     joint: Joint,
     coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per speed"),
 ) -> Joint:
-    """Tau = c v while on."""
+    """Torque tau = c v while the drive is on."""
     return joint.with_torque(coefficient * joint.velocity * joint.on)
 
 
@@ -77,7 +78,7 @@ def command_delay(
     joint: Joint,
     time: Expression = quantity("s", typical=0.005, lower=-0.05, upper=0.2, summary="how much later"),
 ) -> Joint:
-    """Tau = R - T dR/dt, by the command alone."""
+    """Torque tau = R - T dR/dt, R by the drive's law, dR/dt its change by the command alone."""
     return joint.with_offset(time * joint.told.rate)
 
 
@@ -92,7 +93,7 @@ def supply_voltage(
     joint: Joint,
     share: Expression = quantity("1", typical=0.5, lower=-2.0, upper=2.0, summary="1 where it follows wholly"),
 ) -> Joint:
-    """Tau = R (1 + s (V/V_0 - 1))."""
+    """Torque tau = R (1 + s (V/V_0 - 1)), R by the drive's law at the supply voltage V_0."""
     return joint.with_offset(-share * joint.told.voltage * joint.told.torque)
 
 
@@ -110,7 +111,7 @@ def torque_limit(
         "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="torque beyond which it is lost"
     ),
 ) -> Joint:
-    """Tau = R - l (R - clip(R, +-L))."""
+    """Torque tau = R - l (R - clip(R, +-L)), R by the drive's law."""
     asked = joint.told.torque
     return joint.with_offset(lost * (asked - ca.fmax(-torque, ca.fmin(torque, asked))))
 
@@ -124,7 +125,7 @@ def dead_band(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="what it asks for in vain"),
 ) -> Joint:
-    """Tau = R - clip(R, +-B)."""
+    """Torque tau = R - clip(R, +-B), R by the drive's law."""
     asked = joint.told.torque
     return joint.with_offset(ca.fmax(-torque, ca.fmin(torque, asked)))
 
@@ -139,5 +140,5 @@ def starting_duty(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="beyond what it asks for"),
 ) -> Joint:
-    """Tau = R + S sign(R)."""
+    """Torque tau = R + S sign(R), R by the drive's law."""
     return joint.with_offset(-torque * ca.sign(joint.told.torque))

@@ -1,4 +1,4 @@
-"""The class of a physical effect, and the decorator that defines one in ten lines."""
+"""The class of a physical effect, and the decorator that makes one from a short function."""
 
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -8,11 +8,11 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 from armdyn.errors import InputError
-from armdyn.parameter import Parameter, Quantity, RecordedColumn, asked_for
+from armdyn.parameter import Parameter, Quantity, RecordedColumn, missing_channels
 
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints on which an effect can act: every joint, those that turn, those with a neighbour of the same kind towards the
-base, or the last one; or the base itself, which is a `Base` and no `Joint`."""
+base, or the last one; ``"base"`` is the base of the arm itself."""
 Physics = TypeVar("Physics")
 
 
@@ -22,15 +22,15 @@ class Effect:
 
     Attributes:
         name: the catalogue's name.
-        acts_on: name of the stage that it changes.
-        quantities: its parameters by short name.
-        columns: further recorded quantities that it reads, by argument of its function.
-        summary: one sentence about it.
+        acts_on: name of the stage (part of the equations) that it changes, such as ``"joint"``.
+        quantities: declarations of its parameters, by short name.
+        columns: recorded quantities that it uses, such as a temperature, by argument of its function.
+        summary: one sentence that describes it.
         source: source of the equation.
         function: a pure function ``(stage, **parameters, **columns) -> stage``.
         reach: joints on which it can act.
         joints: joints on which it acts, in the order of the arm; empty for all within its reach.
-        needs: channels of which a recording must contain one to show it; empty for any.
+        needs: channels of which a recording must contain one to show the effect; empty where any channel does.
     """
 
     name: str
@@ -46,25 +46,25 @@ class Effect:
 
     @property
     def equation(self) -> str:
-        """Its equation, which is the first line of its function's docstring; its summary where that has none."""
+        """The effect's equation: the first line of its function's docstring; without a docstring, its summary."""
         return (self.function.__doc__ or self.summary).strip().split("\n")[0].rstrip(".")
 
-    def shows_in(self, channels: Collection[str]) -> bool:
+    def is_visible_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show the effect: an angle cannot show a load cell's lag."""
-        return not self.asked_for(channels)
+        return not self.missing_channels(channels)
 
-    def asked_for(self, channels: Collection[str]) -> tuple[str, ...]:
-        """Channels of which one must be recorded besides `channels` to show the effect; empty if they can show it."""
-        lacking = [asked_for(channels, (column.name,)) for column in self.columns.values()]
-        lacking.append(asked_for(channels, self.needs))
-        own = [asked_for(channels, q.needs, q.beside) for q in self.quantities.values()]
+    def missing_channels(self, channels: Collection[str]) -> tuple[str, ...]:
+        """Channels of which one must be recorded in addition to `channels` to show the effect; empty if none must."""
+        lacking = [missing_channels(channels, (column.name,)) for column in self.columns.values()]
+        lacking.append(missing_channels(channels, self.needs))
+        own = [missing_channels(channels, q.needs, q.beside) for q in self.quantities.values()]
         if all(own):  # one of these channels is enough
             lacking.append(tuple(dict.fromkeys(name for names in own for name in names)))
         return next((names for names in lacking if names), ())
 
     @cached_property
-    def kind(self) -> type:
-        """Class of the stage from the annotation of the effect's function; any class without an annotation."""
+    def stage_class(self) -> type:
+        """Class of the stage, from the annotation of the function's first argument; `object` without an annotation."""
         said = next(iter(inspect.signature(self.function).parameters.values())).annotation
         return said if isinstance(said, type) and said is not inspect.Parameter.empty else object
 
@@ -96,8 +96,8 @@ class Effect:
 
         Args:
             stage: the stage `acts_on`.
-            parameters: expressions by full name, ``"<effect>.<quantity>"``.
-            recorded: expressions of further recorded quantities; missing ones have their usual values.
+            parameters: expressions of the effect's parameters by full name, ``"<effect>.<quantity>"``.
+            recorded: expressions of recorded quantities; a missing one has its usual value.
 
         Raises:
             InputError: the effect's function fails, or does not return a stage.
@@ -121,8 +121,8 @@ class Effect:
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
-def columns_of(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
-    """Further recorded quantities that some effects read, each once."""
+def recorded_columns(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
+    """Recorded quantities that some effects use, such as a temperature, each once."""
     return tuple(dict.fromkeys(column for effect in effects for column in effect.columns.values()))
 
 
@@ -135,17 +135,17 @@ def effect(
     reach: Reach = "every",
     needs: tuple[str, ...] = (),
 ) -> Callable[[Callable[..., Physics]], Effect]:
-    """Make an `Effect` of a function whose first argument is the stage, the others parameters, `quantity`, or columns.
+    """Decorator that makes an `Effect` of a function, whose first argument is the stage on which the effect acts.
 
-    The function's name is that of the effect, and its first argument's that of the stage, where they are not given.
+    Every other argument is a parameter of the effect, declared by a default `quantity(...)`, or a recorded quantity,
+    declared by a default such as ``column("extra.temperature", "K", usual=293.15)``. By default the effect has the
+    function's name, and the stage has the name of the first argument.
 
     ```python
     @effect(summary="air drag in proportion to speed", source="Stokes 1851")
     def linear_drag(load: Load, coefficient: Expression = quantity("N s/m", typical=5e-3, lower=0)) -> Load:
         return load.with_force(-coefficient * load.velocity)
     ```
-
-    An argument that defaults to ``column("extra.temperature", "K", usual=293.15)`` is a further recorded quantity.
 
     Raises:
         InputError: an argument declares neither a quantity nor a column.

@@ -1,7 +1,7 @@
-"""Check a user's effect when it is read, so that a mistake is reported in one sentence and not by a failed fit.
+"""Check a user's effect when its file is read, so that a mistake gives one clear sentence instead of a failed fit.
 
-Its declaration is checked (name, units, sizes), then it is applied to its stage of the catalogue's physics, at rest and
-in motion, at its null and at its typical values.
+The declaration is checked first (name, units, sizes). Then the effect is applied to a stage of the same kind as in the
+equations, at rest and in motion, at its null values and at its typical values.
 """
 
 import math
@@ -22,7 +22,7 @@ from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import AddedState, Expression
 from armdyn.recording.channels import is_auxiliary
 from armdyn.recording.units import si_unit, to_base_units
-from armdyn.user_code import place_of
+from armdyn.user_code import error_line
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 LARGEST_VALUE = 1e100
@@ -30,7 +30,7 @@ LARGEST_VALUE = 1e100
 
 
 def check_declared(effects: Sequence[Effect], path: Path) -> None:
-    """Refuse effects of a file whose names, units or sizes cannot be used.
+    """Check the names, units and sizes that the effects of a file declare.
 
     Raises:
         InputError: a declaration is wrong; the message names the file, its line, the mistake and a remedy.
@@ -55,7 +55,7 @@ def check_declared(effects: Sequence[Effect], path: Path) -> None:
 
 
 def check_applied(item: Effect, path: Path) -> None:
-    """Apply an effect to its stage, where that is one of the catalogue's, and evaluate it.
+    """Check an effect by applying it to a stage, at rest and in motion; other stages than `TRIAL_STAGES` are skipped.
 
     Raises:
         InputError: the effect fails, changes something at its null values, or gives no finite value or derivative.
@@ -167,6 +167,7 @@ def _is_number(value: object) -> bool:
 
 
 AT_REST, MOVING = "at rest", "in motion"
+"""Words in messages for the two states in which an effect is checked."""
 
 
 def _joint(*w: Expression) -> Joint:
@@ -200,7 +201,7 @@ TRIAL_STAGES: Mapping[str, tuple[Callable[..., Any], list[float], list[float]]] 
     "drive": (_joint, _AT_REST, _IN_MOTION),
     "base": (lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
 }
-"""By stage of the catalogue's physics: a function of numbers that makes it, and the numbers at rest and in motion."""
+"""By name of the stage: the function that makes a stage from numbers, then its numbers at rest and in motion."""
 
 
 def _expressions(stage: Any) -> list[Expression]:
@@ -233,7 +234,7 @@ def _why(error: BaseException) -> str:
 
 
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
-    place = place_of(error, path)
+    place = error_line(error, path)
     code = getattr(item.function, "__code__", None)
     if place == str(path) and code is not None and Path(code.co_filename) == path.absolute():
         place = f"{path}, line {code.co_firstlineno}"

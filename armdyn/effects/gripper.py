@@ -1,4 +1,4 @@
-"""Effects that act on the string's upper end."""
+"""Effects on the motion of the gripper, which carries the upper end of a pendulum's string."""
 
 import casadi as ca
 
@@ -16,7 +16,7 @@ def gripper_scale(
     gripper: Gripper,
     error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that the measurement misses"),
 ) -> Gripper:
-    """x_true = (1 + s) x."""
+    """x_true = (1 + s) x, x the measured position."""
     along, across, up = ca.vertsplit(gripper.position)
     return gripper.with_position(ca.vertcat((1 + error) * along, across, up))
 
@@ -30,7 +30,7 @@ def gripper_lag(
     gripper: Gripper,
     time: Expression = quantity("s", typical=0.02, lower=0.0, upper=1.0, summary="time constant"),
 ) -> Gripper:
-    """Tau dx_true/dt + x_true = x."""
+    """First-order lag: tau dx_true/dt + x_true = x, x the measured position."""
     return gripper.with_lag(time)
 
 
@@ -43,7 +43,7 @@ def gripper_compliance(
     gripper: Gripper,
     compliance: Expression = quantity("m/N", typical=5e-3, lower=0.0, upper=0.2, summary="displacement per force"),
 ) -> Gripper:
-    """x_true = x - c T sin(phi)."""
+    """x_true = x - c T sin(phi), x the measured position, T the string's tension, phi the swing angle."""
     return gripper.with_compliance(compliance)
 
 
@@ -56,7 +56,7 @@ def gripper_bob(
     gripper: Gripper,
     curvature: Expression = quantity("1/m", typical=0.5, lower=-20.0, upper=20.0, summary="height = curvature x^2"),
 ) -> Gripper:
-    """Height z = k x^2."""
+    """Height z = k x^2 of the gripper at the position x along its way."""
     return gripper.with_position(gripper.position + ca.vertcat(0, 0, curvature * gripper.position[0] ** 2))
 
 

@@ -1,7 +1,8 @@
-"""Effects that act on the joints of an arm: the drive, the link that it moves, the torque sensor; and on its base.
+"""Effects on the joints of an arm (drive, moved link, torque sensor) and on the arm's base.
 
-Every joint has parameters of its own, ``"<effect>.<quantity>[<joint>]"``. Units and typical sizes are written for a
-joint that turns with an effort limit of 50 N m; they are adapted to joints that slide and to stronger or weaker ones.
+In the equations q, v and a are the position, velocity and acceleration of a joint, and tau is its drive's torque. Every
+joint has parameters of its own, ``"<effect>.<quantity>[<joint>]"``. Units and typical sizes are written for a turning
+joint with an effort limit of 50 N m; they are adapted to joints that slide and to stronger or weaker ones.
 """
 
 import casadi as ca
@@ -12,7 +13,7 @@ from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 
 TURN = 2 * np.pi
-"""A full turn, rad: no mounting is at the bounds."""
+"""A full turn, rad, as the bound of a mounting angle, so that no real mounting is near a bound."""
 
 
 @effect(
@@ -23,7 +24,7 @@ def joint_viscous_friction(
     joint: Joint,
     coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per speed"),
 ) -> Joint:
-    """Tau = c v."""
+    """Torque tau = c v, v the joint's velocity."""
     return joint.with_torque(coefficient * joint.velocity)
 
 
@@ -35,7 +36,7 @@ def joint_coulomb_friction(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="size of the friction"),
 ) -> Joint:
-    """Tau = f sign(v)."""
+    """Torque tau = f sign(v), v the joint's velocity."""
     return joint.with_torque(torque * joint.direction)
 
 
@@ -48,7 +49,7 @@ def joint_asymmetric_friction(
     positive: Expression = quantity("N m", typical=1.0, lower=0.0, summary="friction when v > 0"),
     negative: Expression = quantity("N m", typical=1.0, lower=0.0, summary="friction when v < 0"),
 ) -> Joint:
-    """Tau = f+ for v > 0, -f- for v < 0."""
+    """Torque tau = f+ for a velocity v > 0, -f- for v < 0."""
     return joint.with_torque((positive * (1 + joint.direction) - negative * (1 - joint.direction)) / 2)
 
 
@@ -63,7 +64,7 @@ def joint_stribeck_friction(
         "rad/s", typical=0.1, null=0.1, lower=0.005, upper=2.0, spread=0.1, summary="speed at which 1/e of it is left"
     ),
 ) -> Joint:
-    """Tau = f sign(v) exp(-(v/v_s)^2)."""
+    """Torque tau = f sign(v) exp(-(v/v_s)^2), v the joint's velocity."""
     return joint.with_torque(torque * joint.direction * ca.exp(-((joint.velocity / speed) ** 2)))
 
 
@@ -78,7 +79,7 @@ def joint_load_friction(
         "1", typical=0.05, lower=0.0, upper=1.0, summary="friction per transmitted torque"
     ),
 ) -> Joint:
-    """Tau = mu |tau_load| sign(v)."""
+    """Torque tau = mu |tau_load| sign(v), tau_load the torque that moves the links, v the joint's velocity."""
     return joint.with_torque(coefficient * ca.fabs(joint.load) * joint.direction)
 
 
@@ -90,7 +91,7 @@ def rotor_inertia(
     joint: Joint,
     inertia: Expression = quantity("kg m^2", typical=0.1, lower=0.0, summary="behind the gears"),
 ) -> Joint:
-    """Tau = I a."""
+    """Torque tau = I a, a the joint's acceleration."""
     return joint.with_torque(inertia * joint.acceleration)
 
 
@@ -102,7 +103,7 @@ def torque_offset(
     joint: Joint,
     torque: Expression = quantity("N m", typical=0.5, summary="reading without torque"),
 ) -> Joint:
-    """Tau_measured = tau + b."""
+    """Measured torque = tau + b, tau the true one."""
     return joint.with_offset(torque)
 
 
@@ -114,7 +115,7 @@ def torque_gain(
     joint: Joint,
     error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is read too much"),
 ) -> Joint:
-    """Tau_measured = (1 + e) tau."""
+    """Measured torque = (1 + e) tau, tau the true one."""
     return joint.with_gain(1 + error)
 
 
@@ -126,7 +127,7 @@ def torque_delay(
     joint: Joint,
     time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
 ) -> Joint:
-    """Tau_measured(t) = tau(t - T)."""
+    """Measured torque(t) = tau(t - T), tau the true one."""
     return joint.with_delay(time)
 
 
@@ -140,7 +141,7 @@ def gravity_spring(
     sine: Expression = quantity("N m", typical=10.0, summary="factor of sin q"),
     cosine: Expression = quantity("N m", typical=10.0, summary="factor of cos q"),
 ) -> Joint:
-    """Tau = s sin(q) + c cos(q)."""
+    """Torque tau = s sin(q) + c cos(q), q the joint's position."""
     return joint.with_torque(sine * ca.sin(joint.position) + cosine * ca.cos(joint.position))
 
 
@@ -154,7 +155,7 @@ def joint_spring(
     stiffness: Expression = quantity("N m/rad", typical=10.0, lower=0.0, summary="torque per displacement"),
     rest: Expression = quantity("rad", typical=0.5, spread=2.0, summary="position at which it does not pull"),
 ) -> Joint:
-    """Tau = k (q - q0)."""
+    """Torque tau = k (q - q0), q the joint's position."""
     return joint.with_torque(stiffness * (joint.position - rest))
 
 
@@ -168,7 +169,7 @@ def joint_coupling(
     viscous: Expression = quantity("N m s/rad", typical=0.5, summary="torque on each per speed of the other"),
     inertia: Expression = quantity("kg m^2", typical=0.05, summary="torque on each per acceleration of the other"),
 ) -> Joint:
-    """Tau_i = c v_j + I a_j, tau_j = c v_i + I a_i."""
+    """Torques tau_i = c v_j + I a_j and tau_j = c v_i + I a_i of two joints with velocities v and accelerations a."""
     own = viscous * joint.velocity + inertia * joint.acceleration
     other = viscous * joint.inner.velocity + inertia * joint.inner.acceleration
     return joint.with_torque(other).with_inner_torque(own)
@@ -187,7 +188,7 @@ def payload(
     y: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
     z: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
 ) -> Joint:
-    """J = J_link + m p p', p = (x, y, z, 1)."""
+    """Pseudo-inertia J = J_link + m p p' of the last link, with the mass m at p = (x, y, z, 1)."""
     return joint.with_link(joint.link.with_point_mass(mass, ca.vertcat(x, y, z)))
 
 
@@ -214,7 +215,7 @@ def link_inertia(
     shift_y: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
     shift_z: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
 ) -> Joint:
-    """J = e^mass U L L' U', J_described = U U', L = [[extent, shear, shift], [0, ..., 1]]."""
+    """Pseudo-inertia J = e^mass U L L' U', J_described = U U', L = [[extent, shear, shift], [0, ..., 1]]."""
     rows = [
         ca.horzcat(_extent(stretch_x), shear_xy, shear_xz, shift_x),
         ca.horzcat(0, _extent(stretch_y), shear_yz, shift_y),
@@ -236,5 +237,5 @@ def base_tilt(
     roll: Expression = quantity("rad", typical=0.1, lower=-TURN, upper=TURN, summary="of the base about its x axis"),
     pitch: Expression = quantity("rad", typical=0.1, lower=-TURN, upper=TURN, summary="then about the level y axis"),
 ) -> Base:
-    """G_base = (R_y(pitch) R_x(roll))' g, the base being mounted with ``rpy="<roll> <pitch> 0"``."""
+    """Gravity in the base's frame = (R_y(pitch) R_x(roll))' g, for a base mounted with ``rpy="<roll> <pitch> 0"``."""
     return base.turned(roll, pitch)

@@ -1,4 +1,4 @@
-"""Effects that act on the load."""
+"""Effects that act on the load of a pendulum; v is its velocity."""
 
 import casadi as ca
 
@@ -15,7 +15,10 @@ def linear_drag(
     load: Load,
     coefficient: Expression = quantity("N s/m", typical=5e-3, lower=0.0, summary="force per speed"),
 ) -> Load:
-    """F = -c v."""
+    """F = -c v.
+
+    F is the force on the load, v its velocity.
+    """
     return load.with_force(-coefficient * load.velocity)
 
 
@@ -27,7 +30,10 @@ def quadratic_drag(
     load: Load,
     coefficient: Expression = quantity("N s^2/m^2", typical=3e-3, lower=0.0, summary="force per squared speed"),
 ) -> Load:
-    """F = -c |v| v."""
+    """F = -c |v| v.
+
+    F is the force on the load, v its velocity.
+    """
     return load.with_force(-coefficient * load.speed * load.velocity)
 
 
@@ -39,7 +45,10 @@ def wind(
     load: Load,
     force: Expression = quantity("N", typical=5e-3, lower=-5.0, upper=5.0, summary="towards +"),
 ) -> Load:
-    """F = (f, 0, 0)."""
+    """F = (f, 0, 0).
+
+    F is the force on the load; its first component is along the gripper's line.
+    """
     return load.with_force(ca.vertcat(force, 0, 0))
 
 
@@ -52,7 +61,7 @@ def load_inertia(
     load: Load,
     inertia: Expression = quantity("kg m^2", typical=2e-4, lower=0.0, upper=1.0, summary="about the load's centre"),
 ) -> Load:
-    """Kinetic energy + I phi'^2 / 2."""
+    """Kinetic energy of the load + I phi'^2 / 2, phi' the rate of the swing angle."""
     return load.with_inertia(inertia)
 
 
@@ -73,5 +82,8 @@ def out_of_plane_swing(
         "rad^2/s", typical=0.01, lower=-5.0, upper=5.0, scope="per_run", summary="angle across times rate, at the start"
     ),
 ) -> Load:
-    """Squares, because an angle and its opposite give the same tension."""
+    """Tension of a spherical pendulum that starts with the given squares of angle and rate across the line.
+
+    Squares are fitted, because an angle and its opposite give the same tension.
+    """
     return load.with_transverse(square_angle, product, square_rate)

@@ -1,4 +1,7 @@
-"""Effects on measurements, in the order in which they act: mechanics of the load cell, then its electronics."""
+"""Effects of a pendulum's sensors, in the order in which they act: mechanics of the load cell, then its electronics.
+
+In the equations F is the load cell's reading, T the string's tension and phi the swing angle.
+"""
 
 from typing import Any
 
@@ -26,7 +29,7 @@ def vertical_sensing_axis(
     sensor: Sensor,
     share: Expression = quantity("1", typical=1.0, lower=0.0, upper=1.0, summary="1: vertical part only"),
 ) -> Sensor:
-    """F = T (1 - w (1 - cos phi))."""
+    """Reading F = T (1 - w (1 - cos phi)) of the load cell, T the string's tension, phi the swing angle."""
     return sensor.with_force(sensor.force - share * sensor.tension * (1 - ca.cos(sensor.true_angle)))
 
 
@@ -39,7 +42,7 @@ def cross_axis_sensitivity(
     sensor: Sensor,
     share: Expression = quantity("1", typical=0.02, lower=-1.0, upper=1.0, summary="reading per force along the line"),
 ) -> Sensor:
-    """F = T + k T sin phi."""
+    """Reading F = T + k T sin phi of the load cell, T the string's tension, phi the swing angle."""
     return sensor.with_force(sensor.force + share * sensor.tension * ca.sin(sensor.true_angle))
 
 
@@ -52,7 +55,7 @@ def sensor_nonlinearity(
     sensor: Sensor,
     curvature: Expression = quantity("1/N", typical=0.02, lower=-10.0, upper=10.0, summary="of the characteristic"),
 ) -> Sensor:
-    """F = T + k T^2."""
+    """Reading F = T + k T^2 of the load cell, T the string's tension."""
     return sensor.with_force(sensor.force + curvature * sensor.force**2)
 
 
@@ -65,7 +68,7 @@ def sensor_gain(
     sensor: Sensor,
     error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=10.0, summary="share that is read too much"),
 ) -> Sensor:
-    """F = (1 + g) T."""
+    """Reading F = (1 + g) T of the load cell, T the string's tension."""
     return sensor.with_force((1 + error) * sensor.force)
 
 
@@ -82,7 +85,10 @@ def sensor_bias(
         "rad/s", typical=0.05, summary="of a rate gyro: reading at rest", needs=("swing_rate",)
     ),
 ) -> Sensor:
-    """F = T + b of a load cell, and reading = phi' + b' of a rate gyro; a sensor that was not recorded has none."""
+    """Reading T + b of a load cell at the tension T, and phi' + b' of a rate gyro at the rate phi'.
+
+    A sensor that was not recorded has no parameter.
+    """
     return sensor.with_force(sensor.force + force).with_rate(sensor.rate + rate)
 
 
@@ -95,7 +101,7 @@ def sensor_drift(
     sensor: Sensor,
     rate: Expression = quantity("N/s", typical=1e-3, summary="change of the reading at no load"),
 ) -> Sensor:
-    """F = T + r t, t from the start of the run."""
+    """Reading F = T + r t of the load cell, T the string's tension, t the time since the start of the run."""
     return sensor.with_force(sensor.force + rate * sensor.time)
 
 
@@ -109,7 +115,10 @@ def sensor_lag(
     angle_time: Expression = _late("swing_angle", 0.02, 1.0, "of an angle sensor: time constant"),
     rate_time: Expression = _late("swing_rate", 0.02, 1.0, "of a rate gyro: time constant"),
 ) -> Sensor:
-    """Tau dy/dt + y = the reading without it; a sensor that was not recorded has none."""
+    """First-order lag: tau dy/dt + y = x, y the reading, x the reading without lag.
+
+    A sensor that was not recorded has no parameter.
+    """
     return sensor.with_lag(time, angle_time, rate_time)
 
 
@@ -123,7 +132,10 @@ def sensor_delay(
     angle_time: Expression = _late("swing_angle", 0.01, 0.5, "of a camera or an encoder: how late"),
     rate_time: Expression = _late("swing_rate", 0.01, 0.5, "of a rate gyro: how late"),
 ) -> Sensor:
-    """y(t) = the reading at t - tau without it; a sensor that was not recorded has none."""
+    """y(t) = x(t - tau), y the reading, x the reading without delay.
+
+    A sensor that was not recorded has no parameter.
+    """
     return sensor.with_delay(time, angle_time, rate_time)
 
 
@@ -136,7 +148,7 @@ def angle_gain(
     sensor: Sensor,
     error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that is read too much"),
 ) -> Sensor:
-    """Reading = (1 + g) phi; the reading of a rate gyro does not change."""
+    """Reading = (1 + g) phi at the swing angle phi; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + error * sensor.true_angle)
 
 
@@ -149,7 +161,7 @@ def angle_skew(
     sensor: Sensor,
     curvature: Expression = quantity("1/rad", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^2"),
 ) -> Sensor:
-    """Reading = phi + c phi^2; the reading of a rate gyro does not change."""
+    """Reading = phi + c phi^2 at the swing angle phi; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + curvature * sensor.true_angle**2)
 
 
@@ -162,7 +174,7 @@ def angle_distortion(
     sensor: Sensor,
     cubic: Expression = quantity("1/rad^2", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^3"),
 ) -> Sensor:
-    """Reading = phi + c phi^3; the reading of a rate gyro does not change."""
+    """Reading = phi + c phi^3 at the swing angle phi; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + cubic * sensor.true_angle**3)
 
 
@@ -175,5 +187,5 @@ def angle_offset(
     sensor: Sensor,
     angle: Expression = quantity("rad", typical=0.01, lower=-1.0, upper=1.0, summary="reading when hanging"),
 ) -> Sensor:
-    """Reading = phi + a."""
+    """Reading = phi + a of the angle sensor at the swing angle phi."""
     return sensor.with_angle(sensor.angle + angle)

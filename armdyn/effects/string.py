@@ -1,4 +1,4 @@
-"""Effects that act on the string and on its upper end."""
+"""Effects that act on a pendulum's string and on the pivot at its upper end; phi is the swing angle."""
 
 import casadi as ca
 
@@ -15,7 +15,10 @@ def pivot_viscous_friction(
     string: String,
     coefficient: Expression = quantity("N m s/rad", typical=1e-3, lower=0.0, summary="torque per rate"),
 ) -> String:
-    """M = -c phi'."""
+    """M = -c phi'.
+
+    M is the torque at the string's upper end, phi' the rate of the swing angle.
+    """
     return string.with_torque(-coefficient * string.rate)
 
 
@@ -27,7 +30,7 @@ def pivot_coulomb_friction(
     string: String,
     torque: Expression = quantity("N m", typical=1e-3, lower=0.0, summary="size of the torque"),
 ) -> String:
-    """M = -c sign(phi'), and at rest whatever holds the load, up to c."""
+    """Torque M = -c sign(phi') in a swing of rate phi'; at rest any torque up to c that keeps the load at rest."""
     return string.with_dry_torque(torque)
 
 
@@ -39,7 +42,10 @@ def pivot_stiffness(
     string: String,
     stiffness: Expression = quantity("N m/rad", typical=0.01, lower=0.0, summary="torque per angle"),
 ) -> String:
-    """M = -k phi: every swing is quicker, and its period depends less on its size, than a shorter string makes it."""
+    """Torque M = -k phi at the swing angle phi.
+
+    As with a shorter string, every swing is quicker; the period of a swing depends less on its size.
+    """
     return string.with_torque(-stiffness * string.angle)
 
 
@@ -55,7 +61,7 @@ def string_elasticity(
         "1", typical=0.1, null=0.1, lower=0.0, upper=0.9, spread=0.1, summary="of the bounce, over the critical one"
     ),
 ) -> String:
-    """Length l = l0 + s, m s'' + 2 z sqrt(m/c) s' + s/c = T."""
+    """Length l = l0 + s with m s'' + 2 z sqrt(m/c) s' + s/c = T, T the string's tension, m the load's mass."""
     return string.with_compliance(compliance, damping)
 
 
@@ -68,7 +74,7 @@ def string_mass(
     string: String,
     mass: Expression = quantity("kg", typical=5e-3, lower=0.0, upper=50.0, summary="of the whole string"),
 ) -> String:
-    """A rod between gripper and load."""
+    """The string is a uniform rod of this mass between gripper and load."""
     return string.with_mass(mass)
 
 
@@ -80,7 +86,7 @@ def string_creep(
     string: String,
     rate: Expression = quantity("m/s", typical=1e-4, lower=-0.01, upper=0.01, summary="growth of the length"),
 ) -> String:
-    """Length l = l0 + r t, t from the start of the run."""
+    """Length l = l0 + r t, t the time since the start of the run."""
     return string.with_length(string.length + rate * string.time)
 
 
@@ -95,5 +101,5 @@ def pivot_load_friction(
         "m", typical=1e-3, lower=0.0, upper=1.0, summary="of the bearing, times its friction coefficient"
     ),
 ) -> String:
-    """M = -r |T| sign(phi') with T = m (g cos phi + l phi'^2): the pull without what a moving gripper adds to it."""
+    """Torque M = -r |T| sign(phi') with T = m (g cos phi + l phi'^2), the string's pull for a gripper at rest."""
     return string.with_dry_torque(radius * ca.fabs(string.pull))

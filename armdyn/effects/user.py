@@ -25,12 +25,13 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
         stages: stages on which effects may act; None for any.
 
     Raises:
-        InputError: the file cannot be read or run, defines no effect, or one with a catalogue's name or no stage.
+        InputError: the file cannot be read or run, it defines no effect, or one of its effects has the name of an
+            effect of the catalogue or acts on an unknown stage.
     """
     if path is None:
         return ()
     file = Path(path)
-    own = effects_of(file, vars(load_module(file, "effects")))
+    own = effects_defined_in(file, vars(load_module(file, "effects")))
     if not own:
         raise InputError(f"{file}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
     if stages is not None:
@@ -42,12 +43,12 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
     return own
 
 
-def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
-    """Effects that a model can have, from the catalogue, its base, and the user's file.
+def available_effects(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
+    """Effects that a model can have: those of the catalogue, of its base model and of the user's file.
 
     Args:
-        model: model whose stages are used.
-        own: effects of a file, read with `stages` = None.
+        model: the model; effects that act on none of its stages are left out.
+        own: effects of the user's file, loaded without a check of their stages.
         path: path of that file, for the message.
 
     Raises:
@@ -69,8 +70,12 @@ def _check_stages(effects: Iterable[Effect], stages: Iterable[str], path: str | 
             raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
 
 
-def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
-    """The effects in a file's namespace, without those that it imports from the catalogue.
+def effects_defined_in(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
+    """The effects that a Python file defines, without those that it imports from the catalogue.
+
+    Args:
+        path: path of the file.
+        defined: the file's global variables, by name.
 
     Raises:
         InputError: an effect has the name of another one, or its declaration cannot be used.

@@ -133,7 +133,7 @@ def at_active_values(model: ArmModel) -> ArmModel:
     acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
-        for names in model.parts(effect.name).values():
+        for names in model.parameter_names_by_joint(effect.name).values():
             acting = [name for name in names if acts[name]]
             if acting and len(acting) < len(names):
                 driver = model.parameters[acting[0]]

@@ -77,7 +77,7 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
-    effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.reachable(find(name))]
+    effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.possible_joints(find(name))]
     columns = _columns(model, effects, USUAL_EFFECTS, rate)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     alone = unidentifiable_unknowns(rows, own, NO_INDICES)
@@ -168,7 +168,7 @@ def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], 
     for effect in effects:
         model = model.with_effect(effect)
     for effect in map(find, beside):
-        if model.reachable(effect) and model.lacks(effect):
+        if model.possible_joints(effect) and model.can_add_effect(effect):
             model = model.with_effect(effect)
     return TorqueRegressor(at_active_values(model), rate)
 

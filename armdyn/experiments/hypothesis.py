@@ -14,7 +14,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.simulate import Rollout, System
-from armdyn.readout import Interpolated, lagged
+from armdyn.readout import InterpolatingSampler, first_order_lag
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.even import first_derivative, motion_at_midpoints
@@ -215,7 +215,7 @@ class PredictedExperiment:
         """
         model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
-        sampler, count = Interpolated(motion.time, motion.time), len(motion.time)
+        sampler, count = InterpolatingSampler(motion.time, motion.time), len(motion.time)
         outputs = np.zeros((count, len(EXPERIMENT_CHANNELS)))
         for i, (channel, weight) in enumerate(self.weights.items()):
             part = readings[i * count : (i + 1) * count] * weight
@@ -253,7 +253,7 @@ def _driving(basis: SeriesBasis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     _, count, size = basis.functions.shape
     rows, step = basis.functions, float(basis.time[1] - basis.time[0])
     if lag > 0.0:
-        rows = np.stack([lagged(part, lag, step)[0] for part in rows])
+        rows = np.stack([first_order_lag(part, lag, step)[0] for part in rows])
     between = np.asarray(motion_at_midpoints(rows, step)).reshape(3, count - 1, size)
     jerk = first_derivative(rows[2], step)
     return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
@@ -20,7 +21,6 @@ from armdyn.experiments.search import ReportProgress
 from armdyn.experiments.separation import ExpectedOutcome, RefittedRival, expected_outcome, hypothesis_probabilities
 from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 INSEPARABLE_RISE = 1.0
@@ -153,7 +153,7 @@ class ExperimentPlan(Displayable):
         experiments = [
             Column("experiment", [p.experiment.kind for p in self.proposals]),
             Column("separation [std]", [one.separation for one in outlooks], ".1f"),
-            Column("right verdict", chances, ".0%", shares=chances),
+            Column("right verdict", chances, ".0%", bar_lengths=chances),
             Column("what to do", [p.experiment.what for p in self.proposals]),
         ]
         promise = (
@@ -162,7 +162,7 @@ class ExperimentPlan(Displayable):
             "effect, and the right one."
         )
         names = [h.name for h in self.rivals.hypotheses]
-        believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", shares=beliefs)]
+        believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", bar_lengths=beliefs)]
         tables = [
             Table(experiments, promise, "experiments"),
             Table(believed, "From how well each fits the runs so far."),

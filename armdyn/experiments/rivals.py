@@ -10,10 +10,10 @@ from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.fit import Fit, converged
-from armdyn.identify.problem import Problem, by_channel
+from armdyn.identify.fit import Fit, continue_fit
+from armdyn.identify.problem import Problem, blocks_by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.set_score import BELIEF_NATS
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.linear.correlation import correlation_time
@@ -103,7 +103,7 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     sets = [tuple(added)]
     for step in found.search.steps[1:]:
         mine = {name for c in step.added for name in c.names}
-        rest = [left for c in added if (left := c.without(mine)).parts]
+        rest = [left for c in added if (left := c.without_parameters(mine)).parameter_names_by_joint]
         sets += [group_by_effect([*rest, tied]) for tied in found.search.ties(step)]
     return sets
 
@@ -138,7 +138,7 @@ def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) ->
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
     # Otherwise the fall of chi2 that a diagnosis requires of one effect among the catalogue is required.
-    margin = TIE_CHI2 if designed else 2.0 * (BELIEF_NATS + float(np.log(len(study.candidates))))
+    margin = TIE_CHI2 if designed else 2.0 * (ACCEPTANCE_NATS + float(np.log(len(study.candidates))))
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
@@ -171,7 +171,7 @@ def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | 
     Two values of one parameter are rivals like others: their separation is the information on the parameter, with all
     other unknowns as nuisance, times the squared difference of the values.
     """
-    if found.unknown is not None and found.search.last.tests.fails:
+    if found.residual_character is not None and found.search.last.tests.fails:
         return None
     noise = _effective_noise(found.search.last.fit)
     best = _hypothesis(study, found.search.last.fit, (), noise)
@@ -206,7 +206,7 @@ def _by_name(study: Study) -> dict[str, Candidate]:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
-    fits = [converged(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [continue_fit(study.fit_with((*study.present, *s), first)) for s in sets]
     noise = _effective_noise(min(fits, key=lambda one: one.cost))
     common = set.intersection(*(set(s) for s in sets))
     own = [tuple(c for c in s if c not in common) for s in sets]
@@ -222,7 +222,7 @@ def _effective_noise(best: Fit) -> dict[str, float]:
     return {
         channel: max(left[channel], *(block.noise for block in blocks))
         * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
-        for channel, blocks in by_channel(best.blocks).items()
+        for channel, blocks in blocks_by_channel(best.blocks).items()
     }
 
 
@@ -233,7 +233,7 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     problem = Problem(model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise})
     at = problem.expansion(lean.values, lean.free, guesses=False)
     unknowns = {i: k for k, i in enumerate(np.flatnonzero(lean.free).tolist())}
-    places = zip(model.names, problem.places(last).tolist(), strict=True)
+    places = zip(model.names, problem.unknowns_of_run(last).tolist(), strict=True)
     shared = {name: unknowns[i] for name, i in places if i in unknowns and name not in model.start_names}
     others = np.setdiff1d(np.arange(len(unknowns)), list(shared.values()))
     kept, _ = marginal_information(at.hessian, np.array(list(shared.values()), dtype=int), others)
@@ -242,7 +242,7 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     for i, name in enumerate(names):
         if any(name in c.names for c in own):
             values[name] = _sizeable(model, name, values[name], float(kept[i, i]))
-    spoken = " + ".join(c.spoken for c in own) or NO_EFFECT
+    spoken = " + ".join(c.name_in_sentence for c in own) or NO_EFFECT
     return Hypothesis(spoken, model.with_values(values), names, kept, 2.0 * at.cost)
 
 

@@ -1,14 +1,14 @@
-r"""Bands: where a sample of every prediction should be, 95 times of 100.
+r"""Prediction bands: intervals around the predicted samples that should contain 95 % of the measured ones.
 
-What a prediction leaves uncertain has two parts: the values of the model, whose covariance C moves sample t by
-s_t C s_t' (s_t the derivatives of its prediction), and the error e of one sample, which holds the sensor's noise and
+The uncertainty of a prediction has two parts: the model's values, whose covariance C gives sample t the variance
+s_t C s_t' (s_t the derivatives of its prediction), and the error e of one sample, which contains the sensor's noise and
 the model's own error. Half the width of the band is
 
     k_c sqrt(e_c^2 + s_t C s_t'),
 
 e_c the root mean square of channel c in the training runs. k_c would be 1.96 for an error that is Gaussian and no
 larger in other motions. Neither holds on robots, so k_c is a quantile: 95 % of |error| over that root are below it in
-the worst of the runs that no fit has seen. These are the held-out runs and, for an arm, each training run predicted by
+the worst of the runs that were not fitted. These are the held-out runs and, for an arm, each training run predicted by
 a fit to the others (conformal prediction with a scale for each sample: Lei et al., J. Am. Stat. Assoc. 113, 2018,
 section 5.2; runs are exchangeable, the samples of one run are not: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A
 single training run is judged by its own residual. The band holds for motions of the same kind; on another kind of
@@ -24,33 +24,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, Problem, transferred
+from armdyn.identify.problem import Problem, ResidualBlock, transfer_values
 from armdyn.identify.study import Study
 
 COVERAGE_LEVEL = 0.95
+"""Share of the samples that a prediction band should contain."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bands:
-    """Prediction bands of one model.
+class PredictionBands:
+    """Prediction bands of one fitted model.
 
     Attributes:
         half_width: half the width of the band, (n,) in the channel's unit, by run and channel, for training, held-out
             and exam runs.
-        covered: share of the samples inside the band, by channel, in runs that chose neither the values nor the widths.
-        level: share of the samples that should be inside.
+        coverage: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
+            values nor to choose the widths.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
-    covered: dict[str, float]
-    level: float = COVERAGE_LEVEL
+    coverage: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Errors (n,) of one channel in one run, and their scales (n,): the square root in the formula of `Bands`."""
+    """Errors (n,) of one channel in one run, and their scales (n,): the square root in the module's formula."""
 
-    block: Block
+    block: ResidualBlock
     scale: np.ndarray
 
     @property
@@ -58,8 +58,8 @@ class _Samples:
         return np.asarray(np.abs(self.block.misfit) / self.scale)
 
 
-def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
-    """Compute the prediction bands of a fit, as the head of this file describes.
+def prediction_bands(study: Study, fit: Fit, covariance: np.ndarray) -> PredictionBands:
+    """Compute the prediction bands of a fit; the docstring of the module describes the method.
 
     Args:
         study: the runs.
@@ -81,7 +81,7 @@ def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
         apart = [s.ratio for s in exam if s.block.channel == channel]
         within = [ratio <= factor[channel] for ratio in apart] if apart else _crossed(judging, channel)
         covered[channel] = float(np.mean(np.concatenate(within)))
-    return Bands(half_width, covered)
+    return PredictionBands(half_width, covered)
 
 
 def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, error: dict[str, float]) -> list[_Samples]:
@@ -89,9 +89,9 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
     uncertain = np.flatnonzero(np.diag(covariance) > 0.0)
     found = []
     for one in fits:
-        place = transferred(np.arange(len(problem.columns), dtype=float), problem, one.problem, missing=-1.0).astype(
-            int
-        )
+        place = transfer_values(
+            np.arange(len(problem.columns), dtype=float), problem, one.problem, missing=-1.0
+        ).astype(int)
         own = np.flatnonzero(np.isin(place, uncertain))
         C = covariance[np.ix_(place[own], place[own])]
         wanted = np.isin(np.arange(len(place)), own)

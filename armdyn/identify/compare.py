@@ -8,39 +8,40 @@ import numpy as np
 
 from armdyn.arm.drives import Servo
 from armdyn.arm.rollout import RollOut
-from armdyn.document import Document, Level, Section
-from armdyn.effects.effect import columns_of
-from armdyn.identify.bands import Bands, bands
-from armdyn.identify.explained import Scale
+from armdyn.displayable import Displayable
+from armdyn.document import Document, ResultLevel, Section
+from armdyn.effects.effect import recorded_columns
+from armdyn.identify.bands import PredictionBands, prediction_bands
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import lost_sentence
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import by_channel, chi2_of, samples_of
-from armdyn.identify.residual.character import behaves_like, process_error_share
-from armdyn.identify.residual.force_law import law_sentence
-from armdyn.identify.residual.localise import Place, localise
-from armdyn.identify.residual.missing_force import ForceCurve, between
-from armdyn.identify.residual.tests import ResidualTests
+from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
+from armdyn.identify.residual.character import probable_cause_text, process_error_share
+from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
+from armdyn.identify.residual.force_law import force_law_sentence
+from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
+from armdyn.identify.residual.noise_tests import ResidualTests
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     channel_table,
-    curves_of,
     drive_section,
+    failing_range_section,
     missing_force_columns,
     motion_section,
     parameter_table,
-    place_section,
+    prediction_curves,
     sample_columns,
 )
-from armdyn.identify.together import Together
 from armdyn.identify.uncertainty import uncertainty
+from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.parameter import Parameter
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 WHITENESS_LEVEL = 0.01
+"""Probability, divided by the number of channels, below which a residual is not white noise."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class ChannelQuality:
         rmse: root mean square residual of the training runs.
         held_out_rmse: root mean square residual of runs that were not fitted; None where there is a single run.
         chi2_per_sample: squared residual over the noise variance, per sample; 1 where the residual is only noise.
-        white: probability that white noise is at least as correlated as the residual.
+        whiteness_p_value: probability that white noise is at least as correlated as the residual.
         exam_rmse: root mean square residual of exam runs, which are used for nothing else; None where there are none.
     """
 
@@ -62,7 +63,7 @@ class ChannelQuality:
     rmse: float
     held_out_rmse: float | None
     chi2_per_sample: float
-    white: float
+    whiteness_p_value: float
     exam_rmse: float | None = None
 
 
@@ -75,17 +76,18 @@ class Comparison(Displayable):
         parameters: fitted parameters by name, with the run in brackets where a value belongs to one run.
         channels: quality of the prediction, by channel.
         tests: tests of the residual against noise.
-        places: where the model fails.
+        failing_ranges: ranges of time, angle or speed in which the model fails, the worst first.
         process_error: share of the squared residual that behaves like missing dynamics, 0 to 1; None where it cannot be
             estimated.
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters whose fitted value is on a physical bound.
         undetermined: parameters on which the data do not depend.
         left_out: what was not used, such as outliers of the recordings or terms of the model, one sentence each.
-        together: combinations of parameters that these runs do not identify; they have no standard deviation.
-        widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
-            the residual is of the size of the noise.
-        lost: a sentence on what a failed fit needs (see `lost`); empty where the fit has not failed.
+        unidentified_combinations: combinations of parameters that these runs do not identify; they have no standard
+            deviation.
+        std_inflation: factor by which the model's own error widens the standard deviations, for the worst channel; 1
+            where the residual is of the size of the noise.
+        lost: a sentence on what a failed fit needs, such as start values; empty where the fit has not failed.
         bands: prediction bands; None where the fit has failed.
         rollout: simulated against recorded motion of an arm; empty where the runs do not contain the input of every
             joint's drive.
@@ -96,16 +98,16 @@ class Comparison(Displayable):
     parameters: dict[str, Parameter]
     channels: dict[str, ChannelQuality]
     tests: ResidualTests
-    places: tuple[Place, ...]
+    failing_ranges: tuple[FailingRange, ...]
     process_error: float | None
     intervals_hold: bool
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
     left_out: tuple[str, ...] = ()
-    together: tuple[Together, ...] = ()
-    widened: float = 1.0
+    unidentified_combinations: tuple[UnidentifiedCombination, ...] = ()
+    std_inflation: float = 1.0
     lost: str = ""
-    bands: Bands | None = None
+    bands: PredictionBands | None = None
     rollout: tuple[RollOut, ...] = ()
     drives: Mapping[str, Servo] = field(default_factory=dict)
 
@@ -122,30 +124,34 @@ class Comparison(Displayable):
             ),
             *([drive_section(self.drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
-            *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
+            *(
+                [failing_range_section("Where the model fails", self.failing_ranges)]
+                if self.failing_ranges and not self.lost
+                else []
+            ),
         ]
         return Document(
             "Comparison",
             self.sentence,
             sections,
-            Level.BAD if self.lost else Level.GOOD if self.explained else Level.CAUTION,
+            ResultLevel.BAD if self.lost else ResultLevel.GOOD if self.explained else ResultLevel.CAUTION,
             data={
                 "samples": lambda: sample_columns(self.fit, self.bands),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
-                **model.background_data(),
+                **model.background_table(),
             },
-            curves=partial(curves_of, {"predicted": self.fit}, self.bands),
+            curves=partial(prediction_curves, {"predicted": self.fit}, self.bands),
         )
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on the standard deviations, on parameters at a bound, and on what was not fitted or not used."""
+        """Sentences for a reader on standard deviations, parameters at a bound, and what was not fitted or not used."""
         if self.lost:
             return [f"{text}." for text in self.left_out]
-        found = [self.how_certain]
+        found = [self.uncertainty_sentence]
         for name in self.at_bound:
             found.append(f"{name} ended on its physical bound: it may stand in for something else.")
-        found += [f"{one.sentence}." for one in self.together]
+        found += [f"{one.sentence}." for one in self.unidentified_combinations]
         for name in self.undetermined:
             kept = self.parameters.get(name)
             holds = "" if kept is None else f", and values that depend on it hold for {kept.value:.4g} {kept.unit}"
@@ -155,33 +161,33 @@ class Comparison(Displayable):
     @cached_property
     def missing_force(self) -> tuple[ForceCurve, ...]:
         """The force that the model lacks, against what it may depend on; empty where the fit has failed."""
-        return () if self.lost else between(self.fit)
+        return () if self.lost else compare_missing_forces(self.fit)
 
     @property
     def explained(self) -> bool:
-        """Whether the residual is only noise."""
+        """Whether the residual of the comparison is only noise."""
         return self.verdict is Verdict.EXPLAINED
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: explained, not explained, or fit failed."""
+        """Verdict on the compared model: explained, not explained, or the fit has failed."""
         return Verdict.LOST if self.lost else Verdict.NOT_EXPLAINED if self.tests.fails else Verdict.EXPLAINED
 
     @property
-    def scale(self) -> Scale:
-        """Units and noise of the channels."""
-        return Scale.of(self.fit.blocks)
+    def scale(self) -> ChannelScale:
+        """Units and noise of the compared channels."""
+        return ChannelScale.of(self.fit.blocks)
 
     @property
-    def how_certain(self) -> str:
+    def uncertainty_sentence(self) -> str:
         """A sentence on how far the standard deviations can be trusted."""
         if self.intervals_hold:
             return "The residual is white: the intervals hold."
-        if self.widened > 1.0:
+        if self.std_inflation > 1.0:
             return (
                 "The model's own error is larger than the noise. The standard deviations count it in, as large and as "
-                f"correlated as the residual (up to {self.widened:.2g} times the noise's); what is missing may still "
-                "shift a value further."
+                f"correlated as the residual (up to {self.std_inflation:.2g} times the noise's); what is missing may "
+                "still shift a value further."
             )
         return "The residual is more than white noise: the standard deviations do not hold as intervals."
 
@@ -193,11 +199,11 @@ class Comparison(Displayable):
             return self.lost
         if self.explained:
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
-        text = f"{law_sentence(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
-        if self.places:
-            text += f"; worst {self.places[0].sentence}"
+        text = f"{force_law_sentence(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
+        if self.failing_ranges:
+            text += f"; worst {self.failing_ranges[0].sentence}"
         if self.process_error is not None:
-            text += f"; {behaves_like(self.process_error)}"
+            text += f"; {probable_cause_text(self.process_error)}"
         return text + "."
 
 
@@ -209,18 +215,25 @@ def compare(study: Study) -> Comparison:
 
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
-    """Build the comparison of a fit; `process_error` = False skips the slow test of dynamics against sensor."""
+    """Build the comparison of a fitted model with the runs of a study.
+
+    Args:
+        study: the runs and the model.
+        fit: the fit.
+        left: tests of the fit's residual against noise.
+        process_error: whether to test if the residual behaves like missing dynamics, which is slow.
+    """
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), study.unidentified(fit)
-    mixed = {name for one in together for name in one.unsure}
+    mixed = {name for one in together for name in one.unidentified_parameters}
     ends = set(fit.at_bound)
-    needed = lost_sentence(fit) if study.is_lost(fit) else ""
-    white = all(c.white > WHITENESS_LEVEL / len(channels) for c in channels.values())
+    needed = failed_fit_sentence(fit) if study.is_lost(fit) else ""
+    white = all(c.whiteness_p_value > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
         parameters=fitted_parameters(study, fit),
         channels=channels,
         tests=left,
-        places=localise(fit),
+        failing_ranges=find_failing_ranges(fit),
         process_error=process_error_share(fit) if process_error and left.fails else None,
         intervals_hold=not (left.fails or needed) and white,
         at_bound=tuple(sorted(ends)),
@@ -233,46 +246,46 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
             *(
                 f"{run.name}: no '{column.name}': taken to be {column.usual:g} {column.unit}, its usual value"
-                for column in columns_of(study.model.effects)
+                for column in recorded_columns(study.model.effects)
                 for run in (*study.runs, *study.held_out)
                 if column.name not in run.extra
             ),
             *study.describe_glitches(fit),
         ),
-        together=together,
-        widened=certain.widened,
+        unidentified_combinations=together,
+        std_inflation=certain.std_inflation,
         lost=needed,
-        bands=None if needed else bands(study, fit, certain.covariance),
+        bands=None if needed else prediction_bands(study, fit, certain.covariance),
     )
 
 
 def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
-    """How well a fit predicts every channel."""
+    """Compute how well a fit predicts every channel."""
     held_out_rmse = channel_rmse(study.held_out_blocks(fit))
     exam_rmse = channel_rmse(study.exam_blocks(fit))
-    rmse, scale = fit.rmse(), Scale.of(fit.blocks)
+    rmse, scale = fit.rmse(), ChannelScale.of(fit.blocks)
     return {
         channel: ChannelQuality(
             unit=scale.units[channel],
             noise_std=scale.noise[channel],
             rmse=rmse[channel],
             held_out_rmse=held_out_rmse.get(channel),
-            chi2_per_sample=chi2_of(blocks) / samples_of(blocks),
-            white=min(ljung_box(block.residual) for block in blocks),
+            chi2_per_sample=chi2_sum(blocks) / sample_count(blocks),
+            whiteness_p_value=min(ljung_box(block.residual) for block in blocks),
             exam_rmse=exam_rmse.get(channel),
         )
-        for channel, blocks in by_channel(fit.blocks).items()
+        for channel, blocks in blocks_by_channel(fit.blocks).items()
     }
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
-    """Values and standard deviations of the model's named parameters, without effects at their null values.
+    """Fitted parameters of a study's model by name, without absent effects and a background.
 
     Values that these runs do not identify have no standard deviation. The other standard deviations include the
     correlation of the noise and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
-    mixed = {name for one in study.unidentified(fit) for name in one.unsure}
+    mixed = {name for one in study.unidentified(fit) for name in one.unidentified_parameters}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()
     result = {}
@@ -280,7 +293,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
         absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
         if absent or column.parameter.name in held:
             continue
-        told = (fit.free[i] or fit.considered[i]) and np.isfinite(covariance[i, i])
+        told = (fit.free[i] or fit.consider_parameters[i]) and np.isfinite(covariance[i, i])
         told = told and column.parameter.name not in mixed
         std = float(np.sqrt(covariance[i, i])) if told else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))

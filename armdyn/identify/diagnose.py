@@ -4,33 +4,33 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from armdyn.document import Document, Level, Section
+from armdyn.displayable import Displayable
+from armdyn.document import Document, ResultLevel, Section
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.explained import Scale
-from armdyn.identify.lost import lost_sentence
-from armdyn.identify.problem import by_channel, deviates
+from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.failed_fit import failed_fit_sentence
+from armdyn.identify.problem import blocks_by_channel, chi2_z_value
 from armdyn.identify.residual.character import ResidualCharacter, characterise
-from armdyn.identify.residual.force_law import law_sentence
+from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.tests import MAX_Z
+from armdyn.identify.residual.noise_tests import MAX_Z
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect
 from armdyn.identify.selection.search import Search, repair_step, search
-from armdyn.identify.sentence import Left, Verdict, repair_sentences
+from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences
 from armdyn.identify.study import Study
-from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
-from armdyn.identify.uncertainty import model_limited
+from armdyn.identify.tables import candidate_table, missing_force_columns, prediction_curves
+from armdyn.identify.uncertainty import model_error_dominates
 from armdyn.recording.spikes import outlier_sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 MIN_EXPLAINED_AT_NOISE = 0.97
 """Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
-the catalogue are idealised and may be wrong by a sixth of their size; a larger residual is another effect, which the
-nearest effect of the catalogue imitates."""
+the catalogue are idealised and may be wrong by a sixth of their size; if more remains, the missing effect is another
+one, which the nearest effect of the catalogue imitates."""
 MIN_LEADING_SHARE = 0.5
-"""The first effect must explain at least this share of the squared error."""
+"""Share of the squared error that the first effect must explain; otherwise the missing effect counts as unknown."""
 MIN_EXPLAINED_ABOVE_NOISE = 0.8
 """Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
 with every real robot: effects outside the catalogue leave half of the squared error or more, real robots at most a
@@ -45,10 +45,10 @@ class Diagnosis(Displayable):
         verdict: the result as one value of `Verdict`.
         sentence: the result in words, for a reader.
         comparison: the model as given, compared with the runs.
-        suspects: effects that may be missing, the best first.
-        unseen: effects that these runs do not identify, with the parameters that imitate them.
-        remedies: commands or experiments that distinguish tied effects.
-        unknown: character of the residual where no effect of the catalogue explains it; else None.
+        suspects: effects that may be missing, the most probable first.
+        unidentified_effects: effects that these runs do not identify, each with the parameters that imitate it.
+        remedies: commands or experiments that would distinguish effects which these runs cannot tell apart.
+        residual_character: description of the residual where no effect of the catalogue explains it; else None.
         search: the steps of the search.
         missing_force: the force that the model as given lacks, and what remains of it with the effects of `search`.
     """
@@ -57,9 +57,9 @@ class Diagnosis(Displayable):
     sentence: str
     comparison: Comparison
     suspects: tuple[RankedEffect, ...]
-    unseen: dict[str, tuple[str, ...]]
+    unidentified_effects: dict[str, tuple[str, ...]]
     remedies: tuple[str, ...]
-    unknown: ResidualCharacter | None
+    residual_character: ResidualCharacter | None
     search: Search
     missing_force: tuple[ForceCurve, ...] = ()
 
@@ -72,7 +72,7 @@ class Diagnosis(Displayable):
         given, steps = self.comparison, self.search.steps
         compared = given.document()
         if self.verdict is Verdict.LOST:
-            return replace(compared, title="Diagnosis", verdict=self.sentence, level=Level.BAD)
+            return replace(compared, title="Diagnosis", verdict=self.sentence, level=ResultLevel.BAD)
         rmse = {name: channel.rmse for name, channel in given.channels.items()}
         candidates = candidate_table(self.suspects, rmse, given.scale, summaries or {})
         evidence = Section("Which effect is missing", self._evidence, tables=[candidates] if self.suspects else [])
@@ -82,9 +82,9 @@ class Diagnosis(Displayable):
             title="Diagnosis",
             verdict=self.sentence,
             sections=[evidence, *compared.sections],
-            level=Level.GOOD if self.verdict is Verdict.EXPLAINED else Level.CAUTION,
+            level=ResultLevel.GOOD if self.verdict is Verdict.EXPLAINED else ResultLevel.CAUTION,
             data={**compared.data, "missing_force": lambda: missing_force_columns(self.missing_force)},
-            curves=partial(curves_of, fits),
+            curves=partial(prediction_curves, fits),
         )
 
     @property
@@ -99,40 +99,40 @@ class Diagnosis(Displayable):
             text = f"{self.suspects[0].effect} explains most, and nothing ties with it."
         unseen = (
             f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
-            for name, imitators in self.unseen.items()
+            for name, imitators in self.unidentified_effects.items()
         )
         return " ".join((text, *unseen))
 
 
 @one_thread
-def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
+def diagnose(study: Study, progress: ProgressCallback | None = None) -> Diagnosis:
     """Find the effect that is missing from the model of a study."""
     found = search(study, progress)
     start, last = found.steps[0], found.last
     if study.is_lost(last.fit):
         given = comparison(study, start.fit, start.tests, process_error=False)
-        return Diagnosis(Verdict.LOST, lost_sentence(last.fit), given, (), {}, (), None, Search(found.steps[:1]))
-    unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
+        return Diagnosis(Verdict.LOST, failed_fit_sentence(last.fit), given, (), {}, (), None, Search(found.steps[:1]))
+    unseen = {s.candidate.effect: s.imitated_by for s in study.scores(start.fit, start.effects) if s.imitated_by}
     unknown = characterise(last.fit) if last.tests.fails else None
-    verdict = judge(study, found, unknown)
+    verdict = decide_verdict(study, found, unknown)
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
         advice = (_next_experiment(study, [e.effect for e in (*_added(found), *_ties(study, found))]),)
     said = (
-        headline(study, found, unknown)
+        diagnosis_sentence(study, found, unknown)
         if verdict is Verdict.EFFECT_MISSING
         else _sentence(verdict, found, unknown, advice, study.explained_share(start.fit, last.fit), _ties(study, found))
     )
     forces = found.missing_force()
-    law = law_sentence(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
+    law = force_law_sentence(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,
         sentence=law + said + outlier_sentence(study.runs),
         comparison=comparison(study, start.fit, start.tests),
         suspects=found.suspects,
-        unseen=unseen,
+        unidentified_effects=unseen,
         remedies=advice,
-        unknown=unknown,
+        residual_character=unknown,
         search=found,
         missing_force=forces,
     )
@@ -151,21 +151,35 @@ def _next_experiment(study: Study, tied: Sequence[str]) -> str:
     return "record another motion, with other frequencies and amplitudes"
 
 
-def headline(study: Study, found: Search, unknown: ResidualCharacter | None) -> str:
-    """A sentence: which effect is missing, how much of the error it explains, and what the residual looks like."""
+def diagnosis_sentence(study: Study, found: Search, unknown: ResidualCharacter | None) -> str:
+    """Sentence for a reader: which effect is missing, how much of the error it explains, what the residual is like.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search for missing effects.
+        unknown: description of the residual of the search's last step, where it is more than noise.
+    """
     steps = [repair_step(study, step) for step in found.steps]
-    scale = Scale.of(found.last.fit.blocks)
-    further = found.further.spoken if found.further is not None else ""
-    left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "", further=further)
+    scale = ChannelScale.of(found.last.fit.blocks)
+    further = found.further.name_in_sentence if found.further is not None else ""
+    left = RepairResidual(
+        found.last.tests.fails, unknown.sentence if unknown is not None else "", further_effect=further
+    )
     return repair_sentences(steps, study.holdout_kinds[0], scale, left)
 
 
-def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
-    """The verdict on a finished search."""
+def decide_verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
+    """Decide on the verdict after a search for missing effects.
+
+    Args:
+        study: the runs and the model.
+        found: the finished search.
+        unknown: description of the residual of the search's last step, where it is more than noise.
+    """
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
-        beyond = beyond and (_above_stated_noise(study, last) or model_limited(study, last.fit))
+        beyond = beyond and (_above_stated_noise(study, last) or model_error_dominates(study, last.fit))
     beyond = beyond and last.fit.chi2_per_sample > study.ignored_chi2
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
@@ -181,15 +195,15 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
 
 
 def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
-    """Effects that these runs cannot distinguish from the missing one; of many on an arm, from the first."""
-    return found.tied if study.later_ties else found.leading_ties
+    """Effects that these runs cannot distinguish from the missing ones; for an arm, from the first of them."""
+    return found.all_ties if study.later_ties else found.first_ties
 
 
-def _above_stated_noise(study: Study, last: Step) -> bool:
+def _above_stated_noise(study: Study, last: SearchStep) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
-    for blocks in by_channel(last.fit.blocks).values():
+    for blocks in blocks_by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        if chi2 > 1.1 * samples and deviates(chi2, samples) > MAX_Z:
+        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > MAX_Z:
             return True
     return False
 
@@ -215,9 +229,9 @@ def _sentence(
             text += f"; {_names(found)} would explain {100 * share:.0f} % of it"
         return text + "."
     if verdict is Verdict.CANNOT_TELL_APART:
-        added, tied = _added(found), ", ".join(t.spoken for t in ties)
+        added, tied = _added(found), ", ".join(t.name_in_sentence for t in ties)
         if len(added) == 1:
-            tied = f"Something is missing, and these runs cannot tell which: {added[0].spoken}, {tied}"
+            tied = f"Something is missing, and these runs cannot tell which: {added[0].name_in_sentence}, {tied}"
         else:
             tied = f"{_names(found)} are missing, and these runs cannot tell {tied} from one of them"
         return f"{tied}. To find out: {'; '.join(advice)}."
@@ -229,4 +243,4 @@ def _added(found: Search) -> tuple[Candidate, ...]:
 
 
 def _names(found: Search) -> str:
-    return " and ".join(e.spoken for e in _added(found))
+    return " and ".join(e.name_in_sentence for e in _added(found))

@@ -1,4 +1,4 @@
-"""Estimation while data arrive: least squares over everything so far, started from the last estimate."""
+"""Estimate parameters while data arrive: least squares over all data so far, started from the last estimate."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,16 +7,16 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Descent, Outcome, descend, off_bounds
+from armdyn.identify.least_squares import Descent, Outcome, descend, free_to_move
 from armdyn.identify.noise import variance_inflation
-from armdyn.identify.problem import FreePart, Problem
+from armdyn.identify.problem import FreeCost, Problem
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-Minimise = Callable[[FreePart, np.ndarray], Descent]
-"""Minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
+MinimiseFunction = Callable[[FreeCost, np.ndarray], Descent]
+"""Function that minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Estimate:
     Attributes:
         names: names of the fitted parameters.
         values: (p,) estimates, each in the parameter's unit.
-        covariance: (p, p) inverse of the information at the solution, priors included; it holds as far as the
-            residual is white with the assumed noise.
+        covariance: (p, p) covariance: the inverse of the information matrix at the solution, priors included; it is
+            valid if the residual is white noise of the assumed size.
         evaluations: number of evaluations of the model.
         outcome: why the descent ended.
         at_bound: parameters whose estimate is on a physical bound.
@@ -55,9 +55,9 @@ def estimate(
     model: Model,
     runs: Sequence[Run],
     noise: Mapping[str, float],
-    minimise: Minimise = descend,
+    minimise: MinimiseFunction = descend,
 ) -> Estimate:
-    """Fit the parameters that are marked `fitted`, starting from the present values of a model.
+    """Fit the parameters of a model that are marked `fitted`, starting from the model's values.
 
     Args:
         model: the model, with priors and bounds of its parameters.
@@ -66,7 +66,8 @@ def estimate(
         minimise: the method that minimises the cost.
 
     Raises:
-        InputError: there is nothing to fit, a noise is not known, or the runs do not determine the parameters.
+        InputError: no parameter is marked `fitted`, the noise of a channel is missing, the simulation diverges, or the
+            runs do not determine the parameters.
     """
     for run in runs:
         for name in model.predicted_channels(run):
@@ -77,26 +78,28 @@ def estimate(
     if not free.any():
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]
-    part = FreePart(problem, free, start)
+    part = FreeCost(problem, free, start)
     values, at, evaluations, outcome = minimise(part, start[free])
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")
     names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
-    inside = off_bounds(part, values, at.gradient)
+    inside = free_to_move(part, values, at.gradient)
     at_bound = tuple(name for name, is_inside in zip(names, inside, strict=True) if not is_inside)
-    return Estimate(names, values, covariance(names, at.hessian), evaluations, outcome, at_bound)
+    return Estimate(names, values, parameter_covariance(names, at.hessian), evaluations, outcome, at_bound)
 
 
-def covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
-    """(p, p) Cramér-Rao bound on the covariance of any unbiased estimate of parameters (Kay, Estimation Theory, §3.7).
+def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
+    """Compute the (p, p) covariance of estimated parameters: the inverse of the Fisher information (Cramér-Rao bound).
+
+    Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, §3.7.
 
     Args:
         names: names of the parameters, for the error message.
-        information: (p, p) Fisher information: sum of s s' / sigma^2 over the samples, plus the priors' 1/std^2 on the
-            diagonal.
+        information: (p, p) Fisher information matrix: sum of s s' / sigma^2 over the samples, s the derivatives of a
+            predicted sample, plus 1/std^2 of the priors on the diagonal.
 
     Raises:
-        InputError: the runs do not determine the parameters; the message names the worst.
+        InputError: the runs do not determine the parameters; the message names the least determined ones.
     """
     scale = np.sqrt(np.diag(information))
     if not np.all(scale > 0):
@@ -110,18 +113,19 @@ def covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
 
 
 class Estimator(Generic[ModelT]):
-    """Batch least squares on a growing recording.
+    """Estimates a model's parameters by least squares from a growing recording.
 
-    A cold start on a long recording falls into one of many minima (one up to 3 s, ten at 10 s for a 0.37 m pendulum);
-    started at 1 s and followed from there, the estimate stays in the right one.
+    The cost of a long recording has many minima (for a pendulum of 0.37 m, one up to 3 s and ten at 10 s). Estimates
+    that begin after 1 s and start from one another stay in the right minimum.
 
     Args:
-        model: its values are the first guess; its `fitted` parameters are free, with their priors and bounds.
+        model: the model; its values are the first guess, and its `fitted` parameters are estimated with their priors
+            and bounds.
         noise: standard deviation per channel, in the channel's unit.
         minimise: the method that minimises the cost.
     """
 
-    def __init__(self, model: ModelT, noise: Mapping[str, float], minimise: Minimise = descend) -> None:
+    def __init__(self, model: ModelT, noise: Mapping[str, float], minimise: MinimiseFunction = descend) -> None:
         self._minimise = minimise
         self.model: ModelT = model
         self.noise = dict(noise)
@@ -132,11 +136,11 @@ class Estimator(Generic[ModelT]):
         self.model = self.model.with_values(dict(zip(found.names, found.values.tolist(), strict=True)))
         return found
 
-    def widening(self, run: Run) -> float:
-        """Factor on the standard deviations, at least 1, for residuals larger than white noise of the assumed size.
+    def std_inflation(self, run: Run) -> float:
+        """Factor, at least 1, by which standard deviations must grow because the residual is more than white noise.
 
-        It is the square root of `variance_inflation` for the worst channel. Friction that shakes the arm and a string
-        that stretches leave correlated residuals.
+        It is the square root of `variance_inflation` for the worst channel of `run`. For example, friction that shakes
+        the arm and a string that stretches leave correlated residuals.
         """
         prediction = self.model.predict(run, self.model.theta())
         residuals = [

@@ -7,54 +7,55 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel, chi2_sum, sample_count
 from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 
 MIN_INDEPENDENT_SHARE = 1e-5
-"""A sensitivity is not identifiable where less than this share of its square is independent of the others."""
-FAR_ABOVE_STATED = 2.0
+"""An unknown is not identifiable if less than this share of its derivatives (root of squares) is independent of those
+of other unknowns."""
+MAX_CHI2_OF_STATED_NOISE = 2.0
 """Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
-CHI2_NEAR_NOISE = 1.5
-"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves the signal itself."""
+MAX_CHI2_NEAR_NOISE = 1.5
+"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 
 MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8
-"""Largest number of times that a fit which ran out of steps is continued, and the steps each time: where values
-compensate each other, the cost is a bent valley, and one step goes down a hundredth of it."""
+"""Largest number of times that a fit which ran out of steps is continued, and number of further steps each time. Where
+parameters compensate each other, the cost is a bent valley, and a step goes down only a hundredth of it."""
 NEGLIGIBLE_CHI2_FALL = 1.0
 """Fall of chi2 over `CONTINUATION_STEPS`, in units of chi2 per sample, that changes no ranking."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A minimum of the cost.
+    """Result of a least-squares fit: the values of all unknowns at the minimum of the cost, and the residuals there.
 
     Attributes:
         problem: the model, runs and noise.
         free: (P,) bool, True for unknowns that were fitted.
         values: (P,) values of all unknowns.
         blocks: residuals at these values, and derivatives with respect to the free unknowns.
-        outcome: why the descent ended.
-        settled: (P,) optimised values of the same unknowns where the model's own error is part of the model (see
-            `output_error.AroundMotion`); None where they were not computed.
+        outcome: why the minimisation ended.
+        process_noise_values: (P,) values of the unknowns in a fit with process noise, in which random kicks stand for
+            the model's own error; None where they were not computed.
     """
 
     problem: Problem
     free: np.ndarray
     values: np.ndarray
-    blocks: tuple[Block, ...]
+    blocks: tuple[ResidualBlock, ...]
     outcome: Outcome
-    settled: np.ndarray | None = None
+    process_noise_values: np.ndarray | None = None
 
     @property
     def samples(self) -> int:
         """Number of measured samples."""
-        return samples_of(self.blocks)
+        return sample_count(self.blocks)
 
     @cached_property
     def chi2(self) -> float:
-        """Sum of squared residuals over the noise, without priors."""
-        return chi2_of(self.blocks)
+        """Sum of the squared residuals over the noise variance, without priors."""
+        return chi2_sum(self.blocks)
 
     @property
     def cost(self) -> float:
@@ -69,14 +70,14 @@ class Fit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion (Schwarz 1978), with the noise as assumed."""
+        """Bayesian information criterion (Schwarz 1978) of the fit, with the assumed noise."""
         constant = sum(len(b.residual) * np.log(2 * np.pi * b.noise**2) for b in self.blocks)
         return float(self.cost + constant + self.free.sum() * np.log(self.samples))
 
     @property
-    def considered(self) -> np.ndarray:
-        """(P,) bool: unknowns of the base model that have a prior but are not fitted (consider parameters)."""
-        return ~self.free & np.array([c.parameter.considered for c in self.problem.columns], dtype=bool)
+    def consider_parameters(self) -> np.ndarray:
+        """(P,) bool: consider parameters, which are not fitted but have a prior whose uncertainty counts."""
+        return ~self.free & np.array([c.parameter.is_consider_parameter for c in self.problem.columns], dtype=bool)
 
     @property
     def at_bound(self) -> tuple[str, ...]:
@@ -97,7 +98,7 @@ class Fit:
         }
 
     def contribution(self, effects: Collection[str]) -> dict[str, float]:
-        """Root mean square change of the fitted runs' predictions by `effects`, by channel, in its unit."""
+        """Root mean square difference that `effects` make to the predictions, by channel, in the channel's unit."""
         own = np.array([column.parameter.effect in effects for column in self.problem.columns])
         here, without = (self.problem.blocks(v) for v in (self.values, np.where(own, self.problem.null, self.values)))
         pairs = zip(here, without, strict=True)
@@ -105,44 +106,69 @@ class Fit:
 
 
 @np.errstate(all="ignore")  # the values of a diverging simulation are infinite
-def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
+def channel_rmse(blocks: Sequence[ResidualBlock]) -> dict[str, float]:
     """Root mean square residual by channel, in the channel's unit."""
-    misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in by_channel(blocks).items()}
+    misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in blocks_by_channel(blocks).items()}
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
 def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
-    """Minimise the cost over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
+    """Fit some unknowns of a problem by least squares; see `descend`.
+
+    Args:
+        problem: the model, runs and noise.
+        free: (P,) bool, unknowns that are fitted.
+        start: (P,) start values; unknowns that are not fitted keep them.
+        most_steps: largest number of steps.
+        tolerance: length of a step, in standard deviations, below which the fit has converged.
+    """
     found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
-def converged(found: Fit) -> Fit:
-    """The fit after further steps, as long as they lower the cost by an amount that matters in a comparison."""
+def continue_fit(found: Fit) -> Fit:
+    """Continue a fit that ran out of steps, as long as further steps lower the cost noticeably."""
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
         again = fit(found.problem, found.free, found.values, most_steps=CONTINUATION_STEPS)
-        before, found = found, replace(again, settled=found.settled)
+        before, found = found, replace(again, process_noise_values=found.process_noise_values)
         # Where the residual is far above the noise, it takes the noise's place.
         if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL * max(1.0, found.chi2_per_sample):
             break
     return found
 
 
-def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(P,) bool: unknowns of `free` that the runs and the priors identify beside all unknowns before them.
+def identifiable(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Find the unknowns that the runs and priors identify.
 
-    Unknowns of the base model come first, so of two that cannot be distinguished the base's is kept.
+    An unknown counts as identifiable where the unknowns before it cannot imitate its influence. Unknowns of the base
+    model come first, so they are preferred to those of effects.
+
+    Args:
+        problem: the model, runs and noise.
+        free: (P,) bool, unknowns to choose from.
+        values: (P,) values of all unknowns.
+
+    Returns:
+        (P,) bool.
     """
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = problem.expansion(values, free, guesses=False).hessian * np.outer(typical, typical)
-    return independent(whole, free)
+    return independent_columns(whole, free)
 
 
-def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(P,) bool: unknowns of `wanted` whose sensitivities are independent of earlier ones; `gram` (P, P) is S' S."""
+def independent_columns(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Find the unknowns whose derivatives are linearly independent of those of earlier unknowns.
+
+    Args:
+        gram: (P, P) products S' S of the derivatives S of all samples.
+        wanted: (P,) bool, unknowns to choose from.
+
+    Returns:
+        (P,) bool.
+    """
     index = np.flatnonzero(wanted)
     gram = gram[np.ix_(index, index)]
     norms = np.sqrt(np.maximum(np.diag(gram), 0.0))  # rounding may leave a negative number
@@ -156,15 +182,15 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return kept
 
 
-def first_part(run: Run, window: float) -> Run:
-    """The part of a run up to `window` s after the first sample of the compared channels."""
+def first_seconds(run: Run, window: float) -> Run:
+    """Cut a run `window` s after the first sample of the channels that a model can predict."""
     return run_until(run, _begin(run) + window)
 
 
-def duration(run: Run) -> float:
-    """Time from the first to the last sample of the compared channels, s."""
-    return max(float(run.channels[name].time[-1]) for name in run.measured or run.channels) - _begin(run)
+def run_duration(run: Run) -> float:
+    """Time from the first to the last sample of a run's channels that a model can predict, s."""
+    return max(float(run.channels[name].time[-1]) for name in run.predictable_channels or run.channels) - _begin(run)
 
 
 def _begin(run: Run) -> float:
-    return min(float(run.channels[name].time[0]) for name in run.measured or run.channels)
+    return min(float(run.channels[name].time[0]) for name in run.predictable_channels or run.channels)

@@ -1,8 +1,7 @@
-"""Runs that no fit has seen: how well a model predicts held-out runs and exam runs.
+"""Predict runs that were not fitted: held-out runs and exam runs.
 
-Held-out runs help to choose which effects are added, so their error flatters the model a little. An exam run is used
-for nothing else: no fit, no noise estimate, no name and no choice depends on it. Exam runs are evaluated only at the
-end.
+Held-out runs help to choose which effects are added, so their error is a little too small. Exam runs are used for
+nothing but their error: no fit, no noise estimate and no choice depends on them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -11,16 +10,16 @@ from math import sqrt
 
 import numpy as np
 
-from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.problem import Block, Problem, transferred, transferred_mask
+from armdyn.identify.fit import Fit, fit, identifiable
+from armdyn.identify.problem import Problem, ResidualBlock, transfer_mask, transfer_values
 from armdyn.run import Run
 
 MAX_ERROR_INCREASE = 0.02
-"""Relative increase of a predicted run's total error that an effect may cause."""
+"""Relative increase of the error on held-out runs up to which an added effect is accepted."""
 
-FitOwn = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
-"""Function that fits the unknowns of a single run: of its problem, (P,) start values, the (P,) bool unknowns that
-belong to the run, and those of them that are fitted."""
+FitRunUnknowns = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
+"""Function that fits the unknowns which belong to a single run, such as its start state. Its arguments are the problem
+of that run, (P,) start values, a (P,) mask of the run's unknowns, and a (P,) mask of those that are fitted."""
 
 
 def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
@@ -28,27 +27,30 @@ def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarra
     return fit(alone, free, start)
 
 
-def predictions(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
-    """Predict every run of `held_out` with a fit that has not seen it.
+def predict_runs(found: Fit, held_out: Sequence[Run], fit_own: FitRunUnknowns = _descend) -> list[Fit]:
+    """Predict held-out runs with the values of a fit to other runs; one `Fit` for each.
 
-    Only unknowns of a single run, such as the swing at its start, are fitted to a held-out run, by `fit_own`.
+    Args:
+        found: the fit to the other runs.
+        held_out: the runs to predict.
+        fit_own: function that fits those unknowns that belong to a run alone, such as its start state.
     """
     return [_predicted(found, run, fit_own) for run in held_out]
 
 
-def predictions_in_turn(found: Fit) -> list[Fit]:
-    """Predict every training run by a fit to the other training runs; an empty list for a single run."""
+def leave_one_out_predictions(found: Fit) -> list[Fit]:
+    """Predict every training run by a fit to the other training runs (leave one out); empty for a single run."""
     if len(found.problem.runs) == 1:
         return []
 
     def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
-        return fit(alone, free, np.where(own, transferred(found.values, found.problem, alone), start))
+        return fit(alone, free, np.where(own, transfer_values(found.values, found.problem, alone), start))
 
     return [_predicted(rest, run, fit_own) for run, rest in _without_each(found)]
 
 
-def blocks_of(fits: Sequence[Fit]) -> list[Block]:
-    """Residual blocks of several fits."""
+def all_blocks(fits: Sequence[Fit]) -> list[ResidualBlock]:
+    """Residual blocks of several fits in one list."""
     return [block for one in fits for block in one.blocks]
 
 
@@ -58,17 +60,20 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     for left_out in problem.runs:
         rest = [r for r in problem.runs if r is not left_out]
         others = Problem(problem.model, rest, problem.noise).with_wide_priors(sqrt(found.chi2_per_sample))
-        start = transferred(found.values, problem, others)
-        free = determined(others, transferred_mask(found.free, problem, others), start)
+        start = transfer_values(found.values, problem, others)
+        free = identifiable(others, transfer_mask(found.free, problem, others), start)
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
 
 
-def _predicted(found: Fit, run: Run, fit_own: FitOwn) -> Fit:
+def _predicted(found: Fit, run: Run, fit_own: FitRunUnknowns) -> Fit:
     """Predict one run, its own unknowns fitted."""
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
-    start, own = np.where(apart, alone.start(), transferred(found.values, source, alone)), alone.per_run | apart
+    start, own = (
+        np.where(apart, alone.start_values(), transfer_values(found.values, source, alone)),
+        alone.per_run | apart,
+    )
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
     free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if free.any():
@@ -88,9 +93,9 @@ def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
 
 
 class HoldoutKind(Enum):
-    """Kind of the runs on which an error was measured; the value says how the runs were used."""
+    """Kind of the runs on which an error was measured; the value is a text on how these runs were used."""
 
     EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
     HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"
-    IN_TURN = "held out: each run predicted from the others; these errors took part in choosing the effects"
+    LEAVE_ONE_OUT = "held out: each run predicted from the others; these errors took part in choosing the effects"
     TRAINING = "a single run: nothing was held out"

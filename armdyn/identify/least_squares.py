@@ -12,19 +12,20 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 GROSS_ERROR_RATIO = 20.0
-"""Squared error per sample, over the noise variance, beyond which derivatives say little about a distant minimum."""
+"""Squared error per sample, over the noise variance, above which an error is gross: derivatives then do not lead to a
+distant minimum."""
 MAX_STALLED_STEPS = 2
-"""Steps in a row that hardly reduce a gross error before a descent gives up."""
+"""Number of steps in a row with hardly any decrease of a gross error, after which a minimisation stops."""
 SUFFICIENT_DECREASE = 1e-4
-"""Share of the predicted decrease that a step must deliver (Armijo)."""
+"""Share of the predicted decrease of the cost that a step must reach to be accepted (Armijo's rule)."""
 
 
 class Expansion(NamedTuple):
-    """Quadratic expansion of the cost at a point.
+    """Quadratic expansion of the cost J at a point.
 
     Attributes:
         cost: J at the point.
-        gradient: (p,) derivatives of J.
+        gradient: (p,) first derivatives of J.
         hessian: (p, p) Gauss-Newton approximation, positive semidefinite.
     """
 
@@ -34,7 +35,7 @@ class Expansion(NamedTuple):
 
 
 class Outcome(Enum):
-    """Why a descent ended; the value is the text for a reader."""
+    """Reason why a minimisation ended; the value is a text for a reader."""
 
     CONVERGED = "converged: the next step would change no parameter by more than a thousandth of its uncertainty"
     STALLED = "stalled: no step lowers the cost further; the data may not determine all free parameters"
@@ -42,7 +43,7 @@ class Outcome(Enum):
 
 
 class Cost(Protocol):
-    """A cost that `descend` can minimise: its bounds, and its expansion at a point."""
+    """A cost that `descend` can minimise: (p,) lower and upper bounds, and a method that expands it at a point."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -52,7 +53,7 @@ class Cost(Protocol):
 
 
 class Descent(NamedTuple):
-    """End of a descent: (p,) values, the expansion of the cost there, the evaluations spent, and why it ended."""
+    """Result of a minimisation: (p,) values, the cost's expansion there, the number of evaluations, why it ended."""
 
     values: np.ndarray
     at: Expansion
@@ -63,7 +64,7 @@ class Descent(NamedTuple):
 def descend(
     problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2, samples: int = 0
 ) -> Descent:
-    """Minimise a cost by Gauss-Newton steps, damped in proportion to the Hessian's diagonal where they fail.
+    """Minimise a cost within bounds by Gauss-Newton steps, damped where a step would not lower the cost.
 
     Args:
         problem: the cost to minimise.
@@ -71,14 +72,14 @@ def descend(
         most_steps: largest number of steps; a descent that needs more has not converged.
         tolerance: a descent has converged where the next step is shorter than this, in standard deviations of each
             parameter.
-        samples: number of samples; where given, a descent with a gross error ends as stalled after `MAX_STALLED_STEPS`
-            steps in a row that each reduce the cost by less than one sample's share.
+        samples: number of samples. If it is given, a minimisation with a gross error ends after `MAX_STALLED_STEPS`
+            steps in a row that each lower the cost by less than one sample's share.
     """
     values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
     evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
     for _ in range(most_steps):
-        free = off_bounds(problem, values, at.gradient)
+        free = free_to_move(problem, values, at.gradient)
         step, size = newton_step(at, free, 0.0)
         if size < tolerance:
             outcome = Outcome.CONVERGED
@@ -105,15 +106,15 @@ def descend(
     return Descent(values, at, evaluations, outcome)
 
 
-def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """(p,) bool: False for a parameter that is on a bound and that the gradient pushes against it."""
+def free_to_move(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(p,) bool: False for a parameter on a bound beyond which the cost would fall further."""
     below = (values <= problem.lower) & (gradient > 0)
     above = (values >= problem.upper) & (gradient < 0)
     return ~(below | above)
 
 
 def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -> bool:
-    """Armijo's rule: the cost fell by at least a share of the decrease that the gradient predicts."""
+    """Whether the cost fell by at least `SUFFICIENT_DECREASE` of what the gradient predicts (Armijo's rule)."""
     promised = -float(before.gradient @ step)
     return bool(np.isfinite(after.cost) and before.cost - after.cost >= SUFFICIENT_DECREASE * max(promised, 0.0))
 

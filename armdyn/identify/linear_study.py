@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.explained import Scale, share_gone
-from armdyn.identify.fit import Fit, channel_rmse, determined, fit
-from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.explained_share import ChannelScale, explained_error_share
+from armdyn.identify.fit import Fit, channel_rmse, fit, identifiable
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import LinearScorer, noisy
+from armdyn.identify.selection.linear_scorer import LinearScorer, max_noise_ratio
 from armdyn.identify.selection.sums import sums, with_places
 from armdyn.identify.study import Study
 
@@ -30,10 +30,10 @@ class LinearStudy(Study):
         return {}
 
     def _fit_as_given(self) -> Fit:
-        wanted = self.problem.fitted & self.problem.of(self.model.names)
-        free = determined(self.problem, wanted, self.problem.start())
-        found = fit(self.problem, free, self.problem.start())
-        again = determined(self.problem, wanted, found.values)
+        wanted = self.problem.fitted & self.problem.unknowns_of(self.model.names)
+        free = identifiable(self.problem, wanted, self.problem.start_values())
+        found = fit(self.problem, free, self.problem.start_values())
+        again = identifiable(self.problem, wanted, found.values)
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
@@ -43,12 +43,12 @@ class LinearStudy(Study):
         """
         if values is None:
             scorer = self.scorer(near)
-            values = self.own_values(scorer, scorer.of(scorer.within(effects)))
+            values = self.own_values(scorer, scorer.evaluate(scorer.split_into_candidates(effects)))
         problem = self.problem
-        wanted = problem.of([name for c in effects for name in c.names])
-        fixed = problem.of(self.present_names) & ~problem.fitted
+        wanted = problem.unknowns_of([name for c in effects for name in c.names])
+        fixed = problem.unknowns_of(self.present_names) & ~problem.fitted
         free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
-        free = determined(problem, free, values) | (free & self.first().free)
+        free = identifiable(problem, free, values) | (free & self.first().free)
         return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
 
     def with_places(self, at: Fit) -> Fit:
@@ -58,9 +58,9 @@ class LinearStudy(Study):
         return replace(at, values=values)
 
     def explained_share(self, before: Fit, after: Fit) -> float:
-        """Share of the squared error that is explained, on held-out runs where there are any; see `explained`."""
+        """Share of the squared error that is explained, on held-out runs where there are any; see `explained_share`."""
         first, last = (self.held_out_blocks(one) if self.held_out else one.blocks for one in (before, after))
-        return share_gone(channel_rmse(first), channel_rmse(last), Scale.of(first))
+        return explained_error_share(channel_rmse(first), channel_rmse(last), ChannelScale.of(first))
 
     def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
         """Predictions of training runs from each other, beside those of held-out runs, where there are any."""
@@ -91,7 +91,7 @@ class LinearStudy(Study):
             for block in one.blocks:
                 left.setdefault(block.channel, []).append(block.misfit / noise[block.run, block.channel])
         squares = [np.concatenate(parts) ** 2 for parts in left.values()]
-        shares = [noisy(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
+        shares = [max_noise_ratio(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
         return float(np.mean(shares)) >= 1.0
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
@@ -105,7 +105,7 @@ class LinearStudy(Study):
         if found is None:
             found = self._scorer_around(at)
         if given_misfit is not None:
-            found = found.compared_with(given_misfit)
+            found = found.with_given_misfit(given_misfit)
         self._scorers[at] = found
         if len(self._scorers) > CACHED_SCORERS:
             del self._scorers[next(iter(self._scorers))]
@@ -113,13 +113,18 @@ class LinearStudy(Study):
 
     def _scorer_around(self, at: Fit) -> LinearScorer:
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
-        values = transferred(at.values, self.problem, everything)
-        free = transferred_mask(at.free, self.problem, everything)
-        present = everything.of([n for c in self.present for n in c.names])
-        own = [a for c in self.present for a in c.split_by_joint() if np.all(everything.fitted[everything.of(a.names)])]
-        present &= ~everything.of([n for c in own for n in c.names])
+        values = transfer_values(at.values, self.problem, everything)
+        free = transfer_mask(at.free, self.problem, everything)
+        present = everything.unknowns_of([n for c in self.present for n in c.names])
+        own = [
+            a
+            for c in self.present
+            for a in c.split_by_joint()
+            if np.all(everything.fitted[everything.unknowns_of(a.names)])
+        ]
+        present &= ~everything.unknowns_of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.split_by_joint())]
-        absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
+        absent = [c for c in atoms if not np.any(free & everything.unknowns_of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
         return LinearScorer(around, always, atoms, own, self.catalogue_size)

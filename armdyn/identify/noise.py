@@ -1,4 +1,4 @@
-"""Test whether a residual is white, and whiten one that is not."""
+"""Test whether a residual is white noise, and whiten a residual that is correlated in time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,21 +6,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from armdyn.identify.problem import Block, by_channel
+from armdyn.identify.problem import ResidualBlock, blocks_by_channel
 from armdyn.linear.correlation import correlation_time, lagged_products
 
 WHITENESS_LAGS = 20
-"""Lags of the whiteness test."""
+"""Number of lags, in samples, that the whiteness test uses."""
 MAX_AUTOREGRESSION_ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
 MAX_CORRELATION_LAGS = 50
-"""Largest number of lags that count in the variance of a mean."""
+"""Largest number of lags, in samples, whose autocorrelation counts in the variance of a mean."""
 
 
-def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:
-    """Probability that white noise is as correlated as (n,) `residual` (Ljung & Box, Biometrika 65, 1978)."""
+def ljung_box(residual: np.ndarray) -> float:
+    """Probability that white noise is at least as correlated as a residual (n,) (Ljung & Box, Biometrika 65, 1978)."""
     n = len(residual)
-    lags = min(lags, n // 5)
+    lags = min(WHITENESS_LAGS, n // 5)
     if lags < 1:
         return 1.0
     products = lagged_products([residual - residual.mean()], lags)
@@ -30,10 +30,13 @@ def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:
 
 
 def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
-    """Factor by which a correlated residual, in units of the noise, widens the variance of a mean over white noise.
+    """Factor by which the variance of a mean grows because a residual is not white noise of variance one.
 
     It is chi2/N (1 + 2 sum of the autocorrelations up to the first that is not positive) (Bayley & Hammersley, J. R.
-    Stat. Soc. 1946). It is below 1 where the stated noise is too large.
+    Stat. Soc. 1946); below 1 where the assumed noise is too large.
+
+    Args:
+        residuals: stretches (n,) of the residual, in units of the assumed noise.
     """
     power = sum(float(residual @ residual) for residual in residuals)
     samples = sum(len(residual) for residual in residuals)
@@ -43,9 +46,9 @@ def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
 
 
 def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESSION_ORDER) -> np.ndarray:
-    """(order,) coefficients of e_t = sum a_k e_{t-k} + white, by Yule-Walker over several stretches.
+    """(order,) coefficients a_k of the autoregression e_t = sum_k a_k e_{t-k} + white noise, from several stretches e.
 
-    Yule-Walker's estimate is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
+    They are the Yule-Walker estimate, which is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
     """
     products = lagged_products(residuals, order)
     if products[0] <= 0.0:
@@ -56,16 +59,16 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESS
 
 
 def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Coefficients (0 to `MAX_AUTOREGRESSION_ORDER`,) of the autoregression with the lowest BIC.
+    """Coefficients of the autoregression with the lowest BIC, of an order from 0 to `MAX_AUTOREGRESSION_ORDER`.
 
-    Superfluous coefficients misjudge short runs: the sum of four of them over 60 white samples is wrong by 0.25, and
-    every standard deviation of a constant with it.
+    Superfluous coefficients are harmful for short runs: from 60 white samples the sum of four coefficients is wrong by
+    0.25, and with it the standard deviation of a constant.
     """
     samples = sum(len(residual) for residual in residuals)
     best, lowest = np.zeros(0), np.inf
     for order in range(MAX_AUTOREGRESSION_ORDER + 1):
         coefficients = autoregression(residuals, order) if order else np.zeros(0)
-        left = np.concatenate([whitened(residual, coefficients) for residual in residuals])
+        left = np.concatenate([whiten(residual, coefficients) for residual in residuals])
         variance = max(float(np.mean(left**2)), np.finfo(float).tiny)
         bic = samples * np.log(variance) + order * np.log(samples)
         if bic < lowest:
@@ -73,8 +76,11 @@ def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
     return best
 
 
-def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """(n, ...) rows filtered by 1 - sum a_k z^-k; the first rows, whose past is unknown, are left out."""
+def whiten(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Whiten (n, ...) samples: subtract from each what an autoregression predicts from the samples before it.
+
+    The first samples, as many as there are coefficients, are left out.
+    """
     order = len(coefficients)
     if len(rows) <= order:
         return rows
@@ -86,27 +92,27 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Filter that makes the residual of a channel white, with variance one.
+    """Filter that turns the residual of a channel into white noise of variance one.
 
     Attributes:
         coefficients: coefficients of the autoregression.
-        std: standard deviation of the filtered residual, in units of the noise.
+        std: standard deviation of the residual after the autoregression, in units of the assumed noise.
     """
 
     coefficients: np.ndarray
     std: float
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """Filter (n, ...) rows and divide them by the noise; see `whitened`."""
-        return whitened(rows, self.coefficients) / self.std
+        """Whiten (n, ...) samples and scale them to variance one; see `whiten`."""
+        return whiten(rows, self.coefficients) / self.std
 
 
-def whitening(blocks: Sequence[Block]) -> dict[str, Whitening]:
-    """Whitening filters by channel, estimated from the residuals of a fit."""
+def whitening_filters(blocks: Sequence[ResidualBlock]) -> dict[str, Whitening]:
+    """Estimate whitening filters, by channel, from the residuals of a fit."""
     found = {}
-    for channel, mine in by_channel(blocks).items():
+    for channel, mine in blocks_by_channel(blocks).items():
         stretches = [block.residual for block in mine]
         coefficients = likeliest_autoregression(stretches)
-        left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
+        left = np.concatenate([whiten(stretch, coefficients) for stretch in stretches])
         found[channel] = Whitening(coefficients, float(np.sqrt(np.mean(left**2))))
     return found

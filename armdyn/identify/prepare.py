@@ -13,29 +13,36 @@ from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
 MAX_SAMPLES = 5_000_000
+"""Largest number of samples in a channel of a run."""
 ASSUMED_NOISE_SHARE = 1e-6
-"""Noise assumed where a channel shows none, as a share of its range."""
+"""Smallest standard deviation of the noise that is assumed for a channel, as a share of its range."""
 
 
-def prepared(
+def prepare_runs(
     model: Model, runs: Sequence[Run], held_out: Sequence[Run] = (), exam: Sequence[Run] = ()
 ) -> tuple[list[Run], list[Run], list[Run]]:
-    """Check and thin training, held-out and exam runs; the exam runs do not influence the other two.
+    """Check training, held-out and exam runs and prepare them for a comparison with a model.
+
+    Runs are cut at gaps and, for an arm, filtered to a lower sampling rate. Exam runs do not influence the other two
+    kinds.
+
+    Returns:
+        The prepared training, held-out and exam runs.
 
     Raises:
-        InputError: a run is given twice (also as a copy), a signal is constant or too short, or the runs contain no
-            channel that the model predicts.
+        InputError: no run is given, a run is given twice (also as a copy), a signal is constant or too short, or the
+            runs contain no channel that the model predicts.
     """
     if not runs:
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
-    runs, held_out, exam = ([model.taking(run) for run in given] for given in (runs, held_out, exam))
+    runs, held_out, exam = ([model.with_model_channels(run) for run in given] for given in (runs, held_out, exam))
     check_distinct_data(model, [*runs, *held_out, *exam])
     held_out, exam = ([_of_channels(model, run, runs) for run in given] for given in (held_out, exam))
     named = with_distinct_names([*runs, *held_out])
-    parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
+    parts = [split_at_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
     beside = list(chain(*parts[: len(named)]))
-    found = [pieces(model, of_run, beside) for of_run in parts]
+    found = [prepare_parts(model, of_run, beside) for of_run in parts]
     kinds = found[: len(runs)], found[len(runs) : len(named)], found[len(named) :]
     training, others, last = (list(chain(*kind)) for kind in kinds)
     return training, others, last
@@ -58,11 +65,14 @@ def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
         yield replace(run, name=name)
 
 
-def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """Standard deviation of the noise by run and channel: as stated beside the recording, else from its differences."""
+def run_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+    """Standard deviation of the noise by run and channel: as the recording states it, else estimated from the samples.
+
+    The estimate is that of white noise, from differences of neighbouring samples.
+    """
     noise: dict[tuple[str, str], float] = {}
     for run in runs:
-        jumps = model.jumps(run)
+        jumps = model.jump_times(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
             floor = max(ASSUMED_NOISE_SHARE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
@@ -73,7 +83,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
 
 
 def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """Standard deviation of the noise that each recording states, by run and channel; filtered samples have less."""
+    """Standard deviation of the noise that each recording states for its original samples, by run and channel."""
     stated = {run.name: run.recording.noise for run in runs}
     return {
         (run.name, name): stated[run.name][name]
@@ -83,8 +93,8 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], flo
     }
 
 
-def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
-    """Check one run and cut it where samples are missing that the model cannot do without.
+def split_at_gaps(model: Model, run: Run) -> tuple[Run, ...]:
+    """Check one run, and split it at gaps that the model cannot simulate through.
 
     Raises:
         InputError: the run is too long, a signal is constant or too short, or it contains no channel that the model
@@ -93,32 +103,35 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > MAX_SAMPLES:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
-    parts = model.between_gaps(run)
+    parts = model.split_at_gaps(run)
     for part in parts:
         for name in model.predicted_channels(part):
             part.require_informative(name)
     return parts
 
 
-def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
-    """The pieces of a run in the form in which the model predicts them.
+def prepare_parts(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
+    """Prepare the parts of a run for the comparison with a model, and split them as the model simulates them.
 
     Args:
         model: the model of the comparison.
-        parts: parts of the run; see `without_gaps`.
-        beside: other runs of the same arm; see `Model.prepared`.
+        parts: parts of the run between gaps; see `split_at_gaps`.
+        beside: other runs of the same arm; see `Model.prepare_run`.
 
     Raises:
         InputError: a signal is constant or too short.
     """
-    return [piece for part in parts for piece in model.pieces(model.prepared(part, beside))]
+    return [piece for part in parts for piece in model.split_into_pieces(model.prepare_run(part, beside))]
 
 
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
-    """Refuse a file that is given twice.
+    """Check that no recording is given twice.
 
     Args:
-        runs: runs by their use, such as ``"a training run"``.
+        runs: runs by how they are used, such as ``"a training run"``, for the message.
+
+    Raises:
+        InputError: a recording is given twice.
     """
     seen: dict[object, str] = {}
     for role, those in runs.items():
@@ -133,7 +146,11 @@ def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
 
 
 def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
-    """Refuse a copy of a recording, also in another format: it is not an independent recording."""
+    """Check that no two runs contain the same samples, as a copy of a recording in another format does.
+
+    Raises:
+        InputError: two runs contain the same samples.
+    """
     seen: dict[object, Run] = {}
     for run in runs:
         readings = tuple(run.channels[name].value.round(9).tobytes() for name in model.predicted_channels(run))
@@ -144,7 +161,7 @@ def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
 
 
 def with_distinct_names(runs: Sequence[Run]) -> list[Run]:
-    """Rename runs to their file name, with the folder where the same file name occurs twice."""
+    """Rename runs so that their names differ: the folder is added to a file name that occurs twice."""
     names = [run.name for run in runs]
     result = []
     for i, run in enumerate(runs):

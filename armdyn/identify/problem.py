@@ -1,6 +1,6 @@
-"""Runs, a model and a noise as one least-squares problem in which any parameter can be free.
+"""The least-squares problem of a model, runs and their noise, in which any parameter can be fitted or fixed.
 
-A diagnosis needs many fits that differ only in which parameters are free. So the residuals and their derivatives with
+A diagnosis needs many fits that differ only in which parameters are fitted. So the residuals and their derivatives with
 respect to every parameter are evaluated together, and a fit selects its columns.
 """
 
@@ -15,29 +15,29 @@ from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Expansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 CACHED_POINTS = 3
+"""Number of points whose residuals and derivatives are cached."""
 WEAK_PRIOR_SIZE = 0.1
-"""Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
-stretch of motion determines a length ten times better, and a stretch at rest must not change it."""
+"""Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter shared by all
+runs: a stretch of motion determines a length ten times better, and a stretch at rest must not change it."""
 EFFECT_PRIOR_SIZE = 10.0
-"""Prior standard deviation of an effect's value about its null value, in typical sizes. A value that a few samples
-hardly determine stays small, and a placeholder of 1 kg can still become 95 kg."""
-Noise = Mapping[tuple[str, str], float]
+"""Standard deviation, in typical sizes, of the wide prior of an effect's parameter about its null value: a parameter
+that few samples determine stays small, and a mass of typical size 1 kg can still become 95 kg."""
+NoiseByChannel = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown of the problem: a parameter of all runs, or of one run.
+    """One unknown of a least-squares problem: a parameter that all runs share, or a parameter of one run.
 
     Attributes:
-        name: ``"length"`` or ``"initial_angle[a.csv]"``.
+        name: such as ``"length"``, or ``"initial_angle[a.csv]"`` for one run.
         parameter: the parameter, with its bounds and prior.
-        index: position of the parameter in the model's vector.
-        run: position of the run it belongs to; None for all runs.
+        index: position of the parameter in the model's parameter vector.
+        run: position of the run to which it belongs; None if all runs share it.
     """
 
     name: str
@@ -47,8 +47,8 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """The samples of one channel in one run.
+class ResidualBlock:
+    """Measured samples of one channel in one run, with the residual of a prediction and its derivatives.
 
     Attributes:
         run: name of the run.
@@ -56,7 +56,7 @@ class Block:
         measured: (n,) samples.
         residual: (n,) measured minus predicted, in units of `noise`.
         sensitivities: (n, P) derivatives of the prediction over `noise`, one column per unknown.
-        noise: standard deviation, in the channel's unit.
+        noise: standard deviation of the noise of one sample, in the channel's unit.
     """
 
     run: str
@@ -68,17 +68,17 @@ class Block:
 
     @property
     def misfit(self) -> np.ndarray:
-        """Residual (n,), measured minus predicted, in the channel's unit."""
+        """(n,) residual, measured minus predicted, in the channel's unit."""
         return self.residual * self.noise
 
     @property
     def predicted(self) -> np.ndarray:
-        """Predicted samples (n,), in the channel's unit."""
+        """(n,) predicted samples, in the channel's unit."""
         return self.measured.value - self.misfit
 
     @property
     def time(self) -> np.ndarray:
-        """Times of the samples (n,), s."""
+        """(n,) times of the samples, s."""
         return self.measured.time
 
     @property
@@ -87,67 +87,66 @@ class Block:
         return self.measured.unit
 
     def interpolate(self, signal: Channel) -> np.ndarray:
-        """Interpolate another signal of the run at the times of the samples, (n,)."""
+        """(n,) values of another signal of the run, interpolated at the times of the samples."""
         return np.asarray(np.interp(self.time, signal.time, signal.value))
 
 
-def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
+def blocks_by_channel(blocks: Sequence[ResidualBlock]) -> dict[str, list[ResidualBlock]]:
     """Group blocks by channel; channels keep the order of their first blocks."""
-    found: dict[str, list[Block]] = {}
+    found: dict[str, list[ResidualBlock]] = {}
     for block in blocks:
         found.setdefault(block.channel, []).append(block)
     return found
 
 
 @np.errstate(all="ignore")  # the values of a diverging simulation are infinite
-def chi2_of(blocks: Sequence[Block]) -> float:
-    """Sum of the squared residuals over the noise variance; infinite where a simulation diverges."""
+def chi2_sum(blocks: Sequence[ResidualBlock]) -> float:
+    """Sum of the squared residuals of some blocks, over the noise variance; infinite where a simulation diverges."""
     found = float(sum(block.residual @ block.residual for block in blocks))
     return found if np.isfinite(found) else np.inf
 
 
-def samples_of(blocks: Sequence[Block]) -> int:
+def sample_count(blocks: Sequence[ResidualBlock]) -> int:
     """Number of samples in some blocks."""
     return sum(len(block.residual) for block in blocks)
 
 
-def deviates(chi2: float, samples: int) -> float:
-    """Number of standard deviations by which a chi2 exceeds the number of samples."""
+def chi2_z_value(chi2: float, samples: int) -> float:
+    """By how many standard deviations a sum of squares `chi2` exceeds that of so many samples of white noise."""
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
 GUESS_PRIOR_SIZE = 3.0
-"""Standard deviation of a first guess, in typical sizes. The guess acts as a prior where the runs do not identify a
-value, which could otherwise drift out of the range in which the formula is valid; it does not move identified
-values."""
+"""Standard deviation of a first guess, in typical sizes. The guess acts as a weak prior: it keeps values that the runs
+do not identify in the range where the equations are valid, and hardly changes the others."""
 
 
 class Problem:
-    """The least-squares problem of a model and runs.
+    """The least-squares problem of fitting a model to runs.
 
     Args:
-        model: the model; its values are the start. Parameters of scope ``"per_run"`` are one unknown for each run.
+        model: the model; a fit starts from its values. A parameter of scope ``"per_run"`` is one unknown for each run.
         runs: recordings with different names.
         noise: standard deviation by run and channel, in the channel's unit.
 
-    Stated values (`known`) of a run are priors: one for all runs where they agree, else one for each run.
+    Values that a run states (`Run.known`) are priors: one for all runs where they agree, else one for each run.
 
     Attributes:
         jumps: likeliest value by unknown, for effects whose only value has no influence at null; see
             `armdyn.identify.state_space.places`.
     """
 
-    def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
+    def __init__(self, model: Model, runs: Sequence[Run], noise: NoiseByChannel) -> None:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise = model, tuple(runs), noise
-        differing = {name for name in model.names if len({_stated(run, name) for run in runs}) > 1}
+        differing = {name for name in model.names if len({run.known.get(name) for run in runs}) > 1}
         columns: list[Unknown] = []
         for index, parameter in enumerate(model.parameters.values()):
             if parameter.scope == "shared" and parameter.name not in differing:
                 columns.append(Unknown(parameter.name, _informed(parameter, runs[0]), index, None))
         for i, run in enumerate(runs):
-            guess = model.guess_start(run)
+            guess = model.guess_start_state(run)
             for index, parameter in enumerate(model.parameters.values()):
                 if parameter.scope == "shared" and parameter.name not in differing:
                     continue
@@ -162,19 +161,19 @@ class Problem:
         self.upper = np.array([p.upper for p in parameters])
         self.typical = np.array([p.typical for p in parameters])
         self.null = np.array([p.null for p in parameters])
-        recorded = {name for run in runs for name in run.everything}
-        self.fitted = np.array([p.fitted and p.shows_in(recorded) for p in parameters], dtype=bool)
+        recorded = {name for run in runs for name in run.all_channels}
+        self.fitted = np.array([p.fitted and p.is_identifiable_from(recorded) for p in parameters], dtype=bool)
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
-        guessed = self.of(model.first_guesses) & (self.prior_weight == 0.0)
+        guessed = self.unknowns_of(model.guessed_parameters) & (self.prior_weight == 0.0)
         self.guess_mean, self.guess_weight = (
-            self.start(),
+            self.start_values(),
             np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
         )
         self.jumps: dict[int, float] = {}
-        self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
-        self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
+        self._whole: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
+        self._partial: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
@@ -182,8 +181,11 @@ class Problem:
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
 
-    def place(self, places: Mapping[str, float]) -> None:
-        """Set start values by parameter name, for parameters without influence at their effect's null value."""
+    def set_thresholds(self, places: Mapping[str, float]) -> None:
+        """Set start values, by name, of parameters such as thresholds that have no influence while an effect is null.
+
+        The start value becomes the parameter's null value too.
+        """
         moved = [
             replace(c, parameter=replace(p, value=places[p.name], null=places[p.name])) if p.name in places else c
             for c in self.columns
@@ -192,26 +194,29 @@ class Problem:
         self.columns = tuple(moved)
         self.null = np.array([c.parameter.null for c in moved])
 
-    def places(self, run: int) -> np.ndarray:
-        """(p,) position among the unknowns of each of the model's parameters, in one run."""
+    def unknowns_of_run(self, run: int) -> np.ndarray:
+        """(p,) indices of the unknowns that are the model's parameters in the run with index `run`."""
         return self._of_run[run]
 
     def _placed(self, run: int) -> np.ndarray:
-        """(p,) positions for one run; see `places`."""
+        """(p,) positions for one run; see `unknowns_of_run`."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
-    def start(self) -> np.ndarray:
-        """(P,) start values: those of the model, and first guesses."""
+    def start_values(self) -> np.ndarray:
+        """(P,) start values of the unknowns: the model's values, and first guesses for unknowns of one run."""
         return np.array([c.parameter.value for c in self.columns])
 
     @property
     def samples(self) -> int:
-        """Number of measured samples."""
+        """Number of measured samples that the model predicts, over all runs."""
         return sum(len(run.channels[name].value) for run in self.runs for name in self.model.predicted_channels(run))
 
     def with_weak_priors(self, values: np.ndarray) -> "Problem":
-        """The problem with weak priors at (P,) values of unknowns without a prior, for runs with little information."""
+        """A copy of the problem with weak priors about (P,) values for all unknowns without a prior.
+
+        It is used for short stretches of runs, which do not identify every unknown.
+        """
         held = copy(self)
         unknown = self.prior_weight == 0.0
         width = np.where(self.per_run, 1.0, WEAK_PRIOR_SIZE) * self.typical
@@ -220,11 +225,13 @@ class Problem:
         return held
 
     def with_wide_priors(self, left: float) -> "Problem":
-        """The problem with a prior of usual size on every effect's value, for runs that do not identify each one.
+        """A copy of the problem with a wide prior on every effect's parameter that has none, about its null value.
+
+        It is used for few runs, which do not identify every effect.
 
         Args:
-            left: root mean square residual of a fit, in standard deviations of the noise; the information of a sample
-                is reduced by it.
+            left: root mean square residual of a fit, in standard deviations of the noise. The priors are stronger by
+                this factor, because each sample gives less information.
         """
         held = copy(self)
         unknown = self.is_effect & (self.prior_weight == 0.0)
@@ -232,34 +239,34 @@ class Problem:
         held.prior_weight = np.where(unknown, max(1.0, left) / (EFFECT_PRIOR_SIZE * self.typical), self.prior_weight)
         return held
 
-    def key(self, unknown: int) -> tuple[str, str | None]:
-        """Identity of an unknown in any problem: its parameter, and the name of the run that it belongs to."""
+    def unknown_key(self, unknown: int) -> tuple[str, str | None]:
+        """Key of an unknown that is the same in other problems: its parameter's name, and its run's name or None."""
         column = self.columns[unknown]
         return column.parameter.name, None if column.run is None else self.runs[column.run].name
 
-    def of(self, names: Sequence[str]) -> np.ndarray:
-        """(P,) bool: the unknowns of the parameters `names`."""
+    def unknowns_of(self, names: Sequence[str]) -> np.ndarray:
+        """(P,) bool: True for the unknowns that belong to the parameters `names`."""
         wanted = {self.model.names.index(name) for name in names}
         return np.array([c.index in wanted for c in self.columns], dtype=bool)
 
     @property
     def per_run(self) -> np.ndarray:
-        """(P,) bool: the unknowns that belong to one run."""
+        """(P,) bool: True for the unknowns that belong to one run, such as its start state."""
         return np.array([c.run is not None for c in self.columns], dtype=bool)
 
     def theta(self, run: int, values: np.ndarray) -> np.ndarray:
-        """(p,) the model's parameter vector in one run."""
+        """(p,) parameter vector of the model in the run with index `run`, from (P,) values of the unknowns."""
         return values[self._of_run[run]]
 
-    def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[Block]:
-        """Evaluate residuals and derivatives at (P,) values; the last few points are cached.
+    def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[ResidualBlock]:
+        """Evaluate the residuals of all channels of all runs, and their derivatives; the last few points are cached.
 
         Args:
             values: (P,) values of the unknowns.
             wanted: (P,) bool, unknowns whose derivatives are needed; None means all. Derivatives of the others may be
                 0.
         """
-        held = frozenset(self._effects) if wanted is None else self.needed(values, wanted)
+        held = frozenset(self._effects) if wanted is None else self.needed_effects(values, wanted)
         key, everything = (values.tobytes(), held), (values.tobytes(), frozenset(self._effects))
         if everything in self._whole:  # it serves every fit that starts here, so others must not replace it
             return self._whole[everything]
@@ -267,23 +274,28 @@ class Problem:
         if key not in memory:
             while len(memory) >= CACHED_POINTS:
                 del memory[next(iter(memory))]
-            memory[key] = self._blocks(values, *self.holding(held))
+            memory[key] = self._blocks(values, *self.reduced_model(held))
         return memory[key]
 
-    def needed(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
-        """Effects on which predictions at (P,) values, or derivatives by the (P,) bool `wanted` unknowns, depend."""
+    def needed_effects(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
+        """Names of the effects that matter for predictions and wanted derivatives.
+
+        Args:
+            values: (P,) values of the unknowns; an effect matters where one of its values is not null.
+            wanted: (P,) bool, unknowns whose derivatives are needed; their effects matter too.
+        """
         concerned = self._of_effects & (wanted | (values != self.null))
         return frozenset(compress(self._effects, concerned.any(axis=1) | ~self._of_effects.any(axis=1)))
 
-    def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
-        """A model with at least these effects, and (q,) positions of its parameters in the whole model."""
+    def reduced_model(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
+        """A faster model with at least the `needed` effects, and (q,) indices of its parameters in the whole model."""
         if needed not in self._lean:
-            model = self.model.holding(needed, self.runs)
+            model = self.model.reduced_model(needed, self.runs)
             place = {name: i for i, name in enumerate(self.model.names)}
             self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]
 
-    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[Block]:
+    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[ResidualBlock]:
         found = []
         for i, run in enumerate(self.runs):
             prediction = model.predict(run, self.theta(i, values)[places])
@@ -294,12 +306,18 @@ class Problem:
                 sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
                 measured = run.channels[channel]
                 residual = (measured.value - prediction.values[rows]) / noise
-                found.append(Block(run.name, channel, measured, residual, sensitivities, noise))
+                found.append(ResidualBlock(run.name, channel, measured, residual, sensitivities, noise))
         return found
 
     @np.errstate(all="ignore")  # a diverging simulation has infinite cost, and a step to it is shortened
     def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
-        """Expand the cost at (P,) `values` in the unknowns `free`; first guesses may act as very weak priors."""
+        """Expand the cost to second order (Gauss-Newton) at a point.
+
+        Args:
+            values: (P,) values of the unknowns.
+            free: (P,) bool, unknowns with respect to which the cost is expanded.
+            guesses: whether first guesses act as weak priors; see `GUESS_PRIOR_SIZE`.
+        """
         prior = self.prior_weight * (self.prior_mean - values)
         guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))
         cost = float(prior @ prior + guess @ guess) / 2
@@ -310,25 +328,44 @@ class Problem:
             sensitivities = block.sensitivities[:, free]
             gradient -= sensitivities.T @ block.residual
             hessian += sensitivities.T @ sensitivities
-        return Expansion(cost + chi2_of(blocks) / 2, gradient, hessian)
+        return Expansion(cost + chi2_sum(blocks) / 2, gradient, hessian)
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
-        """Minimise over the unknowns `free`, (P,) bool; the others stay at `start`. The result has all (P,) values."""
-        part = FreePart(self, free, start)
+        """Minimise the cost; see `descend`.
+
+        Args:
+            free: (P,) bool, unknowns that change.
+            start: (P,) start values; the other unknowns keep them.
+            most_steps: largest number of steps.
+            tolerance: length of a step, in standard deviations, below which the minimisation has converged.
+
+        Returns:
+            The result, with (P,) values of all unknowns.
+        """
+        part = FreeCost(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
-        return found._replace(values=part.whole(found.values))
+        return found._replace(values=part.all_values(found.values))
 
 
-def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
-    """Transfer the values of one problem's unknowns to another, by parameter and run.
+def transfer_values(
+    values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None
+) -> np.ndarray:
+    """Transfer values of the unknowns of one problem to those of another one, by parameter and run.
 
-    Other unknowns get the start values of the target, or `missing`. One unknown of all runs may become one for each
-    run, where the runs have different stated values.
+    Args:
+        values: (P,) values for the unknowns of `source`.
+        source: problem from which values are taken.
+        target: problem for which values are returned.
+        missing: value of an unknown that `source` lacks; None means its start value.
+
+    Returns:
+        (P',) values for the unknowns of `target`. A parameter that all runs share in one problem may have one unknown
+        for each run in the other.
     """
-    result = target.start() if missing is None else np.full(len(target.columns), missing)
-    place = {source.key(i): i for i in range(len(source.columns))}
+    result = target.start_values() if missing is None else np.full(len(target.columns), missing)
+    place = {source.unknown_key(i): i for i in range(len(source.columns))}
     for i in range(len(target.columns)):
-        name, run = target.key(i)
+        name, run = target.unknown_key(i)
         others = [r.name for r in target.runs] if run is None else [None] * any(r.name == run for r in source.runs)
         key = next((key for key in ((name, run), *((name, other) for other in others)) if key in place), None)
         if key is not None:
@@ -336,34 +373,36 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
     return result
 
 
-def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
-    """Transfer a (P,) bool mask of one problem's unknowns to another, (P',); what the source lacks is False."""
-    return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
+def transfer_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
+    """Transfer a (P,) bool mask of the unknowns of `source` to those of `target`, (P',); False for missing ones."""
+    return transfer_values(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class FreePart:
-    """The cost of a problem in the unknowns that (P,) bool marks as free; the others are fixed at (P,) values."""
+class FreeCost:
+    """The cost of a problem as a function of some of its unknowns, while the others are fixed.
+
+    Args:
+        problem: the problem.
+        free: (P,) bool, the p unknowns that vary.
+        start: (P,) values, at which the others are fixed.
+    """
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
         self._problem, self._free, self._start = problem, free, start
         self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
-    def whole(self, values: np.ndarray) -> np.ndarray:
-        """(P,) values of all unknowns, from the free ones."""
+    def all_values(self, values: np.ndarray) -> np.ndarray:
+        """(P,) values of all unknowns, from (p,) values of those that vary."""
         everything = self._start.copy()
         everything[self._free] = values
         return everything
 
     def evaluate(self, values: np.ndarray) -> Expansion:
-        """Evaluate the cost; it is infinite where a simulation diverges. See `Cost.evaluate`."""
-        at = self._problem.expansion(self.whole(values), self._free)
+        """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges."""
+        at = self._problem.expansion(self.all_values(values), self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at
-
-
-def _stated(run: Run, name: str) -> KnownQuantity | None:
-    return run.known.get(name)
 
 
 def _informed(parameter: Parameter, run: Run) -> Parameter:

@@ -7,30 +7,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armdyn.document import Document, Level, Section
+from armdyn.displayable import Displayable
+from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.identify.bands import bands
+from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
-from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, judge
-from armdyn.identify.explained import RepairStep, Scale, explained
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
+from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
+from armdyn.identify.failed_fit import failed_fit_sentence
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
 from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
-from armdyn.identify.lost import lost_sentence
 from armdyn.identify.residual.character import ResidualCharacter, characterise
-from armdyn.identify.residual.force_law import law_sentence
-from armdyn.identify.residual.localise import localise
-from armdyn.identify.residual.missing_force import ForceCurve, between
-from armdyn.identify.selection.background import FullModel, find_background
-from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.residual.failing_ranges import find_failing_ranges
+from armdyn.identify.residual.force_law import force_law_sentence
+from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
+from armdyn.identify.selection.background import AllEffectsFit, find_background
+from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, repair_step, search
-from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences, totals
+from armdyn.identify.sentence import RepairResidual, Verdict, background_sentence, repair_sentences, total_errors
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
-    curves_of,
-    fall_sentence,
+    error_fall_sentence,
     link_section,
     missing_force_columns,
+    prediction_curves,
     step_columns,
     step_table,
 )
@@ -38,17 +39,18 @@ from armdyn.identify.uncertainty import uncertainty
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.recording.spikes import outlier_sentence
-from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
 
-BACKGROUND = "background"
-"""Name of the step that adds small values without a name."""
-NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
+BACKGROUND_STEP = "background"
+"""Name of the step of a repair that adds small values of many effects, which reports do not list."""
+NO_BACKGROUND_SENTENCE = (
+    " Small values beside that, on every joint, would predict other runs no better: there is no background."
+)
 MIN_IMPROVED_SHARE = 0.5
-"""A repair that explains more than this share of the squared error is an improvement, whatever residual it leaves."""
+"""Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,41 +60,41 @@ class Repair(Displayable):
     Attributes:
         verdict: verdict on the model after the repair.
         sentence: the result in words, for a reader.
-        model: the model with the added effects and fitted values, and with a background where that improves
-            predictions; the model as given where the fit has failed.
-        named: the repaired model fitted without a background.
-        path: steps of the repair; the first is the model as given.
+        model: the model with the added effects and fitted values, and with a background of small values where that
+            improves predictions; the model as given where the fit has failed.
+        model_without_background: the repaired model fitted without a background.
+        path: errors after each step of the repair; the first step is the model as given.
         after: comparison of the repaired model with the runs.
-        unknown: character of the residual, where it is more than noise.
-        links: links of an arm that effects change, in kg, m and kg m^2.
-        explained: share of the squared error that the repair explains; see `explained`.
-        steps: steps of `path` with their fits.
+        residual_character: description of the residual, where it is more than noise.
+        links: links of an arm whose mass, centre or inertia the added effects change, in kg, m and kg m^2.
+        explained: share of the squared error that the repair explains; `identify.explained` defines it.
+        steps: fits and effects of each step of `path`.
         missing_force: curves of the force that the model as given and the repaired one lack.
     """
 
     verdict: Verdict
     sentence: str
     model: Model
-    named: Model
+    model_without_background: Model
     path: tuple[RepairStep, ...]
     after: Comparison
-    unknown: ResidualCharacter | None
+    residual_character: ResidualCharacter | None
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
-    steps: tuple[Step, ...] = ()
+    steps: tuple[SearchStep, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
 
     def document(
         self, holdout_kinds: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None
     ) -> Document:
-        """Build the tables: the fall of the error, the changed links of an arm, and the quality of the repaired model.
+        """Build the document: the fall of the error, the changed links of an arm, the quality of the repaired model.
 
         Args:
-            holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+            holdout_kinds: kinds of runs whose errors are shown in addition to those of the fitted runs.
             summaries: one sentence on each effect, by its name; None leaves them out.
         """
         steps = step_table(self.path, self.after.scale, holdout_kinds, summaries or {})
-        falling = Section("The error falling", fall_sentence(self.path, self.after.scale), tables=[steps])
+        falling = Section("The error falling", error_fall_sentence(self.path, self.after.scale), tables=[steps])
         fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
         compared = self.after.document()
         links = [link_section(self.links)] if self.links else []
@@ -107,24 +109,25 @@ class Repair(Displayable):
                 **compared.data,
                 "missing_force": lambda: missing_force_columns(self.missing_force),
             },
-            curves=partial(curves_of, fits),
+            curves=partial(prediction_curves, fits),
         )
 
     @property
-    def level(self) -> Level:
-        """Good where the residual is noise, improved where much is explained, bad only where the error grew."""
-        if self.verdict is Verdict.EXPLAINED and self.after.widened == 1.0:
-            return Level.GOOD
+    def level(self) -> ResultLevel:
+        """Level of the result: good where the residual is noise, bad where the error grew, otherwise in between."""
+        if self.verdict is Verdict.EXPLAINED and self.after.std_inflation == 1.0:
+            return ResultLevel.GOOD
         if self.explained < 0.0 or self.verdict is Verdict.LOST:
-            return Level.BAD
-        return Level.IMPROVED if self.explained > MIN_IMPROVED_SHARE else Level.CAUTION
+            return ResultLevel.BAD
+        return ResultLevel.IMPROVED if self.explained > MIN_IMPROVED_SHARE else ResultLevel.CAUTION
 
 
 @one_thread
-def repair(study: Study, progress: Progress | None = None) -> Repair:
-    """Diagnose a model and add effects until nothing is left to explain or no effect of the catalogue helps.
+def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
+    """Find the effects that the model of a study lacks and add them, until the residual is noise or no effect helps.
 
-    An arm's model also gets a background, where that improves the prediction of other runs; see `find_background`.
+    An arm's model also gets a background of small values, where that improves the prediction of other runs; see
+    `find_background`.
     """
     found = search(study, progress)
     told = _concluded(study, found)
@@ -133,73 +136,86 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
     return with_background(told, found.full)
 
 
-def with_background(told: Repair, full: FullModel) -> Repair:
-    """A repair with small values beside its named effects, or unchanged where they improve no prediction."""
-    study, last = full.study, told.steps[-1]
+def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
+    """Add a background of small values to a repair, where they improve the prediction of other runs.
+
+    Args:
+        repaired: the repair without a background.
+        full: fit of all effects at once, from which the small values are taken.
+    """
+    study, last = full.study, repaired.steps[-1]
     small = find_background(full, last)
-    without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
+    without = replace(repaired, sentence=repaired.sentence + NO_BACKGROUND_SENTENCE) if last.tests.fails else repaired
     if small is None:
         return without
-    step = Step((), (), last.effects, small.fit, last.tests)
-    study.hold_predictions(small.fit, small.in_turn)
-    described = replace(repair_step(study, step), added=(BACKGROUND,), values=len(small.values))
-    if _harms(told.path[-1], described, told.after.scale):
+    step = SearchStep((), (), last.effects, small.fit, last.tests)
+    study.hold_predictions(small.fit, small.leave_one_out_predictions)
+    described = replace(repair_step(study, step), added=(BACKGROUND_STEP,), values=len(small.values))
+    if _harms(repaired.path[-1], described, repaired.after.scale):
         return without
     joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
-    named = {n: p.with_value(joint[n], p.std) for n, p in told.named.parameters.items() if n in joint}
-    model = told.named.with_parameters(named).with_background(small.width, small.values, study.effects.values())
-    path, scale = (*told.path, described), told.after.scale
+    named = {
+        n: p.with_value(joint[n], p.std) for n, p in repaired.model_without_background.parameters.items() if n in joint
+    }
+    model = repaired.model_without_background.with_parameters(named).with_background(
+        small.width, small.values, study.effects.values()
+    )
+    path, scale = (*repaired.path, described), repaired.after.scale
     after = replace(
-        told.after,
+        repaired.after,
         fit=small.fit,
         channels=channel_qualities(study, small.fit),
-        places=localise(small.fit),
-        bands=bands(study, small.fit, small.covariance),
+        failing_ranges=find_failing_ranges(small.fit),
+        bands=prediction_bands(study, small.fit, small.covariance),
     )
     return replace(
-        told,
+        repaired,
         model=model,
         after=after,
         path=path,
-        steps=(*told.steps, step),
-        missing_force=between(told.steps[0].fit, told.steps[-1].fit, small.fit),
-        explained=explained(path[0], path[-1], scale),
-        sentence=told.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
+        steps=(*repaired.steps, step),
+        missing_force=compare_missing_forces(repaired.steps[0].fit, repaired.steps[-1].fit, small.fit),
+        explained=explained_share(path[0], path[-1], scale),
+        sentence=repaired.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
     )
 
 
-def _harms(before: RepairStep, after: RepairStep, scale: Scale) -> bool:
+def _harms(before: RepairStep, after: RepairStep, scale: ChannelScale) -> bool:
     """Whether other runs are predicted worse, counting all channels of one unit together."""
-    old, new = (totals(step.held_out_rmse, scale.units) for step in (before, after))
+    old, new = (total_errors(step.held_out_rmse, scale.units) for step in (before, after))
     return any(new[unit] > (1.0 + MAX_ERROR_INCREASE) * old[unit] for unit in old)
 
 
 @one_thread
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
-    """Add these effects, one after the other, whether or not the runs need them."""
+    """Add effects to the model of a study, one after the other, whether or not the runs need them, and refit it.
+
+    Raises:
+        InputError: the model has an effect already, or these runs cannot show it.
+    """
     effects, now = study.present, study.first()
-    steps = [Step((), (), effects, now, study.tests(now, effects))]
+    steps = [SearchStep((), (), effects, now, study.tests(now, effects))]
     for effect in wanted:
         found = next((c for c in study.candidates if c.effect == effect.name), None)
         if found is None:
             if not effect.parameters():
                 raise InputError(f"the effect '{effect.name}' has no parameter, so there is nothing to fit")
-            if asked := effect.asked_for(study.recorded):
+            if asked := effect.missing_channels(study.recorded):
                 listed = " or ".join(asked)
                 raise InputError(f"the effect '{effect.name}' does not show in these recordings: record {listed} too")
             raise InputError(f"the model already has the effect '{effect.name}'")
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
-        steps.append(Step((candidate,), (), effects, now, study.tests(now, effects)))
+        steps.append(SearchStep((candidate,), (), effects, now, study.tests(now, effects)))
     return _concluded(study, Search(tuple(steps)), searched=False)
 
 
-def require_found(found: Repair) -> Repair:
-    """Return a repair whose fit has not failed.
+def require_fit(found: Repair) -> Repair:
+    """Return the repair unchanged, if its fit has not failed.
 
     Raises:
-        TaskFailedError: its fit has failed.
+        TaskFailedError: the fit has failed.
     """
     if found.verdict is Verdict.LOST:
         raise TaskFailedError(found.sentence)
@@ -217,27 +233,27 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     path = tuple(repair_step(study, step) for step in found.steps)
     after = comparison(study, last.fit, last.tests, process_error=False)
     links = links_of(study, last.fit)
-    left = Left(
-        something=verdict is not Verdict.EXPLAINED,
-        looks_like=unknown.sentence if unknown is not None else "",
+    left = RepairResidual(
+        exceeds_noise=verdict is not Verdict.EXPLAINED,
+        description=unknown.sentence if unknown is not None else "",
         searched=searched,
-        further=found.further.spoken if found.further is not None else "",
+        further_effect=found.further.name_in_sentence if found.further is not None else "",
         warnings=[link.warning for link in links if link.warning],
     )
     repaired = len(path) > 1
     forces = found.missing_force()
-    law = law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
+    law = force_law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.exceeds_noise else ""
     model = fitted_model(study, last)
     return Repair(
         verdict=verdict,
         sentence=law + repair_sentences(path, study.holdout_kinds[0], after.scale, left) + outlier_sentence(study.runs),
         model=model,
-        named=model,
+        model_without_background=model,
         path=path,
         after=after,
-        unknown=unknown,
+        residual_character=unknown,
         links=links,
-        explained=explained(path[0], path[-1], after.scale),
+        explained=explained_share(path[0], path[-1], after.scale),
         steps=found.steps,
         missing_force=forces,
     )
@@ -248,18 +264,18 @@ def _lost(study: Study, found: Search) -> Repair:
     first = found.steps[0]
     return Repair(
         verdict=Verdict.LOST,
-        sentence=lost_sentence(found.last.fit),
+        sentence=failed_fit_sentence(found.last.fit),
         model=study.model,
-        named=study.model,
+        model_without_background=study.model,
         path=(repair_step(study, first),),
         after=comparison(study, first.fit, first.tests, process_error=False),
-        unknown=None,
+        residual_character=None,
         steps=(first,),
     )
 
 
-def fitted_model(study: Study, step: Step) -> Model:
-    """The model with a step's effects and fitted values; values of one run get their start values again."""
+def fitted_model(study: Study, step: SearchStep) -> Model:
+    """The model with the effects and fitted values of a step; parameters of single runs keep their start values."""
     model = study.model_with(step.effects)
     described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:
@@ -276,17 +292,17 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
     """The verdict after a repair: explained, or the reason why not."""
     if not found.last.tests.fails:
         return Verdict.EXPLAINED
-    if judge(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
+    if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
-    near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
+    near = found.last.fit.chi2_per_sample < MAX_CHI2_OF_STATED_NOISE
     little = len(found.steps) > 1 and study.explained_share(found.steps[0].fit, found.last.fit) > MIN_EXPLAINED_AT_NOISE
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 
 
 def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
-    """Links that the fit has changed; empty for a model without links."""
+    """Links whose mass, centre or inertia a fit has changed; empty for a model without links."""
     problem, certain = fit.problem, uncertainty(study, fit)
-    own = problem.places(0)  # links are the same in every run
-    of_all, alone = (matrix[np.ix_(own, own)] for matrix in (certain.covariance, certain.of_runs_alone))
+    own = problem.unknowns_of_run(0)  # links are the same in every run
+    of_all, alone = (matrix[np.ix_(own, own)] for matrix in (certain.covariance, certain.covariance_without_priors))
     return problem.model.link_changes(problem.theta(0, fit.values), of_all, alone, fit.free[own])

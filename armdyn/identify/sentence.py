@@ -8,12 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, least_explained
+from armdyn.identify.explained_share import (
+    ChannelScale,
+    RepairStep,
+    explained_share,
+    least_explained_channel,
+    percent_text,
+)
 from armdyn.identify.holdout import HoldoutKind
 
 
 class Verdict(Enum):
-    """Verdict on a model; the value is the text for a reader, the lower-case name is for programs."""
+    """Verdict on a model after a comparison, diagnosis or repair; the value is a sentence for a reader."""
 
     EXPLAINED = "The model explains these runs: what is left is noise."
     EFFECT_MISSING = "An effect is missing, and these runs name it."
@@ -24,80 +30,84 @@ class Verdict(Enum):
 
     @property
     def key(self) -> str:
-        """Name of the verdict in files."""
+        """Name of the verdict in JSON files, such as ``"effect_missing"``."""
         return self.name.lower()
 
 
-KIND_TEXT = {
+HOLDOUT_KIND_TEXT = {
     HoldoutKind.EXAM: "on the exam, which took part in nothing,",
     HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
-    HoldoutKind.IN_TURN: "of runs predicted from the others",
+    HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
 NOTICEABLE_CHANGE = 0.01
-"""Smallest relative change of an error that is called a change."""
+"""Smallest relative change of an error that a sentence calls a change."""
 MAX_NAMED_JOINTS = 3
+"""Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
 MAX_NAMED_EFFECTS = 4
-"""Largest number of joints of an effect, and of effects, that are named; of more, only the number is given."""
+"""Largest number of effects that a sentence names; of more effects only the number is given."""
 LAGGING_SHARE = 0.2
-"""Share of the squared error by which a joint must be behind all joints together to be reported separately."""
+"""A channel is reported separately if the share of its squared error that is explained is smaller by this much than the
+share for all channels."""
 NOISE_ERROR_RATIO = 1.1
-"""Ratio of error to noise up to which an error is called noise."""
+"""Ratio of error to noise up to which a sentence calls an error noise."""
 
 
 @dataclass(frozen=True)
-class Left:
-    """The residual of a repair, as sentences need it.
+class RepairResidual:
+    """The residual after a repair, as sentences describe it.
 
     Attributes:
-        something: whether the residual is more than noise.
-        looks_like: description of the residual, without a full stop; may be empty.
+        exceeds_noise: whether the residual is more than noise.
+        description: description of the residual, without a full stop; may be empty.
         searched: whether the catalogue was searched for more effects.
-        further: an effect that would still explain a little; empty where there is none.
-        warnings: sentences that a reader must know, such as on a link of 241 kg.
+        further_effect: name of an effect that would explain a little more of the error; empty where there is none.
+        warnings: sentences that a reader must know, such as that a link would have a mass of 241 kg.
     """
 
-    something: bool
-    looks_like: str = ""
+    exceeds_noise: bool
+    description: str = ""
     searched: bool = True
-    further: str = ""
+    further_effect: str = ""
     warnings: Sequence[str] = ()
 
 
-def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Scale, left: Left) -> str:
-    """Describe the result of a repair.
+def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: ChannelScale, left: RepairResidual) -> str:
+    """Describe the result of a repair in two sentences: the added effects with the fall of the error, and the residual.
 
     Args:
         steps: steps of the repair; the first is the model as given.
-        judge: kind of the runs whose error is given: the most independent kind.
+        judge: kind of the runs whose errors are given.
         scale: units and noise of the channels.
         left: the residual.
     """
     first, last = steps[0], steps[-1]
-    before, after = (totals(step.judged(scale), scale.units) for step in (first, last))
+    before, after = (total_errors(step.independent_errors(scale), scale.units) for step in (first, last))
     return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
-def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> str:
-    """Describe what small values beside the named effects change in the error.
+def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: ChannelScale) -> str:
+    """Describe in one sentence how a background of small values changes the error.
 
     Args:
         before: step with the named effects alone.
-        after: step with the background.
-        judge: kind of the runs whose error is given.
+        after: step with the background as well.
+        judge: kind of the runs whose errors are given.
         scale: units of the channels.
     """
-    old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
+    old, new = (total_errors(step.independent_errors(scale), scale.units) for step in (before, after))
     return (
         f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
-        f"recordings better that it was not fitted to: the error {KIND_TEXT[judge]} {_change(old, new)}."
+        f"recordings better that it was not fitted to: the error {HOLDOUT_KIND_TEXT[judge]} {_change(old, new)}."
     )
 
 
-def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
-    """Total error by unit: root of the summed squares of the channels' errors.
+def total_errors(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
+    """Total error of the channels of each unit: the root of their summed squares, by unit.
 
-    Channels whose unit is not given are left out.
+    Args:
+        errors: root mean square error by channel.
+        units: unit by channel; other channels are left out.
     """
     known = {channel: error for channel, error in errors.items() if channel in units}
     return {
@@ -106,8 +116,8 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
     }
 
 
-def added_effects(steps: Sequence[RepairStep]) -> list[str]:
-    """Effects of the last step that the first lacks, with their joints, in the order in which they were added."""
+def added_effect_texts(steps: Sequence[RepairStep]) -> list[str]:
+    """Texts such as ``"joint_spring on elbow"`` for the effects that a repair added, in the order of its steps."""
     found: dict[str, list[str]] = {}
     for step in steps[1:]:
         for name in step.added:
@@ -120,14 +130,15 @@ def added_effects(steps: Sequence[RepairStep]) -> list[str]:
 def _found(
     steps: Sequence[RepairStep],
     judge: HoldoutKind,
-    scale: Scale,
+    scale: ChannelScale,
     before: Mapping[str, float],
     after: Mapping[str, float],
     searched: bool,
 ) -> str:
-    added = added_effects(steps)
+    added = added_effect_texts(steps)
     if not added:
-        return f"Nothing was added: the error {KIND_TEXT[judge]} is {_sizes(before)}."
+        sizes = join_names([f"{_number(error)} {unit}" for unit, error in before.items()])
+        return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {sizes}."
     named = (
         added
         if len(added) <= MAX_NAMED_EFFECTS
@@ -136,43 +147,43 @@ def _found(
     several = len(added) > 1
     names = {name for step in steps for name in step.added}
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
-    share = explained(steps[0], steps[-1], scale)
+    share = explained_share(steps[0], steps[-1], scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
-    text = f"{listed(named)} {verb} {is_missing}"
+    text = f"{join_names(named)} {verb} {is_missing}"
     if ties:
-        text += f" (these runs cannot tell {listed(ties, 'or')} from {'them' if several else 'it'})"
+        text += f" (these runs cannot tell {join_names(ties, 'or')} from {'them' if several else 'it'})"
     them = "they explain" if several else "it explains"
     if helps:
-        text += f": {them} {in_percent(share)} of the misfit"
+        text += f": {them} {percent_text(share)} of the misfit"
         # The first effect often explains most, so it is described separately.
         if several and len(steps) > 2 and len(steps[1].added) == 1:
-            alone = explained(steps[0], steps[1], scale)
+            alone = explained_share(steps[0], steps[1], scale)
             if 0.5 < alone < share:
-                text += f", {steps[1].added[0]} alone {in_percent(alone)}"
-        worst = least_explained(steps[0].judged(scale), steps[-1].judged(scale), scale)
+                text += f", {steps[1].added[0]} alone {percent_text(alone)}"
+        worst = least_explained_channel(steps[0].independent_errors(scale), steps[-1].independent_errors(scale), scale)
         if worst is not None and worst[1] < share - LAGGING_SHARE:
             of = worst[0].partition(".")[2] or worst[0]
-            text += f" but only {in_percent(max(worst[1], 0.0))} of that of {of}"
-    return f"{text}; the error {KIND_TEXT[judge]} {_change(before, after)}."
+            text += f" but only {percent_text(max(worst[1], 0.0))} of that of {of}"
+    return f"{text}; the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
 
 
-def _left(last: RepairStep, scale: Scale, after: Mapping[str, float], left: Left) -> str:
+def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:
     warned = "".join(f"; but {warning}" for warning in left.warnings)
-    noise = totals({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
+    noise = total_errors({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
     size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > NOISE_ERROR_RATIO else "What is left"
-    if not left.something:
+    if not left.exceeds_noise:
         return (
             f"{size} {'shows no structure that armdyn looks for' if ratio > NOISE_ERROR_RATIO else 'is noise'}{warned}."
         )
     text = f"{size} {'is more than noise' if ratio > NOISE_ERROR_RATIO else 'is not white noise'}"
-    text += f" ({left.looks_like})" if left.looks_like else ""
+    text += f" ({left.description})" if left.description else ""
     if not left.searched:
         text += ": run `armdyn diagnose` to look for more"
-    elif left.further:
-        text += f"; {left.further} would explain a little of it, too little to be named"
+    elif left.further_effect:
+        text += f"; {left.further_effect} would explain a little of it, too little to be named"
     else:
         text += ", and nothing in the catalogue explains it"
     return f"{text}{warned}."
@@ -189,17 +200,13 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
             parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
         else:
             parts.append(f"stays at {_number(old)} {unit}")
-    return listed(parts)
-
-
-def _sizes(by_unit: Mapping[str, float]) -> str:
-    return listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
+    return join_names(parts)
 
 
 def _on(name: str, joints: Sequence[str]) -> str:
     if not joints:
         return name
-    return f"{name} on {listed(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
+    return f"{name} on {join_names(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -207,6 +214,6 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def listed(names: Sequence[str], word: str = "and") -> str:
-    """Join names to a text such as ``a, b and c``."""
+def join_names(names: Sequence[str], word: str = "and") -> str:
+    """Join names to a text such as ``"a, b and c"``, with `word` before the last one."""
     return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -8,15 +8,15 @@ from typing import ClassVar
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
-from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predictions_in_turn
-from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transferred, transferred_mask
-from armdyn.identify.residual.tests import ResidualTests, Score, residual_tests, scores
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
+from armdyn.identify.holdout import HoldoutKind, all_blocks, leave_one_out_predictions, predict_runs
+from armdyn.identify.prepare import prepare_runs, run_noise, stated_noise
+from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
+from armdyn.identify.residual.noise_tests import ResidualTests, ScoreTest, residual_tests, score_tests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
-from armdyn.identify.together import Together
+from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
@@ -43,7 +43,7 @@ class Study(ABC):
         catalogue_size: number of effects among which the catalogue was chosen, where there were more.
 
     Raises:
-        InputError: a run cannot be used; see `prepare.prepared`.
+        InputError: a run cannot be used; see `prepare_runs`.
     """
 
     later_ties: ClassVar[bool]
@@ -83,21 +83,26 @@ class Study(ABC):
         self.catalogue = tuple(catalogue)
         self.asked = frozenset(asked)
         self.catalogue_size = catalogue_size
-        self.runs, self.held_out, self.exam = prepared(model, runs, held_out, exam)
+        self.runs, self.held_out, self.exam = prepare_runs(model, runs, held_out, exam)
         everything = [*self.runs, *self.held_out, *self.exam]
-        self.noise = noise_of_runs(model, everything)
+        self.noise = run_noise(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
-        self.recorded = frozenset(name for run in everything for name in run.everything)
-        shown = [effect for effect in catalogue if effect.shows_in(self.recorded)]
+        self.recorded = frozenset(name for run in everything for name in run.all_channels)
+        shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
         present = (effect for effect in model.effects if effect.quantities)
-        self.present = tuple(Candidate.of(effect.name, model.parts(effect.name)) for effect in present)
+        self.present = tuple(
+            Candidate.of(effect.name, model.parameter_names_by_joint(effect.name)) for effect in present
+        )
         given = set(model.names)
         absent = (
-            (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})
+            (
+                effect.name,
+                {j: ns for j, ns in extended.parameter_names_by_joint(effect.name).items() if not set(ns) <= given},
+            )
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
@@ -149,14 +154,14 @@ class Study(ABC):
 
     def model_error_weight(self, fit: Fit) -> float:
         """Weight of the model's own error against the noise in a residual, 0 to 1."""
-        return 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, fit.chi2_per_sample)
+        return 1.0 - MAX_CHI2_OF_STATED_NOISE / max(MAX_CHI2_OF_STATED_NOISE, fit.chi2_per_sample)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer | None:
         """Scorer of sets of effects from sums at a fit; None for models that are not linear in most values."""
         del at, given_misfit
         return None
 
-    def unidentified(self, fit: Fit) -> tuple[Together, ...]:
+    def unidentified(self, fit: Fit) -> tuple[UnidentifiedCombination, ...]:
         """Combinations of values that the runs do not identify; none where priors and links show that already."""
         del fit
         return ()
@@ -180,18 +185,18 @@ class Study(ABC):
         excess, by_chance = self._excess(fit)
         return np.maximum(excess, by_chance)
 
-    def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:
+    def chi2_of_stated(self, blocks: Sequence[ResidualBlock]) -> tuple[float, int]:
         """Squared error of the samples with a stated noise, over that noise, and the number of these samples."""
         stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
         known = [(block, std) for block, std in stated if std]
         chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
-        return chi2, samples_of([block for block, _ in known])
+        return chi2, sample_count([block for block, _ in known])
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over the noise, by kind of run, and the part due to chance."""
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
-        samples = np.array([samples_of(kind) for kind in kinds if kind])
-        means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
+        samples = np.array([sample_count(kind) for kind in kinds if kind])
+        means = np.array([chi2_sum(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE_DEVIATES * float(np.sqrt(2.0 / samples.min()))
 
     def model_with(self, effects: Collection[Candidate]) -> Model:
@@ -213,8 +218,8 @@ class Study(ABC):
             [a for c in self.candidates for a in c.split_by_joint() if not fitted.isdisjoint(a.names)]
         )
         problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise)
-        free = transferred_mask(found.free, self.problem, problem)
-        return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
+        free = transfer_mask(found.free, self.problem, problem)
+        return Fit(problem, free, transfer_values(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def own_values(self, scorer: SetScorer, one: SetScore) -> np.ndarray:
         """(P,) values of the study's unknowns for a scored set."""
@@ -222,21 +227,21 @@ class Study(ABC):
 
     def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
         """(P,) values of the study's unknowns, from those of a problem with more or other runs."""
-        return transferred(values, problem, self.problem)
+        return transfer_values(values, problem, self.problem)
 
-    def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
+    def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[ScoreTest]:
         """Predicted contributions of effects that are not in `effects`; an effect may be there on other joints."""
         taken = {name for c in effects for name in c.names}
-        left = (c.without(taken) for c in (*self.candidates, *self.present))
-        return scores(at, [c for c in left if c.names])
+        left = (c.without_parameters(taken) for c in (*self.candidates, *self.present))
+        return score_tests(at, [c for c in left if c.names])
 
     def tests(self, at: Fit, effects: Sequence[Candidate]) -> ResidualTests:
         """Tests of the residual of a fit with these effects."""
         return residual_tests(at, self.scores(at, effects))
 
-    def held_out_blocks(self, found: Fit) -> list[Block]:
+    def held_out_blocks(self, found: Fit) -> list[ResidualBlock]:
         """Residuals of the held-out runs; without any, of every training run predicted from the others."""
-        return blocks_of(self.held_out_predictions(found))
+        return all_blocks(self.held_out_predictions(found))
 
     def held_out_predictions(self, found: Fit) -> list[Fit]:
         """Predictions of the held-out runs; without any, of every training run from the others."""
@@ -248,7 +253,7 @@ class Study(ABC):
         return self._predictions(found, self.held_out)
 
     def _predictions(self, found: Fit, runs: Sequence[Run]) -> list[Fit]:
-        return predictions(found, runs)
+        return predict_runs(found, runs)
 
     def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
         """Predictions of training runs from each other, beside those of held-out runs; empty where they take long."""
@@ -258,7 +263,7 @@ class Study(ABC):
     def predictions_in_turn(self, found: Fit) -> list[Fit]:
         """Predictions of every training run from the others; an empty list for a single run."""
         if found not in self._in_turn:
-            self._in_turn[found] = predictions_in_turn(found)
+            self._in_turn[found] = leave_one_out_predictions(found)
         return self._in_turn[found]
 
     @property
@@ -270,13 +275,13 @@ class Study(ABC):
     @property
     def holdout_kinds(self) -> tuple[HoldoutKind, ...]:
         """Kinds of the runs that judge a model besides the fitted runs, the most independent first."""
-        several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING
+        several = HoldoutKind.LEAVE_ONE_OUT if len(self.runs) > 1 else HoldoutKind.TRAINING
         others = HoldoutKind.HELD_OUT if self.held_out else several
         return (HoldoutKind.EXAM, others) if self.exam else (others,)
 
-    def exam_blocks(self, found: Fit) -> list[Block]:
+    def exam_blocks(self, found: Fit) -> list[ResidualBlock]:
         """Residuals of the exam runs, empty where there are none; only for use after all choices are made."""
-        return blocks_of(self.exam_predictions(found))
+        return all_blocks(self.exam_predictions(found))
 
     def exam_predictions(self, found: Fit) -> list[Fit]:
         """Predictions of the exam runs; only for use after all choices are made."""

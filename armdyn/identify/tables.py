@@ -5,37 +5,37 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
-from armdyn.identify.explained import RepairStep, Scale
+from armdyn.document import Column, Columns, Curve, Section, Table, attribute_columns
+from armdyn.identify.explained_share import ChannelScale, RepairStep
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.residual.localise import Place
+from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.sentence import MAX_NAMED_JOINTS, totals
+from armdyn.identify.sentence import MAX_NAMED_JOINTS, total_errors
 from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkChange
     from armdyn.arm.rollout import RollOut
-    from armdyn.identify.bands import Bands
+    from armdyn.identify.bands import PredictionBands
 
-MAX_LISTED_PLACES = 6
-"""Largest number of places in a table; JSON has all."""
+MAX_LISTED_RANGES = 6
+"""Largest number of ranges in a table of where a model fails."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
-"""Quantity of a link in words, by the first part of its name."""
+"""Quantity of a link in words, by the first part of the quantity's name."""
 
 
 def parameter_table(found: Mapping[str, Parameter]) -> Table:
-    """Table of values and standard deviations by parameter name."""
+    """Table of the values and standard deviations of parameters, given by name."""
     values = found.values()
     columns = [
         Column("parameter", list(found)),
-        *columns_of(values, value=".6g"),
-        Column("std", [_std(p) for p in values], ".2g", missing="fixed"),
-        *columns_of(values, unit=""),
-        Column("fitted", [p.fitted for p in values], wide=True),
-        Column("what it is", [p.source for p in values], wide=True),
+        *attribute_columns(values, value=".6g"),
+        Column("std", [_std(p) for p in values], ".2g", missing_text="fixed"),
+        *attribute_columns(values, unit=""),
+        Column("fitted", [p.fitted for p in values], dropped_when_narrow=True),
+        Column("what it is", [p.source for p in values], dropped_when_narrow=True),
     ]
     return Table(columns, name="parameters")
 
@@ -55,46 +55,46 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
     unseen = {"exam_rmse": ".4g"} if any(c.exam_rmse is not None for c in values) else {}
     columns = [
         Column("channel", list(found)),
-        *columns_of(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
+        *attribute_columns(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
         Column("chi2_per_sample", [c.chi2_per_sample for c in values], title="χ² per sample"),
-        Column("p of white noise", [c.white for c in values], ".2g", wide=True),
+        Column("p of white noise", [c.whiteness_p_value for c in values], ".2g", dropped_when_narrow=True),
     ]
     return Table(columns, caption, "channels", "Statistics: noise, errors, χ² per sample, whiteness")
 
 
-def place_section(title: str, places: Sequence[Place]) -> Section:
-    """Section of the places where the model fails, the worst first."""
-    worst = places[:MAX_LISTED_PLACES]
+def failing_range_section(title: str, places: Sequence[FailingRange]) -> Section:
+    """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
+    worst = places[:MAX_LISTED_RANGES]
     columns = [
-        *columns_of(worst, channel="", run="", against=""),
+        *attribute_columns(worst, channel="", run="", against=""),
         Column("from", [place.start for place in worst], ".3g"),
         Column("to", [place.end for place in worst], ".3g"),
-        *columns_of(worst, unit=""),
+        *attribute_columns(worst, unit=""),
         Column("χ² per sample", [place.chi2_per_sample for place in worst], ".3g"),
     ]
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
-def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator[Curve]:
-    """Curves of measured and predicted values, for every run and channel.
+def prediction_curves(fits: Mapping[str, Fit], bands: "PredictionBands | None" = None) -> Iterator[Curve]:
+    """Curves of measured and predicted values over time, for every run and channel.
 
     Args:
-        fits: fits by the name of their curve; the first is the model as given.
+        fits: fits by the label of their curve; the first is the model as given.
         bands: prediction bands of the last fit.
     """
     last = list(fits)[-1]
     predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
     for block in next(iter(fits.values())).blocks:
         row = f"{block.channel} [{block.unit}]"
-        yield Curve(row, "measured", block.time, block.measured.value, block.run, dots=True)
+        yield Curve(row, "measured", block.time, block.measured.value, block.run, drawn_as_points=True)
         key = block.run, block.channel
         for label, values in zip(fits, predicted, strict=True):
             half_width = bands.half_width.get(key) if bands is not None and label == last else None
             yield Curve(row, label, block.time, values[key], block.run, half_width=half_width)
 
 
-def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
-    """Columns of a table with one row per sample: measured, predicted, and half the width of the band."""
+def sample_columns(fit: Fit, bands: "PredictionBands | None" = None) -> Columns:
+    """Table with one row per sample: run, channel, time, measured and predicted value, half the width of the band."""
     names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
     columns: dict[str, list[Any]] = {key: [] for key in names}
     for block in fit.blocks:
@@ -109,7 +109,7 @@ def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
 
 
 def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
-    """Columns of a table with one row per point of every missing-force curve."""
+    """Table with one row for each point of each curve of the missing force."""
     columns: dict[str, list[Any]] = {key: [] for key in ("run", "joint", "unit", "against", "x_unit")}
     for key, values in columns.items():
         for curve in curves:
@@ -121,14 +121,14 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 
 
 def step_table(
-    path: Sequence[RepairStep], scale: Scale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
+    path: Sequence[RepairStep], scale: ChannelScale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
-    """Table of the fall of the error: a row per step, and the error on every kind of runs as a bar.
+    """Table of how the error falls in a repair: a row for each step, a column with bars for each kind of runs.
 
     Args:
         path: steps of the repair; the first is the model as given.
         scale: units of the channels.
-        holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+        holdout_kinds: kinds of runs that the caption explains.
         summaries: one sentence on each effect, by its name.
     """
     given = path[0]
@@ -138,11 +138,17 @@ def step_table(
     columns = [Column("step", [step_name(step) for step in path])]
     for kind, errors in kinds.items():
         texts = [error_text(rmse, scale, bare=bool(unit)) for rmse in errors]
-        columns.append(Column(f"{kind}{unit}", texts, shares=[relative(rmse, errors[0], scale) for rmse in errors]))
+        columns.append(
+            Column(f"{kind}{unit}", texts, bar_lengths=[relative_error(rmse, errors[0], scale) for rmse in errors])
+        )
     columns += [
         Column("χ² per sample", [step.chi2_per_sample for step in path]),
         Column("BIC", [step.bic for step in path], ".6g"),
-        Column("what it is", ["; ".join(summaries.get(n, "") for n in step.added) for step in path], wide=True),
+        Column(
+            "what it is",
+            ["; ".join(summaries.get(n, "") for n in step.added) for step in path],
+            dropped_when_narrow=True,
+        ),
     ]
     if any(step.tied_with for step in path):
         columns.append(Column("cannot be told from", [step.tied_with for step in path]))
@@ -154,9 +160,9 @@ def step_table(
 
 
 def candidate_table(
-    found: Sequence[Any], given: Mapping[str, float], scale: Scale, summaries: Mapping[str, str]
+    found: Sequence[Any], given: Mapping[str, float], scale: ChannelScale, summaries: Mapping[str, str]
 ) -> Table:
-    """Table of the error that would remain if each effect alone were added, with the evidence for it.
+    """Table of effects that may be missing: the error that remains if one is added alone, and the evidence for it.
 
     Args:
         found: ranked effects, the best first; see `RankedEffect`.
@@ -173,15 +179,15 @@ def candidate_table(
     columns = [
         Column("effect", [s.effect for s in found]),
         Column("joints", [joint_text(s.joints) for s in found]),
-        Column("what it is", [summaries.get(s.effect, "") for s in found], wide=True),
+        Column("what it is", [summaries.get(s.effect, "") for s in found], dropped_when_narrow=True),
         Column(
             "error",
             [error_text(s.rmse, scale) for s in found],
-            shares=[relative(s.rmse, given, scale) for s in found],
+            bar_lengths=[relative_error(s.rmse, given, scale) for s in found],
             title="error with it alone",
         ),
         Column("held out", [error_text(s.held_out_rmse, scale) if s.held_out_rmse else None for s in found]),
-        Column("its values", values, wide=True),
+        Column("its values", values, dropped_when_narrow=True),
         Column("delta_bic", [s.delta_bic for s in found], ".1f", title="ΔBIC"),
         Column("p_value", [s.p_value for s in found], ".1e", title="p of chance"),
         Column("tied_with", [", ".join(s.tied_with) for s in found], title="cannot be told from"),
@@ -194,8 +200,8 @@ def candidate_table(
     return Table(columns, caption, "candidates")
 
 
-def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
-    """A sentence on the first and last error of a path, for the most independent kind of runs."""
+def error_fall_sentence(path: Sequence[RepairStep], scale: ChannelScale) -> str:
+    """Sentence on the error before and after a repair, for the kind of runs that were used least for it."""
     steps = len(path) - 1
     if not steps:
         return "Nothing was added."
@@ -205,7 +211,7 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
 
 
 def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Columns:
-    """Columns of a table with one row per step and the errors of every channel."""
+    """Table with one row for each step of a repair, with the errors of every channel."""
     columns: dict[str, list[Any]] = {
         "step": [" + ".join(step.added) or "as given" for step in path],
         "joints": [", ".join(step.joints) for step in path],
@@ -219,7 +225,7 @@ def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Column
 
 
 def step_name(step: RepairStep) -> str:
-    """Name of a step, such as ``+ quadratic_drag + wind (2 joints)``."""
+    """Name of a step of a repair, such as ``"+ joint_spring (elbow, wrist)"``."""
     text = " ".join(f"+ {name}" for name in step.added) or "as given"
     if step.values:
         return f"{text} ({step.values} small values)"
@@ -227,19 +233,28 @@ def step_name(step: RepairStep) -> str:
 
 
 def joint_text(joints: Sequence[str]) -> str:
-    """Names of joints where they are few, otherwise their number."""
+    """Names of joints, joined by commas, if they are few; otherwise their number."""
     return ", ".join(joints) if len(joints) <= MAX_NAMED_JOINTS else f"{len(joints)} joints"
 
 
-def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
-    """Total error of each unit, as text: root of the channels' summed squares; `bare` leaves the unit out."""
-    sums = totals(rmse, scale.units)
+def error_text(rmse: Mapping[str, float], scale: ChannelScale, *, bare: bool = False) -> str:
+    """Text such as ``"0.12 N m, 0.3 N"``: the total error of the channels of each unit (root of the summed squares).
+
+    Args:
+        rmse: root mean square error by channel.
+        scale: units of the channels.
+        bare: whether to leave the units out.
+    """
+    sums = total_errors(rmse, scale.units)
     return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
 
-def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
-    """Error over that of the model as given; for several units the root mean square of the ratios; 0 without errors."""
-    now, before = totals(rmse, scale.units), totals(given, scale.units)
+def relative_error(rmse: Mapping[str, float], given: Mapping[str, float], scale: ChannelScale) -> float:
+    """Ratio of an error to that of the model as given, both by channel.
+
+    For several units it is the root mean square of their ratios; 0 where there are no errors.
+    """
+    now, before = total_errors(rmse, scale.units), total_errors(given, scale.units)
     ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
@@ -253,13 +268,16 @@ ROLLOUT_WORDS = {
 
 
 def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]) -> Section:
-    """Section on identified drives; values are per gain where no recording determines the gain."""
+    """Section on the gains and delays of identified drives, by the name of the drive.
+
+    Where no recording determines a gain, a second table has the ratios of parameters to it.
+    """
     known = [(name, servo, servo.gain) for name, servo in drives.items() if servo.gain is not None]
     columns = [
         Column("drive", [name for name, _, _ in known]),
-        *columns_of([servo for _, servo, _ in known], joints="", law=""),
-        *columns_of([gain for _, _, gain in known], value=".5g"),
-        Column("std", [gain.std for _, _, gain in known], ".2g", missing="given"),
+        *attribute_columns([servo for _, servo, _ in known], joints="", law=""),
+        *attribute_columns([gain for _, _, gain in known], value=".5g"),
+        Column("std", [gain.std for _, _, gain in known], ".2g", missing_text="given"),
         Column("unloaded", [servo.unloaded for _, servo, _ in known], ".2g", title="std if nothing unknown is carried"),
         Column("unit", [gain.unit for _, _, gain in known]),
         Column("delay", [servo.delay for _, servo, _ in known], ".3g", title="delay [s]"),
@@ -287,7 +305,7 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
 
 
 def motion_section(found: Sequence["RollOut"]) -> Section:
-    """Section on the simulated against the recorded motion, for the most independent kind of runs."""
+    """Section on the errors of simulated motion, for the kind of runs that were used least for the fit."""
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     rows: dict[tuple[str, str], list[RollOut]] = {}
     for r in found:
@@ -322,7 +340,7 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
 
 
 def link_section(links: Sequence["LinkChange"]) -> Section:
-    """Section on the links of an arm that a repair changed, how far the runs identify the changes, and warnings."""
+    """Section on the links of an arm that a repair changed: values, which of them the runs determine, warnings."""
     every = [q for link in links for q in link.quantities]
     determined = sum(q.determined for q in every)
     text = f"These runs determine {determined} of {len(every)} values. "
@@ -343,7 +361,7 @@ def _link_table(link: "LinkChange") -> Table:
         Column("URDF", [q.described for q in found]),
         # Rounding leaves a tiny number where the exact value is zero.
         Column("repaired", [q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0 for q in found]),
-        *columns_of(found, std=".2g", unit=""),
+        *attribute_columns(found, std=".2g", unit=""),
         Column("determined", ["yes" if q.determined else "not by these runs" for q in found]),
     ]
     caption = (

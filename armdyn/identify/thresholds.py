@@ -1,44 +1,44 @@
-"""Search for thresholds of absent effects: values on which nothing depends while their effect is at null.
+"""Search for start values of thresholds: parameters such as the position of a stop at which an effect begins.
 
-A tank that never overflows contains no sign of its edge: while the effect is at its null value, the derivative with
-respect to its threshold is zero, and no descent finds it. For a given threshold, however, the predictions are linear in
-the size of the effect. So thresholds over a wide range are tried, and the evidence of the size alone is compared;
-afterwards the threshold is an unknown like any other, and counts as one.
+While the effect is at its null value, the derivative of every prediction with respect to its threshold is zero, so that
+no gradient leads to the threshold. For a given threshold, however, the predictions are linear in the size of the
+effect. So thresholds over a wide range are tried, and the evidence of the effect's size is compared. Afterwards the
+threshold is fitted like any other parameter.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-PLACE_RANGE_SIZES, PLACES_TRIED = 10.0, 21
-"""Distance to either side of the declared threshold, in typical sizes, and number of thresholds tried there, evenly."""
-PLACE_HALVINGS = 3
-"""Number of times that the distance between tried thresholds is halved around the best one; a descent continues from
-there."""
-EQUAL_PLACE_NATS = 1e-6
-"""Smallest difference of log evidence, nats, between thresholds that have any influence."""
+THRESHOLD_RANGE_SIZES, TRIED_THRESHOLDS = 10.0, 21
+"""Largest distance of a tried threshold from the declared one, in typical sizes, and number of thresholds tried."""
+THRESHOLD_HALVINGS = 3
+"""Number of times that the distance between tried thresholds is halved around the best one, before a fit starts from
+it."""
+MIN_THRESHOLD_EVIDENCE_NATS = 1e-6
+"""Range of the log evidence over the tried thresholds, nats, up to which the threshold has no influence."""
 
 
-def likeliest(
+def likeliest_thresholds(
     evidence: Callable[[np.ndarray], np.ndarray],
     declared: np.ndarray,
     typical: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
 ) -> np.ndarray:
-    """(n,) likeliest thresholds of n effects, each by itself; of equal ones the next to the declared one.
+    """Find the likeliest thresholds of n effects, each independently of the others.
 
     Args:
-        evidence: (n,) log evidence at (n,) thresholds, nats; minus infinity where there is none.
-        declared: (n,) thresholds in the middle of the range.
-        typical: (n,) typical sizes.
+        evidence: function from (n,) thresholds to their (n,) log evidence, nats; minus infinity where there is none.
+        declared: (n,) thresholds in the middle of the tried range; of equally likely ones the nearest is taken.
+        typical: (n,) typical sizes of the thresholds.
         lower: (n,) lower bounds.
         upper: (n,) upper bounds.
 
     Returns:
         (n,) thresholds, NaN where they have no influence.
     """
-    step = 2.0 * PLACE_RANGE_SIZES / (PLACES_TRIED - 1) * typical
+    step = 2.0 * THRESHOLD_RANGE_SIZES / (TRIED_THRESHOLDS - 1) * typical
     tried, found = list[np.ndarray](), list[np.ndarray]()
 
     def attempt(at: np.ndarray) -> None:
@@ -50,12 +50,12 @@ def likeliest(
         away = np.where(worth == worth.max(axis=0), np.abs(at - declared), np.inf)
         return np.take_along_axis(at, away.argmin(axis=0)[None], axis=0)[0]
 
-    for k in np.arange(PLACES_TRIED) - PLACES_TRIED // 2:
+    for k in np.arange(TRIED_THRESHOLDS) - TRIED_THRESHOLDS // 2:
         attempt(declared + k * step)
     worth = np.array(found)
     with np.errstate(invalid="ignore"):
-        matters = worth.max(axis=0) - worth.min(axis=0) > EQUAL_PLACE_NATS
-    for _ in range(PLACE_HALVINGS if matters.any() else 0):
+        matters = worth.max(axis=0) - worth.min(axis=0) > MIN_THRESHOLD_EVIDENCE_NATS
+    for _ in range(THRESHOLD_HALVINGS if matters.any() else 0):
         step, around = 0.5 * step, best()
         attempt(around - step)
         attempt(around + step)

@@ -25,33 +25,34 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
-from armdyn.identify.noise import Whitening, variance_inflation, whitening
-from armdyn.identify.problem import by_channel, chi2_of, samples_of
+from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
+from armdyn.identify.noise import Whitening, variance_inflation, whitening_filters
+from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
-FAR_ABOVE_ESTIMATED = 10.0
+MAX_CHI2_OF_ESTIMATED_NOISE = 10.0
 """Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
 differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
-NEARLY_NO_PRIOR = 1e-4
+REDUCED_PRIOR_WEIGHT = 1e-4
 """Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Uncertainty of a fit.
+    """Uncertainty of the fitted values of a fit.
 
     Attributes:
         fit: the fit.
-        inflation: factor f_c by channel; empty where the residual is of the size of the noise.
+        inflation: factor on the noise variance by channel, for the model's own error; empty where the residual is of
+            the size of the noise.
     """
 
     fit: Fit
     inflation: dict[str, float]
 
     @property
-    def widened(self) -> float:
-        """Factor on the standard deviations for the model's own error, for the worst channel; 1 where it is small."""
+    def std_inflation(self) -> float:
+        """Factor by which the model's own error widens the standard deviations, for the worst channel; 1 if small."""
         return float(np.sqrt(max(self.inflation.values(), default=1.0)))
 
     @cached_property
@@ -60,22 +61,23 @@ class Uncertainty:
         return _covariance(self.fit, self.inflation) if self.inflation else whitened_covariance(self.fit)
 
     @cached_property
-    def of_runs_alone(self) -> np.ndarray:
-        """(P, P) covariance nearly without priors and bounds: huge for what only they determine."""
-        return _covariance(self.fit, self.inflation or _inflation(self.fit), NEARLY_NO_PRIOR, bounded=False)
+    def covariance_without_priors(self) -> np.ndarray:
+        """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
+        return _covariance(self.fit, self.inflation or _inflation(self.fit), REDUCED_PRIOR_WEIGHT, bounded=False)
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
-    """Uncertainty of a fit, from its noise or, where that is larger, from the model's own error."""
-    return Uncertainty(fit, _inflation(fit) if model_limited(study, fit) else {})
+    """Uncertainty of a fit, from the noise or, where the model's own error is larger, from that error."""
+    return Uncertainty(fit, _inflation(fit) if model_error_dominates(study, fit) else {})
 
 
 def whitened_covariance(fit: Fit) -> np.ndarray:
-    """(P, P) covariance of generalised least squares with an autoregression; zero for values on a bound.
+    """(P, P) covariance of a fit's unknowns if its residual is noise that is correlated in time.
 
-    Judge et al., Theory and Practice of Econometrics, §8.2.
+    It is that of generalised least squares, with an autoregression as the model of the noise (Judge et al., Theory and
+    Practice of Econometrics, §8.2); zero for unknowns on a bound.
     """
-    return _covariance(fit, dict.fromkeys(by_channel(fit.blocks), 1.0), filters=whitening(fit.blocks))
+    return _covariance(fit, dict.fromkeys(blocks_by_channel(fit.blocks), 1.0), filters=whitening_filters(fit.blocks))
 
 
 def _covariance(
@@ -97,7 +99,7 @@ def _covariance(
         bounded: whether bounds are respected.
         filters: whitening filter by channel; None where the residual is not whitened.
     """
-    problem, free, considered = fit.problem, np.flatnonzero(fit.free), np.flatnonzero(fit.considered)
+    problem, free, considered = fit.problem, np.flatnonzero(fit.free), np.flatnonzero(fit.consider_parameters)
     weight = problem.prior_weight[free] ** 2
     bread = trust * np.diag(weight)
     meat, gradient = bread.copy(), weight * (problem.prior_mean - fit.values)[free]
@@ -126,13 +128,13 @@ def _covariance(
     return covariance + moved / problem.prior_weight[considered] ** 2 @ moved.T
 
 
-def model_limited(study: Study, fit: Fit) -> bool:
-    """Whether, in some channel, the model's own error is larger than the noise."""
-    for blocks in by_channel(fit.blocks).values():
+def model_error_dominates(study: Study, fit: Fit) -> bool:
+    """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
+    for blocks in blocks_by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        far, whole = FAR_ABOVE_STATED, samples_of(blocks)
+        far, whole = MAX_CHI2_OF_STATED_NOISE, sample_count(blocks)
         if samples < whole:
-            chi2, samples, far = chi2_of(blocks), whole, FAR_ABOVE_ESTIMATED
+            chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_OF_ESTIMATED_NOISE
         if chi2 > far * samples:
             return True
     return False
@@ -142,5 +144,5 @@ def _inflation(fit: Fit) -> dict[str, float]:
     """Factor f_c by channel, at least 1."""
     return {
         channel: max(1.0, variance_inflation([block.residual for block in blocks]))
-        for channel, blocks in by_channel(fit.blocks).items()
+        for channel, blocks in blocks_by_channel(fit.blocks).items()
     }

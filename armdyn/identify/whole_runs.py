@@ -1,9 +1,9 @@
-"""Compare sets of effects by the residual of whole runs, which evidence with process noise cannot see.
+"""Compare sets of effects by the residual of whole simulated runs, in addition to their evidence with process noise.
 
-Process noise absorbs errors that add up over many swings, so far above the sensor's noise a wrong friction may have the
-better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as well: for one or two
-effects alone, for every effect exchanged for another, and for one more. Effects that are zero at the end, or increase
-the error of held-out runs, are removed.
+Process noise absorbs errors that add up over many swings. So where the residual is far above the sensor's noise, a
+wrong friction may have the better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as
+well: for one or two effects alone, for every effect exchanged for another, and for one more effect. Effects whose
+values are zero at the end, or that increase the error of held-out runs, are removed.
 """
 
 from collections.abc import Callable
@@ -17,32 +17,45 @@ from armdyn.identify.holdout import MAX_ERROR_INCREASE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import SetScore
-from armdyn.identify.state_space.scorer import MAX_LACKING_SHARE, StateSpaceScorer
+from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
 
 WHOLE_RUN_EXCESS = 1.0
-"""Squared error above the noise, over the noise, from which whole runs are compared: noise is the smaller part then."""
+"""Ratio of the squared error above the noise to the noise variance from which on sets are compared by whole runs."""
 COMPARED_EFFECTS, COMPARED_PAIR_EFFECTS = 12, 6
-"""Number of effects, the most promising ones, that are compared alone over whole runs, and number of those of which
-pairs are compared."""
+"""Number of effects, those with the best evidence, that are compared alone over whole runs, and number of those (with
+the smallest residual) of which pairs are compared."""
 MIN_VALUES_SAVED = 2
-"""Number of values that a pair must save, at an equal residual, to replace the set that evidence chose."""
+"""Number of parameters that a pair of effects must save, at an equal residual, to replace the set with the best
+evidence, while errors are gross."""
 MAX_PAIR_RESIDUAL_RATIO = 0.25
-"""Residual of a pair over that of the set that evidence chose (squared errors above the noise) up to which the pair
-replaces it, where that is below `GROSS_ERROR_RATIO`: a wrong pair left 0.41 beside small errors of an encoder, right
-ones that evidence missed 0.18 or less."""
+"""Ratio of the residual of a pair of effects to that of the set with the best evidence (squared errors above the noise)
+up to which the pair replaces the set, while errors are not gross: a wrong pair had 0.41 with small errors of an
+encoder, right pairs with less evidence had 0.18 or less."""
 RIVALS_TRIED = 2
-"""Number of effects, those with the best evidence, that are tried in place of each effect of a set."""
+"""Number of other effects, those with the best evidence, that are tried in place of each effect of a set."""
 NULL_PROBABILITY = 0.0455
-"""Probability of two standard deviations: values of absent effects reach it by chance."""
+"""Probability by chance (two standard deviations) above which an effect's values count as zero."""
 
 Effects = tuple[Candidate, ...]
 
 
-def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
-    """The set that evidence chose, or one with a clearly smaller residual of whole runs, without absent effects."""
+def improve_by_whole_runs(
+    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]
+) -> SetScore:
+    """Improve a set of effects that was chosen by evidence: whole runs may show a set with a clearly smaller residual.
+
+    Args:
+        study: runs and catalogue.
+        scorer: scorer of sets by evidence.
+        whole: the set with the best evidence.
+        say: called with a text on the progress.
+
+    Returns:
+        The set, without effects that whole runs show to be absent.
+    """
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > WHOLE_RUN_EXCESS):
         say("comparing pairs over whole runs")
@@ -56,7 +69,7 @@ def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, 
         effects = _exchanged(study, scorer, effects)
         say("comparing further effects over whole runs")
         effects = _added(study, scorer, effects)
-    return scorer.settle(_without_nothing(study, effects))
+    return scorer.optimise(_without_nothing(study, effects))
 
 
 def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
@@ -66,15 +79,15 @@ def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
 def _left(study: StateSpaceStudy, effects: Effects) -> float:
     """Residual of a set; of an effect alone, where values are guesses, also from the likeliest other start values."""
     left = study.left((*study.present, *effects))
-    if len(effects) == 1 and study.model.first_guesses:
+    if len(effects) == 1 and study.model.guessed_parameters:
         left = min(left, study.squared_error(_fitted(study, effects)))
     return left
 
 
 def _pair_or(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
     """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
-    scorer.settle(())
-    promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED_EFFECTS]
+    scorer.optimise(())
+    promised = sorted(scorer.candidates, key=lambda c: -scorer.evaluate((c,)).score)[:COMPARED_EFFECTS]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:COMPARED_PAIR_EFFECTS]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
     best = min(sets, key=lambda one: _left(study, one) / (1.0 - MIN_SHARE_PER_VALUE) ** len(one))
@@ -89,14 +102,14 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
     """
     refused = {frozenset(whole)}
     while True:
-        now = scorer.settle(whole)
+        now = scorer.optimise(whole)
         most = study.excess(study.quick_fit((*study.present, *whole)))
         options = list[Effects]()
         for gone in whole:
             rest = tuple(c for c in whole if c != gone)
             rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
-            sets = [scorer.of((*rest, c)) for c in rivals]
-            least = now.score - MAX_LACKING_SHARE * (now.score - scorer.of(rest).score)
+            sets = [scorer.evaluate((*rest, c)) for c in rivals]
+            least = now.score - MAX_MISSING_EVIDENCE_SHARE * (now.score - scorer.evaluate(rest).score)
             near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS_TRIED]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
@@ -110,9 +123,9 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
 def _added(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set, extended by one effect at a time while errors are gross and the residual of whole runs falls enough."""
     while _fitted(study, whole).chi2_per_sample > GROSS_ERROR_RATIO:
-        now = scorer.settle(whole)
+        now = scorer.optimise(whole)
         left = [c for c in scorer.candidates if c not in whole]
-        promised = sorted(left, key=lambda c: -scorer.of((*now.effects, c)).score)[:COMPARED_PAIR_EFFECTS]
+        promised = sorted(left, key=lambda c: -scorer.evaluate((*now.effects, c)).score)[:COMPARED_PAIR_EFFECTS]
         sets = [one for one in ((*whole, c) for c in promised) if _explains(study, whole, one)]
         if not sets:
             return whole
@@ -152,7 +165,7 @@ def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate)
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
     """(k,) distance of an effect's fitted values from those at which it is absent."""
-    own = found.problem.of(one.names) & found.free
+    own = found.problem.unknowns_of(one.names) & found.free
     return found.values[own] - found.problem.null[own]
 
 
@@ -162,7 +175,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
     Biometrika 64, 1977): such an effect is absent only if the residual of whole runs is as small without it, too.
     """
-    own = found.problem.of(one.names) & found.free
+    own = found.problem.unknowns_of(one.names) & found.free
     covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
     known = np.diag(covariance) > 0.0
     if not known.any():
@@ -170,7 +183,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
     if square >= chdtri(int(known.sum()), NULL_PROBABILITY):
         return False
-    placed = not study.motion.names_of_places.keys().isdisjoint(one.names)
+    placed = not study.motion.threshold_values.keys().isdisjoint(one.names)
     return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
 
 

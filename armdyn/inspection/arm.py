@@ -18,9 +18,9 @@ from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
 from armdyn.inspection.kinematics import local_averages
-from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
-from armdyn.readout import lagged
+from armdyn.object_cache import cached_with_first_argument
+from armdyn.readout import first_order_lag
 from armdyn.run import Run
 
 ARM_MOMENTS = 120
@@ -120,7 +120,7 @@ def with_sign_of_total(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarra
 def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
     """(J, n, ...) values after a first-order lag, exact for straight lines between the times (n,)."""
     series = np.moveaxis(value, 1, 0)
-    found, _ = lagged(series.reshape(len(time), -1), lag, np.diff(time))
+    found, _ = first_order_lag(series.reshape(len(time), -1), lag, np.diff(time))
     return np.moveaxis(found.reshape(series.shape), 0, 1)
 
 
@@ -353,7 +353,7 @@ class ArmRun:
     @cached_property
     def _own(self) -> ArmModel:
         """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only([e.name for e in self.model.effects if not depends_on_past(e)])
+        return self.model.with_only_effects([e.name for e in self.model.effects if not depends_on_past(e)])
 
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:

@@ -91,7 +91,7 @@ def evidence(given: ChannelReadings) -> Evidence:
 
     for _ in range(NOISE_ESTIMATION_ROUNDS):
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
-        theta, free = found.x, found.held == 0
+        theta, free = found.x, found.on_bound == 0
         residual = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
         variance = np.mean(residual**2, axis=2) + (given.model_error_floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from armdyn.inspection.check import Check, Severity, rounded
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import DIFFERENCE_ORDERS, noise_std_from_differences, normalised_differences
 from armdyn.run import Run

@@ -10,7 +10,7 @@ import numpy as np
 from armdyn.arm.carried import movable_joints, omitted_moving_joints
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import available
+from armdyn.effects.user import available_effects
 from armdyn.errors import InputError
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
@@ -66,11 +66,11 @@ def inspect_runs(
         adding: effects that are going to be added to the model, whose values recordings may state.
     """
     if effects is None:
-        effects = available(model) if model is not None else ()
+        effects = available_effects(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
-        runs = [model.taking(run) for run in runs]
-        model = model.following(runs)
+        runs = [model.with_model_channels(run) for run in runs]
+        model = model.adapted_to(runs)
     found = [check for run in runs for check in checks_of_run(run, model, effects, adding)]
     beside = CHECKS_OF_OTHER_JOINTS.get(model.base) if model is not None else None
     return Inspection(tuple(runs), sorted_by_severity([*found, *(beside(model, runs) if beside else ())]))

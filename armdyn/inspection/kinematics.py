@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, CheckKind, Severity, names_in_words, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run

@@ -308,7 +308,7 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
     where = run.source.with_suffix(".toml") if run.source is not None else "the mapping"
     for name, question in run.asked.items():
         yield Check(
-            "unanswered_check", Severity.SUSPECT, run.name, (name,) if name in run.everything else (),
+            "unanswered_check", Severity.SUSPECT, run.name, (name,) if name in run.all_channels else (),
             f"{name} was made of {question}: nobody has answered that",
             f"if it is right, take the line away below [asked] in {where}; else mend its line in the mapping and "
             "import again: armdyn import FILE --output DIR --map map.toml --force",

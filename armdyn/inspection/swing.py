@@ -28,8 +28,8 @@ from armdyn.inspection.mistakes import (
     scaled_channels_mistake,
     shifted_clock_mistakes,
 )
-from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.start import swing_channel
 from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smooth_curve

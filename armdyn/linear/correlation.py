@@ -6,7 +6,12 @@ import numpy as np
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
-    """(lags + 1,) sums of the products of samples that are 0, 1, ... apart, over stretches (n,)."""
+    """(lags + 1,) sums of products of residuals that are 0, 1, ... samples apart.
+
+    Args:
+        residuals: stretches (n,) of the residual; no product spans two stretches.
+        lags: largest distance, in samples.
+    """
     products = np.zeros(lags + 1)
     for residual in residuals:
         for k in range(min(lags + 1, len(residual))):
@@ -17,10 +22,11 @@ def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
 def correlation_time(
     residuals: Sequence[np.ndarray], most_lags: int | None = None, least: float = 0.0, stride: int = 1
 ) -> float:
-    """1 + twice the sum of the autocorrelations up to the first that is not above `least`, in samples; at least 1.
+    """Correlation time of a residual, in samples, at least 1.
 
-    The mean of N samples with that correlation time is as uncertain as the mean of N over it independent samples
-    (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+    It is 1 + twice the sum of the autocorrelations up to the first that is not above `least`. The mean of N samples
+    with correlation time tau is as uncertain as the mean of N / tau independent samples (Bayley & Hammersley, J. R.
+    Stat. Soc. Suppl. 8, 1946).
 
     Args:
         residuals: stretches (n,) of the residual.

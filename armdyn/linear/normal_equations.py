@@ -1,4 +1,4 @@
-"""Normal equations: a linearised model as sums over samples, which give the fit and the errors of every subset."""
+"""Normal equations of a linear model: sums over samples that give the fit, and its errors, of any set of unknowns."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,12 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Sums of U units, such as one channel in one recording, for P unknowns.
+    """Normal equations of a linear model with P unknowns, for each of U units, such as one channel in one recording.
 
     Attributes:
-        gram: (U, P, P) X'X, X the derivatives of the predictions.
-        slope: (U, P) X'r, r measured minus predicted.
-        square: (U,) r'r.
+        gram: (U, P, P) products X'X of the derivatives X of the predictions with respect to the unknowns.
+        slope: (U, P) products X'r with the residual r, measured minus predicted.
+        square: (U,) squared residuals r'r.
         count: (U,) number of samples.
     """
 
@@ -34,5 +34,10 @@ class NormalEquations:
         return np.maximum(total, 0.0)
 
     def weighted(self, weight: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P, P) and (P,) sums over `units` (u,) of X'X and X'r, times (u,) `weight`."""
+        """(P, P) and (P,) sums of X'X and X'r over some units.
+
+        Args:
+            weight: (u,) weights of the units.
+            units: (u,) indices of the units.
+        """
         return np.tensordot(weight, self.gram[units], 1), weight @ self.slope[units]

@@ -15,37 +15,38 @@ from itertools import count
 import numpy as np
 
 DIAGONAL_LOADING = 1e-13
-"""Added to the diagonal of a matrix whose diagonal is one: rounding may have reduced its eigenvalues by as much."""
+"""Added to the diagonal of a matrix whose diagonal is one, as rounding may have reduced its eigenvalues by as much."""
 KKT_TOLERANCE = 1e-11
-"""Violation of a condition that is due to rounding, where A has a diagonal of ones, relative to the unknowns."""
+"""Violation of an optimality condition, relative to the unknowns, up to which it counts as rounding."""
 MAX_FAILED_EXCHANGES = 3
-"""Exchanges of all unknowns at once that may fail to reduce the number of violations, before one changes alone."""
+"""Number of exchanges of many unknowns at once that may fail to reduce the violations before one is exchanged alone."""
 MAX_EXCHANGES_PER_UNKNOWN = 20
-"""Exchanges per unknown after which a matrix counts as indefinite by rounding, which may cycle for ever; positive
-definite ones needed at most 2.4 in 20,000 random problems of 1 to 20 unknowns."""
+"""Number of exchanges per unknown after which the matrix counts as indefinite by rounding, for which the search may
+never end; 20,000 random positive definite problems of 1 to 20 unknowns needed at most 2.4."""
 MIN_EIGENVALUE = 1e-9
-"""Smallest eigenvalue that an indefinite matrix gets, where A has a diagonal of ones."""
+"""Smallest eigenvalue that an indefinite matrix, scaled to a diagonal of ones, is given."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundedSolution:
-    """The minimum of one bounded problem, or of many.
+    """Solution of one bounded quadratic problem, or of many.
 
     Attributes:
         x: (..., n) unknowns at the minimum.
-        held: (..., n) -1 on the lower bound, 1 on the upper bound, 0 between them.
+        on_bound: (..., n) -1 for an unknown on its lower bound, 1 on its upper bound, 0 between them.
         gradient: (..., n) gradient A x - b.
     """
 
     x: np.ndarray
-    held: np.ndarray
+    on_bound: np.ndarray
     gradient: np.ndarray
 
 
-def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(..., n) square roots of the diagonals of (..., n, n) positive definite matrices, and the scaled matrices.
+def scale_to_unit_diagonal(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scale positive definite matrices (..., n, n) to a diagonal of ones, so that units do not matter.
 
-    The diagonal of the scaled matrices is one, so that the units of the unknowns do not matter.
+    Returns:
+        (..., n) square roots of the diagonals, and the (..., n, n) scaled matrices.
     """
     size = np.sqrt(np.diagonal(A, axis1=-2, axis2=-1))
     return size, A / (size[..., :, None] * size[..., None, :]) + DIAGONAL_LOADING * np.eye(A.shape[-1])
@@ -53,28 +54,28 @@ def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def solve_positive(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(..., n) solutions x of A x = b for (..., n, n) positive definite matrices."""
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     return np.asarray(np.linalg.solve(unit, (b / size)[..., None])[..., 0] / size)
 
 
 def log_det(A: np.ndarray) -> np.ndarray:
     """(...) logarithms of the determinants of (..., n, n) positive definite matrices."""
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     return np.asarray(2.0 * np.sum(np.log(size), axis=-1) + np.linalg.slogdet(unit)[1])
 
 
 def marginal_information(A: np.ndarray, own: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information on some unknowns with others as nuisance, and how the others follow.
+    """Information matrix of some unknowns when others are unknown as well (nuisance parameters).
 
-    It is the Schur complement A_oo - A_on A_nn^+ A_no; directions of the others without information stay as they are.
+    It is the Schur complement A_oo - A_on A_nn^+ A_no, with the pseudo-inverse of A_nn.
 
     Args:
-        A: (n, n) information on all unknowns.
-        own: (o,) indices of the unknowns.
-        others: (m,) indices of the nuisance.
+        A: (n, n) information matrix (inverse covariance) of all unknowns.
+        own: (o,) indices of the unknowns of interest.
+        others: (m,) indices of the nuisance parameters.
 
     Returns:
-        (o, o) information, and (m, o) change of the others per change of the unknowns.
+        (o, o) information matrix, and (m, o) change of the best nuisance parameters per change of the unknowns.
     """
     between = A[np.ix_(others, own)]
     follow = -np.linalg.pinv(A[np.ix_(others, others)], hermitian=True) @ between
@@ -82,7 +83,7 @@ def marginal_information(A: np.ndarray, own: np.ndarray, others: np.ndarray) -> 
 
 
 def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray | float) -> BoundedSolution:
-    """Minimise within bounds: one problem, or many of one size at once.
+    """Minimise x' A x / 2 - b' x within bounds: one problem, or many of one size at once.
 
     Args:
         A: (..., n, n) symmetric positive definite matrices.
@@ -90,7 +91,7 @@ def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nda
         lower: (..., n) lower bounds, which may be minus infinity.
         upper: (..., n) upper bounds, or one for all, which may be infinity; not below `lower`.
     """
-    size, unit = scaled(A)
+    size, unit = scale_to_unit_diagonal(A)
     shape = np.broadcast_shapes(size.shape, b.shape)
     flat = math.prod(shape[:-1]), shape[-1]
     problems = (np.broadcast_to(part, shape).reshape(flat) for part in (b / size, lower * size, upper * size))

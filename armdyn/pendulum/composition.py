@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from armdyn.effects.catalogue import natural_order
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.effects.catalogue import catalogue_order
+from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
@@ -51,12 +51,12 @@ class PendulumComposition:
     """
 
     def __init__(self, effects: Sequence[Effect]) -> None:
-        self._effects = natural_order(effects)
+        self._effects = catalogue_order(effects)
         self.names = BASE_PARAMETERS + tuple(p.name for item in self._effects for p in item.parameters())
         self.theta = ca.SX.sym("theta", len(self.names))
         self._by_name = dict(zip(self.names, ca.vertsplit(self.theta), strict=True))
         x, v, z, phi, rate, pull = (ca.SX.sym(s) for s in ("x", "v", "z", "phi", "rate", "T"))
-        self.recorded = {column: ca.SX.sym("recorded") for column in columns_of(self._effects)}
+        self.recorded = {column: ca.SX.sym("recorded") for column in recorded_columns(self._effects)}
         at = self.moment(ca.SX.sym("t"), self.recorded)
         gripper, string = gripper_stage(at, x, v, z, phi), string_stage(at, phi, rate)
         load = load_stage(at, ca.SX.sym("q", 3), ca.SX.sym("qd", 3), phi, rate)

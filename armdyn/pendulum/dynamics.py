@@ -38,7 +38,7 @@ from armdyn.pendulum.yielding import compliant_displacement
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
 from armdyn.physics.vibration import Vibration
-from armdyn.readout import Sensor
+from armdyn.readout import SensorReadout
 
 PLANAR_STATE_SIZE = 2
 PENDULUM_INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
@@ -214,7 +214,7 @@ def derive_dynamics(composition: PendulumComposition, *, planar: bool = False) -
         dry_friction=friction,
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
-        sensors={name: Sensor(theta, lag=lag, delay=delay) for name, lag, delay in timing},
+        sensors={name: SensorReadout(theta, lag=lag, delay=delay) for name, lag, delay in timing},
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from armdyn.effects.catalogue import natural_order
+from armdyn.effects.catalogue import catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
@@ -114,13 +114,13 @@ class PendulumModel(SimulatedModel):
         name, small = swing_channel(run), self.start_window(theta)
         return small if name is None else min(dominant_period(run.channels[name]), MAX_SWING_PERIODS * small)
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the start angle and rate, from a measured angle; empty without one."""
         if "swing_angle" not in run.channels:
             return {}
         return start_parameters(run, self.value("length"), [first_value_and_rate(run.channels["swing_angle"])])[0]
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start angles and rates from which a fit is tried: points of the phase plane, near a measured angle if any."""
         pace = 2.0 * np.pi / self.start_window(theta)
         plane = possible_start_states(pace)
@@ -134,7 +134,7 @@ class PendulumModel(SimulatedModel):
         length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
         return float(2 * np.pi * np.sqrt(length / gravity))
 
-    def pieces(self, run: Run) -> Sequence[Run]:
+    def split_into_pieces(self, run: Run) -> Sequence[Run]:
         """Parts of a run: between gaps of the gripper's positions; below a fixed pivot the part with a free swing."""
         return (
             cut_at_gripper_gaps(run)
@@ -150,15 +150,15 @@ class PendulumModel(SimulatedModel):
     @cached_property
     def formulation(self) -> str:
         """Identifier of the equations: the names of the effects."""
-        return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
+        return "_".join(["pendulum", *(e.name for e in catalogue_order(self.effects))])
 
     def dynamics(self) -> PendulumDynamics:
         """Simplified continuous equations with two states, for sequential action control."""
-        return _dynamics(natural_order(self.effects), planar=True)
+        return _dynamics(catalogue_order(self.effects), planar=True)
 
     def variational(self) -> VariationalStep:
         """Equations of the discrete variational integrator, for planning."""
-        return _variational(natural_order(self.effects))
+        return _variational(catalogue_order(self.effects))
 
     def rest_angle(self) -> float:
         """Angle at which the load hangs at rest below a gripper at rest, rad: not 0 in wind or on a tilted line.
@@ -197,7 +197,7 @@ class PendulumModel(SimulatedModel):
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects whose parameters are all null in `values`."""
-        return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
+        return self.with_only_effects({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     @property
     def effects_with_states(self) -> frozenset[str]:
@@ -229,7 +229,7 @@ class PendulumModel(SimulatedModel):
     @cached_property
     def system(self) -> PendulumDynamics:
         """The continuous equations of the pendulum with the effects of the model."""
-        return _dynamics(natural_order(self.effects))
+        return _dynamics(catalogue_order(self.effects))
 
 
 @lru_cache(maxsize=128)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
 from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, smoothed_input, time_since_recording_began
-from armdyn.readout import lagged
+from armdyn.readout import first_order_lag
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import (
     WHITTAKER_ORDER,
@@ -128,7 +128,7 @@ def lagged_path(path: InputPath, lag: float) -> InputPath:
     starts, slopes = (x - tau * v + tau**2 * a, v - tau * a, a), (2 * tau * a - v, -a, 0.0)
     along, by_lag = zip(
         *(
-            lagged(signal[:, None], tau, path.dt, start, by_lag)
+            first_order_lag(signal[:, None], tau, path.dt, start, by_lag)
             for signal, start, by_lag in zip(path.nodes[1:4], starts, slopes, strict=True)
         ),
         strict=True,

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_CALL, System, state_after_step
 from armdyn.smoothing.even import first_derivative
@@ -34,7 +34,7 @@ class Adjoint:
         self._impulse = system.impulse_adds_to in channels
         self._force = channels.index(str(system.impulse_adds_to)) if self._impulse else 0
         rows = [system.outputs.index(channel) for channel in channels] + [len(system.outputs)] * self._impulse
-        self._back = Buffered(compile_functions(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
+        self._back = BufferedFunction(compile_functions(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
 
     def gradient(
         self, path: InputPath, theta: np.ndarray, states: np.ndarray, weights: np.ndarray

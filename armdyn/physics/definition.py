@@ -31,7 +31,7 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 import casadi as ca
 
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.parameter import Parameter, RecordedColumn
 from armdyn.recording.channels import channel_kind, channel_units, is_auxiliary
 from armdyn.recording.units import to_base_units
@@ -304,7 +304,7 @@ def physics(
     step = DEFAULT_STEP_PERIODS * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
         if is_auxiliary(channel):
-            with at(f"physics '{name}': {channel}"):
+            with error_location(f"physics '{name}': {channel}"):
                 to_base_units(unit)
         elif unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")

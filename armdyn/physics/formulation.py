@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
-from armdyn.readout import Sensor
+from armdyn.readout import SensorReadout
 
 DERIVATIVES_PER_INPUT = 3
 """Number of entries per input: its value, rate and acceleration."""
@@ -63,7 +63,7 @@ def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, .
     states = {name: ca.SX.sym(name) for name in physics.states}
     symbols = {channel: ca.SX.sym(channel.replace(".", "_"), DERIVATIVES_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
-    recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
+    recorded = {column: ca.SX.sym("recorded") for column in recorded_columns(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
     found = _asked(physics, moment)
     rates_of = _with_rates(moment, found, states, signals)
@@ -98,7 +98,7 @@ def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, .
         slopes=ca.Function("slopes", [s, w, theta], [ca.densify(ca.jacobian(rates, s))]),
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
-        sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
+        sensors={n: SensorReadout(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
         acting_parameters=frozenset(name for name, used in zip(names, depends, strict=True) if used),
         measuring_channels={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
         rates={n: m for n in states for m, x in states.items() if _same(rates_of[n], x)},

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.effects.catalogue import CATALOGUE, natural_order
+from armdyn.effects.catalogue import CATALOGUE, catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulate
@@ -59,8 +59,8 @@ class PhysicsModel(SimulatedModel):
         """Name of the physics, which is the base of its model."""
         return self.physics.name
 
-    def described(self, folder: Path) -> Mapping[str, Any]:
-        """Entries of a model file for this base: the path of the user's file; see `Model.described`.
+    def file_entries(self, folder: Path) -> Mapping[str, Any]:
+        """Entries of a model file for this base: the path of the user's file; see `Model.file_entries`.
 
         Raises:
             InputError: the physics was not read from a file.
@@ -85,7 +85,7 @@ class PhysicsModel(SimulatedModel):
         return self.physics.step
 
     @property
-    def settled_window(self) -> float:
+    def min_effect_window(self) -> float:
         """Length of a run, s, below which friction and creep are not identifiable: three periods of the motion."""
         return 3.0 * self.physics.period
 
@@ -108,9 +108,9 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """The equations of the physics with the effects of the model."""
         starts = set(self.start_names)
-        return formulate(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulate(self.physics, catalogue_order(self.effects), tuple(n for n in self.names if n not in starts))
 
-    def guess_start(self, run: Run) -> Mapping[str, float]:
+    def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the state at the start of a run, from measured states and their measured rates."""
         states = self.physics.states
         guess = self._shown(run, lambda channel: first_value_and_rate(channel, START_FIT_SECONDS * self.physics.period))
@@ -126,10 +126,10 @@ class PhysicsModel(SimulatedModel):
                     rates[bare.rates[name]] = rate
         return {**rates, **values}  # a measured value is better than a slope
 
-    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+    def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start states from which a fit is tried: a grid over the unmeasured states."""
         del theta
-        guess = self.guess_start(run)
+        guess = self.guess_start_state(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
         if len(unknown) not in START_VALUES_TRIED:
             return []
@@ -143,7 +143,7 @@ class PhysicsModel(SimulatedModel):
         del theta
         return self.physics.period
 
-    def reachable(self, effect: Effect) -> tuple[str, ...]:
+    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect changes the equations.
 
         Raises:
@@ -163,7 +163,7 @@ class PhysicsModel(SimulatedModel):
         Raises:
             InputError: the effect changes nothing in this physics.
         """
-        if effect.acts_on in self.stages and not self.reachable(effect):
+        if effect.acts_on in self.stages and not self.possible_joints(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
         return super().with_effect(effect)
 
@@ -172,7 +172,7 @@ class PhysicsModel(SimulatedModel):
         """Names of the effects that add states."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
-    def taking(self, run: Run) -> Run:
+    def with_model_channels(self, run: Run) -> Run:
         """The run with its further quantities in the units of the equations, as channels."""
         declared = {**self.physics.inputs, **self.physics.outputs}
         found, noise = dict[str, Channel](), dict(run.noise)
@@ -188,7 +188,11 @@ class PhysicsModel(SimulatedModel):
                 found[name] = Channel(channel.time, value, declared[name])
                 if name in noise:
                     noise[name] *= times / factor
-        return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
+        return (
+            replace(run, channels={**run.channels, **found}, base_channels=run.base_channels | set(found), noise=noise)
+            if found
+            else run
+        )
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """Channels of a run that the model predicts, in the order of the prediction."""
@@ -200,10 +204,10 @@ class PhysicsModel(SimulatedModel):
                 raise InputError(f"{run.source or run.name}: '{name}' is in {run.channels[name].unit}, not in {unit}")
         return channels
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run without faulty samples, cut to the time in which all inputs were recorded."""
         del beside
-        run = self.taking(run)
+        run = self.with_model_channels(run)
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
@@ -221,7 +225,7 @@ class PhysicsModel(SimulatedModel):
             MAX_COMPARED_RATE * DEFAULT_STEP_PERIODS / self.physics.step,
         )
 
-    def jumps(self, run: Run) -> np.ndarray:
+    def jump_times(self, run: Run) -> np.ndarray:
         """(j,) times, s, at which an input that is held between its samples changes."""
         held = [run.channels[name] for name in self._held(run)]
         return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
@@ -245,7 +249,7 @@ class PhysicsModel(SimulatedModel):
         return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
 
     @property
-    def first_guesses(self) -> tuple[str, ...]:
+    def guessed_parameters(self) -> tuple[str, ...]:
         """Parameters whose values are only guesses: all those of the physics, and the start values."""
         return (*(p.name for p in self.physics.parameters), *self.start_names)
 
@@ -343,7 +347,7 @@ def _bare(physics: Physics) -> Formulation:
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
     """Joints of its stage on which an effect changes something; empty where the stage is of another type."""
     kind = _bare(physics).stage_classes.get(effect.acts_on)
-    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
+    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.stage_class)):
         return ()
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}

@@ -16,7 +16,7 @@ from armdyn.physics.recorded import InputPath
 from armdyn.physics.shooting import piece_simulator, simulate_pieces
 from armdyn.physics.simulate import System
 from armdyn.physics.simulated import SimulatedModel
-from armdyn.readout import Interpolated
+from armdyn.readout import InterpolatingSampler
 from armdyn.run import Run
 
 INVERSION_STEPS = 3
@@ -105,7 +105,7 @@ class MotionPieces:
         self._of = {c: self._placed(self.run.channels[c].time) for c in self.channels}
         nodes = self._path.start + self._path.dt * np.arange(edges[0], edges[-1] + 1)
         given = ((c, self.run.channels[c].time, self.run.spread.get(c, 0.0)) for c in self.channels)
-        self._matrices = {c: Interpolated(nodes, time, spread).matrix(0.0) for c, time, spread in given}
+        self._matrices = {c: InterpolatingSampler(nodes, time, spread).matrix(0.0) for c, time, spread in given}
 
     def cut_in_two(self, which: np.ndarray) -> bool:
         """Cut the pieces that `which` (J,) marks into halves, if long enough; return whether any piece was cut."""
@@ -280,7 +280,9 @@ class MotionPieces:
         read = None
         if sensor.lags or sensor.delays:
             nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
-            read = sensor.read(signal, Interpolated(nodes, given.time, self.run.spread.get(channel, 0.0)), physics)
+            read = sensor.read(
+                signal, InterpolatingSampler(nodes, given.time, self.run.spread.get(channel, 0.0)), physics
+            )
         N, n = len(given), join.by_theta.shape[1]
         value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
         back = pseudo_inverse(join.transition)

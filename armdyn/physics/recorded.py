@@ -106,7 +106,7 @@ class InputPath:
         if not columns:
             return self
         between = self.time[:-1] + self.dt / 2
-        nodes, middle = (np.vstack([c.over(self.extra, time) for c in columns]) for time in (self.time, between))
+        nodes, middle = (np.vstack([c.interpolate(self.extra, time) for c in columns]) for time in (self.time, between))
         by_lag = None
         if self.lag_derivatives is not None:
             own, others = self.lag_derivatives, (np.zeros_like(nodes), np.zeros_like(middle))

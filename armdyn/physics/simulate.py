@@ -7,13 +7,13 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM_ROW, DryFriction
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.vibration import Vibration
-from armdyn.readout import Sensor
+from armdyn.readout import SensorReadout
 from armdyn.smoothing.even import first_derivative
 
 STEPS_PER_BLOCK = 16
@@ -51,7 +51,7 @@ class System:
     derivative: ca.Function
     output: ca.Function
     initial: ca.Function
-    sensors: Mapping[str, Sensor]
+    sensors: Mapping[str, SensorReadout]
     impulse_adds_to: str | None = None
     impulse_vibration: Vibration | None = None
     input_lag: ca.Function | None = None
@@ -101,8 +101,8 @@ class Simulator:
         rows = [system.outputs.index(name) for name in self.channels] + [len(system.outputs)] * self._impulse
         steps = _repeated(_step(system, self.active_columns, rows), "steps", STEPS_PER_BLOCK)
         self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
-        self._start = Buffered(_start(system, self.active_columns))
-        self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
+        self._start = BufferedFunction(_start(system, self.active_columns))
+        self._advance = BufferedFunction(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
     def rollout(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate the motion along recorded inputs.

@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
-from armdyn.readout import Interpolated
+from armdyn.readout import InterpolatingSampler
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import NORMAL_MEDIAN, noise_std_from_differences
 from armdyn.recording.spikes import without_faulty_samples
@@ -65,12 +65,14 @@ class SimulatedModel(Model):
         """Names of the effects that make a simulation at least twice as slow."""
         return self.effects_with_states
 
-    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+    def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """A smaller model with at least the `needed` effects, if it saves more time than its compilation takes."""
-        lean, steps = self.with_only(needed), sum(self.input_path(run).nodes.shape[1] for run in runs)
+        lean, steps = self.with_only_effects(needed), sum(self.input_path(run).nodes.shape[1] for run in runs)
         if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS:
             return lean
-        return self.with_only({effect.name for effect in self.effects}.difference(self.slow_effects).union(needed))
+        return self.with_only_effects(
+            {effect.name for effect in self.effects}.difference(self.slow_effects).union(needed)
+        )
 
     @abstractmethod
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
@@ -156,7 +158,7 @@ class SimulatedModel(Model):
             raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
-    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run without faulty samples, averaged to a lower rate if it was sampled fast."""
         del beside
         return without_faulty_samples(run, self.predicted_channels(run), self.inputs)
@@ -205,9 +207,9 @@ def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulato
 
 
 @lru_cache(maxsize=16)
-def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: float) -> Interpolated:
+def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: float) -> InterpolatingSampler:
     """Interpolation from an even grid to the stamps of a channel; cached, because all steps of a fit share it."""
-    return Interpolated(start + dt * np.arange(size), channel.time, spread)
+    return InterpolatingSampler(start + dt * np.arange(size), channel.time, spread)
 
 
 def local_values_and_rates(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from armdyn.effects.user import effects_of
+from armdyn.effects.user import effects_defined_in
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
-from armdyn.user_code import faults_in, load_module
+from armdyn.user_code import load_module, user_code_errors
 
 KEYS = ()
 
@@ -33,5 +33,5 @@ def load_base(path: str | Path) -> PhysicsModel:
         raise InputError(
             f"{path}: defines {len(found)} bases: write one function with @physics(...), see examples/crane.py"
         )
-    with faults_in(path):
-        return physics_model(found[0], own_effects=effects_of(path, defined), file=path.resolve())
+    with user_code_errors(path):
+        return physics_model(found[0], own_effects=effects_defined_in(path, defined), file=path.resolve())

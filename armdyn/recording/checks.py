@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from armdyn.effects.effect import Effect, columns_of
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.effects.effect import Effect, recorded_columns
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model
 from armdyn.parameter import RecordedColumn
 from armdyn.recording.sidecar import POSITIVE_VALUES
@@ -43,24 +43,24 @@ def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
     Raises:
         InputError: it names the file, the channel or value and the time, what is wrong and what to do.
     """
-    with at(run.source or run.name):
+    with error_location(run.source or run.name):
         _check_known(model, run, adding)
         check_stamps(run)
         _check_span(run, model.step)
-        _check_further(run, columns_of((*model.effects, *adding)))
+        _check_further(run, recorded_columns((*model.effects, *adding)))
         check_steps(run)
 
 
 def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
     for effect in adding:
-        if model.lacks(effect):
+        if model.can_add_effect(effect):
             model = model.with_effect(effect)
     for name, known in run.known.items():
         if name not in model.parameters:
             if name in POSITIVE_VALUES:
                 continue  # quantities of a hanging load are written with every recording, also of an arm
             raise _unknown(model, name)
-        with at(f"[known] {name}"):
+        with error_location(f"[known] {name}"):
             si_factor(known.unit, model.parameters[name].unit)
 
 
@@ -82,7 +82,7 @@ def check_stamps(run: Run) -> None:
         InputError: it names the channel, what is wrong and what to do.
     """
     for name, channel in run.channels.items():
-        if len(channel) < 2 or name in run.own:  # a user's own channel may have any rate
+        if len(channel) < 2 or name in run.base_channels:  # a user's own channel may have any rate
             continue
         steps = np.diff(channel.time)
         typical, least = float(np.median(steps)), int(np.argmin(steps))
@@ -134,7 +134,7 @@ def _check_span(run: Run, step: float) -> None:
 def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
     """Refuse further quantities in another unit than effects read, or that do not overlap the channels in time."""
     for column in columns:
-        column.over(run.extra, np.zeros(0))
+        column.interpolate(run.extra, np.zeros(0))
     start = min((channel.time[0] for channel in run.channels.values()), default=-np.inf)
     end = max((channel.time[-1] for channel in run.channels.values()), default=np.inf)
     for name, channel in run.extra.items():

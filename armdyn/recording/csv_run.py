@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.channels import (
     MIN_SAMPLES,
     Channel,
@@ -109,7 +109,7 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
         choices = channel_units(name, where="column") if units is None else (units[name],)
         if not written and not is_auxiliary(name):
             raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
-        with at(f"column '{name}'"):
+        with error_location(f"column '{name}'"):
             columns[name] = (
                 unit_conversion(name, written)
                 if units is None

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import Channel, SampleError, is_channel_name, name_and_unit, unit_conversion
 from armdyn.recording.mcap_records import intact_records
@@ -62,7 +62,7 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
             armdyn.
     """
     data = _bytes(path)
-    with at(path):
+    with error_location(path):
         samples, sidecar, problem = _scan(data)
     recorded = {name: one for name, one in samples.items() if one.time}
     warnings: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
         raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
     channels = {}
     for name, one in recorded.items():
-        with at(f"{path}: channel '{name}'"):
+        with error_location(f"{path}: channel '{name}'"):
             channels[name] = _channel(name, one)
     return McapRecording(channels, sidecar, warnings)
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from armdyn.quoting import toml_string
 from armdyn.recording.channels import channel_kind, is_auxiliary, is_channel_name, unit_conversion
 from armdyn.recording.units import KnownQuantity, parse_quantity
@@ -59,7 +59,7 @@ def read_sidecar(path: Path) -> Sidecar:
     if not path.exists():
         return Sidecar()
     table = read_toml(path)
-    with at(path):
+    with error_location(path):
         return sidecar_of(table)
 
 
@@ -166,7 +166,7 @@ def _quantity(where: str, value: object, unit: str | None) -> KnownQuantity:
     if not isinstance(value, str):
         example = f"{value} {unit or 'kg'}" if isinstance(value, int | float) else f"1 {unit or 'kg'}"
         raise InputError(f'{where}: {value!r} has no unit: write it as text, such as "{example}"')
-    with at(where):
+    with error_location(where):
         return parse_quantity(value, unit)
 
 
@@ -176,7 +176,7 @@ def _noise(name: str, value: object) -> KnownQuantity:
     parsed = _quantity(where, value, None if is_auxiliary(name) or len(choices) > 1 else choices[0])
     if parsed.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
-    with at(where):
+    with error_location(where):
         unit, factor, _ = unit_conversion(name, parsed.unit)
     return KnownQuantity(parsed.value * factor, None, unit)
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from scipy.ndimage import median_filter
 
-from armdyn.kept import cached_with_first_argument
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, normalised_differences
 from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution

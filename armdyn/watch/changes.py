@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from armdyn.arm.motion import MIN_CERTAIN_SIGN
-from armdyn.codegen import Buffered
+from armdyn.codegen import BufferedFunction
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import ObserverOutput
 from armdyn.watch.variances import MIN_VARIANCE
@@ -214,7 +214,7 @@ class MotionBlocks:
         own: (nj, 4) columns X of the joints at the last sample.
     """
 
-    def __init__(self, columns: Buffered, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
+    def __init__(self, columns: BufferedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
         self._columns, self._level = columns, level
         self.start_times: deque[float] = deque(maxlen=kept)
         self.sums: deque[BlockSums] = deque(maxlen=kept)

@@ -30,7 +30,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import CREEP_SPEED
 from armdyn.arm.physics import Expression
 from armdyn.arm.symbolic import added_torques, rigid_torques
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 
@@ -255,13 +255,13 @@ def column_function(model: ArmModel) -> ca.Function:
     return ca.Function("columns", [q, v, a, K], outputs, ["q", "v", "a", "bandwidth"], ["load", "own", "way"])
 
 
-def compiled_functions(model: ArmModel) -> tuple[Buffered, Buffered]:
+def compiled_functions(model: ArmModel) -> tuple[BufferedFunction, BufferedFunction]:
     """`observer_function` and `column_function`, as machine code if a C compiler is installed."""
     kept = without_memory(model)
     name = f"watch_{len(model.arm.joints)}"
     functions = {"watch": observer_function(kept), "columns": column_function(kept)}
     built = compile_functions(name, functions)
-    return Buffered(built["watch"]), Buffered(built["columns"])
+    return BufferedFunction(built["watch"]), BufferedFunction(built["columns"])
 
 
 def without_memory(model: ArmModel) -> ArmModel:
@@ -277,7 +277,7 @@ def without_memory(model: ArmModel) -> ArmModel:
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"
             )
-    return model.with_only({effect.name for effect in model.effects} - late)
+    return model.with_only_effects({effect.name for effect in model.effects} - late)
 
 
 def _filtered(

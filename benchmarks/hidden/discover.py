@@ -24,7 +24,7 @@ from armdyn.arm.model import arm_model
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import available, load_effects
+from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.problem import Block
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
@@ -37,7 +37,7 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     given = world(kind, seed)
     model = _model(given, folder)
     start = time.process_time()
-    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
+    found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
     seconds = time.process_time() - start
     kinds = [one.kind for one in found.findings] + [one.known_as for one in found.findings if one.known_as]
     before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
@@ -62,7 +62,7 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
     if found.new:
         found.write(folder / "effect.py")
         own = {e.name: e for e in load_effects(folder / "effect.py")}
-    known = {e.name: e for e in available(model)} | own
+    known = {e.name: e for e in available_effects(model)} | own
     return [known[o.effect].on(*o.joints) if o.joints else known[o.effect] for o in found.findings]
 
 

@@ -31,7 +31,7 @@ from imperfect_arm import exam_error
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 
@@ -66,7 +66,7 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
         "steps": [[list(step.added), list(step.joints)] for step in steps],
         "led": _lead(named, {(name, joint) for name in names for joint in joints.get(name, [""])}),
         "frictions": told <= names | {*FRICTIONS, "link_inertia"},
-        "exam_error": exam_error(mended.model, exam), "exam_named": exam_error(mended.named, exam),
+        "exam_error": exam_error(mended.model, exam), "exam_named": exam_error(mended.model_without_background, exam),
         "exam_true": exam_error(truth.model, exam),
     }  # fmt: skip
     row["exam"] = row["exam_error"] / row["exam_true"]

@@ -100,13 +100,13 @@ def examine(seed: int) -> hidden_table.Row:
     mended = repair(study_of(model, runs, robot.held_out))
     seconds = time.perf_counter() - begun
     missed, false = judged(mended, truth)
-    parameters = mended.named.parameters
+    parameters = mended.model_without_background.parameters
     pulls = {
         name: (parameters[name].value - value) / parameters[name].std
         for name, value in robot.values.items()
         if name in parameters and parameters[name].std
     }
-    again = repair(study_of(mended.named, runs, robot.held_out))
+    again = repair(study_of(mended.model_without_background, runs, robot.held_out))
     return {
         "seed": seed, "robot": Path(robot.name).stem, "rate": round(robot.rate), "runs": len(runs),
         "length": robot.length,
@@ -189,7 +189,9 @@ def exported_error(seed: int) -> tuple[float, float]:
     """Rms error of the exported and of the repaired model on new motions against the true torque, N m."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
-    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in INEXPRESSIBLE_REASONS])
+    arm = mended.with_only_effects(
+        [effect.name for effect in mended.effects if effect.name not in INEXPRESSIBLE_REASONS]
+    )
     dynamics, compiled = inverse_dynamics_function(arm), mujoco.MjModel.from_xml_string(mujoco_text(mended)[0])
     data, squares = mujoco.MjData(compiled), []
     for world in robot.fresh():

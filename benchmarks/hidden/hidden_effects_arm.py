@@ -35,7 +35,7 @@ from armdyn.arm.model import arm_model
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
-from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -75,7 +75,7 @@ def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
     return named, named or tie, named and added.get(truth, set(first.joints)) == true_joints(truth)
 
 
-def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]:
+def pulls(study: Study, last: SearchStep, truth: str, size: float) -> dict[str, float]:
     """By true parameter: the final model's error over its standard deviation."""
     fitted = fitted_parameters(study, last.fit)
     true = hidden_arm.true_parameters(truth, size)
@@ -97,7 +97,7 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     study = study_of(runs)
     if kind == "pairs":
         mended = repair(study)
-        names = [effect.name for effect in mended.named.effects]
+        names = [effect.name for effect in mended.model_without_background.effects]
         tied = {t for step in mended.path for t in step.tied_with}
         exact = set(names) == set(hidden)
         return row | {

@@ -45,11 +45,13 @@ def counted(cases: Sequence["thresholds.Case"]) -> list[str]:
     ends, begun = list[str](), time.process_time()
     for one in cases:
         found = repaired(one)
-        labels = [effect.label for effect in found.named.effects]
+        labels = [effect.label for effect in found.model_without_background.effects]
         tied = {name for step in found.path for name in step.tied_with}
         end = "named" if labels == one.labels else "tied" if one.hidden in {*tied, *labels} else "wrong"
         told = {
-            n: (p.value - one.true[n]) / p.std for n, p in found.named.parameters.items() if n in one.true and p.std
+            n: (p.value - one.true[n]) / p.std
+            for n, p in found.model_without_background.parameters.items()
+            if n in one.true and p.std
         }
         sure = len(told) == len(one.true) and all(abs(off) <= WITHIN for off in told.values())
         ends.append("right" if end == "named" and sure else end)

@@ -34,7 +34,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
@@ -54,7 +54,7 @@ def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
     """Root of the summed squares of all joints' errors, N m, with the model as it is."""
     squares = []
     for run in runs:
-        ready = model.prepared(run)
+        ready = model.prepare_run(run)
         found = model.predict(ready, model.theta())
         errors = (ready.channels[name].value - found.values[rows] for name, rows in found.slices.items())
         squares.append(sum(float(np.mean(error**2)) for error in errors))
@@ -99,7 +99,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
         "draws": case.draws, "dominance": case.dominance() if truth else case.largest_single,
         "steps": [[list(step.added), list(step.joints)] for step in mended.path[1:]],
         "removed": [removed_share(*pair) for pair in zip(mended.path[:-1], mended.path[1:], strict=True)],
-        "added": len(mended.named.names) - len(model.names),
+        "added": len(mended.model_without_background.names) - len(model.names),
         "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
     }  # fmt: skip
     if not truth:

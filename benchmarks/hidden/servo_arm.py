@@ -64,7 +64,7 @@ def off(model: ArmModel, run: Run) -> dict[str, float]:
 def examine(seed: int) -> hidden_table.Row:
     """One arm."""
     arm = generated.generate(seed)
-    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.reachable(e)}
+    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.possible_joints(e)}
     begun = time.process_time()
     *training, held_out = arm.runs
     row = {"seed": seed, "robot": Path(arm.robot).stem, "law": arm.law, "hidden": len(truth)}
@@ -80,7 +80,7 @@ def examine(seed: int) -> hidden_table.Row:
             "cpu": 0.0,
         }
     missed, false = judged(found, truth)
-    named = found.model.named_only()
+    named = found.model.without_background()
     pulls = {
         name: (named.parameters[name].value - p.value) / named.parameters[name].std
         for name, p in arm.truth.parameters.items()
@@ -106,7 +106,7 @@ def exported_errors(seed: int) -> list[float]:
     )
     *training, held_out = arm.runs
     mended = CheckedStudy.of(arm.known, training, [held_out], trusted=True).repair().model
-    mended = mended.with_only(
+    mended = mended.with_only_effects(
         [effect.name for effect in mended.effects if effect.name in EXPRESSIBLE_EFFECTS["mujoco"]]
     )
     text = mujoco_text(mended)[0]

@@ -65,7 +65,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
         model = model.with_effect(CATALOGUE[effect])
     study = study_of(model, recorded)
     first = study.first()
-    problem, truth = study.problem, study.problem.start()
+    problem, truth = study.problem, study.problem.start_values()
     place = {run.name: k for k, run in enumerate(recorded.runs)}
     for j, column in enumerate(problem.columns):
         name = study.runs[column.run or 0].name
@@ -79,7 +79,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
         }  # fmt: skip
         later = column.run is not None and name not in place and not name.endswith("#1")
         truth[j] = first.values[j] if later else true.get(column.parameter.name.partition(".")[0], truth[j])
-    wanted = problem.fitted & ~problem.of([n for c in study.candidates for n in c.names])
+    wanted = problem.fitted & ~problem.unknowns_of([n for c in study.candidates for n in c.names])
     best = problem.fit(wanted, truth)
     blocks = problem.blocks(best.values)
     reachable, reached = hidden_table.chi2_per_sample(blocks), first.chi2_per_sample

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from armdyn.identify.least_squares import Descent, Outcome, newton_step, off_bounds, sufficient_decrease
-from armdyn.identify.problem import FreePart
+from armdyn.identify.least_squares import Descent, Outcome, free_to_move, newton_step, sufficient_decrease
+from armdyn.identify.problem import FreeCost
 
 
 def gradient_descent(
-    problem: FreePart, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
+    problem: FreeCost, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
 ) -> Descent:
     """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by typical size.
 
@@ -17,7 +17,7 @@ def gradient_descent(
     at = problem.evaluate(values)
     evaluations, length, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
     for _ in range(most_steps):
-        free = off_bounds(problem, values, at.gradient)
+        free = free_to_move(problem, values, at.gradient)
         if newton_step(at, free, 0.0)[1] < tolerance:
             outcome = Outcome.CONVERGED
             break

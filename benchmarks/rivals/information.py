@@ -24,7 +24,7 @@ from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.identify.estimator import covariance
+from armdyn.identify.estimator import parameter_covariance
 from armdyn.identify.problem import Problem
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import gripper_path
@@ -87,7 +87,7 @@ Condition = Callable[[Measures], bool]
 def fisher_information(model: PendulumModel, run: Run, names: tuple[str, ...]) -> np.ndarray:
     """Of a run about some parameters of a model, the others being known (Kay, Estimation Theory, 1993, §3.9)."""
     problem = Problem(model, [run], {(run.name, "load_force"): NOISE})
-    return problem.expansion(problem.start(), problem.of(names)).hessian
+    return problem.expansion(problem.start_values(), problem.unknowns_of(names)).hessian
 
 
 def measure(gripper: np.ndarray) -> Measures:
@@ -98,7 +98,9 @@ def measure(gripper: np.ndarray) -> Measures:
     information = float(fisher_information(model, run, ("length",))[0, 0])
     names = ("length", "mass", *(parameter for parameter, _, _ in NUISANCES.values()))
     try:
-        full_bound = float(np.sqrt(covariance(names, fisher_information(uncertain_model(), run, names))[0, 0]))
+        full_bound = float(
+            np.sqrt(parameter_covariance(names, fisher_information(uncertain_model(), run, names))[0, 0])
+        )
     except InputError:  # the motion says nothing
         full_bound = np.inf
     x, v, a = np.max(np.abs(gripper), axis=1)

@@ -24,7 +24,7 @@ import _problem_ta as problem
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import compiler
+from armdyn.codegen import find_compiler
 from armdyn.control.task import SwingPlan, TaskCost, TaskPlanner
 from armdyn.pendulum.model import pendulum_model
 
@@ -163,7 +163,7 @@ def run(rounds: int, in_c: bool) -> Outcome:
 def main() -> int:
     options = bench.arguments(__doc__.splitlines()[0], rounds=41, quick_rounds=3).parse_args()
     rounds = bench.rounds_of(options)
-    outcome = run(rounds, in_c=not options.quick and compiler() is not None)
+    outcome = run(rounds, in_c=not options.quick and find_compiler() is not None)
     ratios = {name: bench.ratio(outcome.seconds, name, OURS) for name in outcome.seconds}
     order = sorted(ratios, key=lambda name: ratios[name].median)
     headings = ["solver", "iterations", "cost - best", "construction s", "solve ms", "solve / armdyn"]

@@ -219,7 +219,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
     measured = [_numbers(row.outcome) for row in rows]
     for name in sorted({name for cells in measured for name in cells}, key=_order):
         columns[name] = pa.array([cells.get(name) for cells in measured], pa.float64())
-    with atomic.replacing(path) as file:
+    with atomic.replace_file(path) as file:
         pq.write_table(pa.table(columns), file, compression="zstd")
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
@@ -128,7 +128,7 @@ def read_spec(path: Path) -> Spec:
         InputError: the SPEC cannot be used; the message names the file, the field and a remedy.
     """
     table = read_toml(path, ": see docs/batch.md for one", finite=True)
-    with at(path):
+    with error_location(path):
         return _spec(table, Path(path).resolve().parent)
 
 

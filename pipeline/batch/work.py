@@ -12,9 +12,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armdyn.errors import ArmdynError, InputError, sentence_of
+from armdyn.errors import ArmdynError, InputError, error_sentence
 from armdyn.inspection.check import WrongRecordingError
-from armdyn.read_files import keeping_inputs
+from armdyn.read_files import protect_inputs
 from urdf import DescriptionWarning
 from urdf.table_file import read_table
 
@@ -115,7 +115,7 @@ class JobOutcome:
 
 def work(job: Job) -> JobOutcome:
     """Do a job; whatever is wrong with the recording becomes part of the outcome."""
-    with _one_at_a_time, warnings.catch_warnings(), keeping_inputs():
+    with _one_at_a_time, warnings.catch_warnings(), protect_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
         began = time.perf_counter()
         try:
@@ -128,7 +128,7 @@ def work(job: Job) -> JobOutcome:
         except MemoryError:
             found = {"problem": "the memory of this machine is too small for it", "passing": True}
         except Exception as error:  # a bad file must never end a batch
-            found = {"problem": sentence_of(error, "not foreseen"), "passing": True}
+            found = {"problem": error_sentence(error, "not foreseen"), "passing": True}
         gc.collect()  # results refer to their recording; its memory is needed for the next one
         return JobOutcome(job.key, seconds=time.perf_counter() - began, **found)
 
@@ -171,7 +171,7 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.reading(run), model))
+    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.with_estimated_channels(run), model))
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 

@@ -43,9 +43,9 @@ def discover(
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
-    judge = [NextStep("record another motion, and hold it out", another)] if not found.judged else []
+    judge = [NextStep("record another motion, and hold it out", another)] if not found.has_unfitted_run else []
     if not found.findings:
-        return judge if found.leaves_something else []
+        return judge if found.residual_exceeds_noise else []
     first = found.findings[0]
     file = output or Path("effect.py")
     own = ["--effects", file] if first.term is not None else []

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armdyn.errors import at
+from armdyn.errors import error_location
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import spinner, write_answer
@@ -40,9 +40,9 @@ def export(
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
-        file = replace(file, model=file.model.named_only()) if named_only else file
+        file = replace(file, model=file.model.without_background()) if named_only else file
         say(f"writing {output}")
-        with at(model):
+        with error_location(model):
             written = write_export(file, output, model.name, incomplete=incomplete)
     refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {

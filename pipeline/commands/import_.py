@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn import atomic
-from armdyn.errors import InputError, collect
+from armdyn.errors import InputError, collect_errors
 from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
@@ -99,7 +99,7 @@ def _import(
     problems: list[str] = []
     for foreign in recordings:
         for name, own in given.items():
-            with collect(problems):
+            with collect_errors(problems):
                 read = own or known_columns(foreign, joints)
                 read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
@@ -201,9 +201,9 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
         run = each.run
-        longest = max(run.everything.values(), key=len)
+        longest = max(run.all_channels.values(), key=len)
         rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
-        seconds = max(float(c.time[-1]) for c in run.everything.values())
+        seconds = max(float(c.time[-1]) for c in run.all_channels.values())
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
@@ -228,7 +228,7 @@ def _answer(found: "list[ImportedRun]", written: list[Path]) -> dict[str, object
                 "file": str(path),
                 "channels": {
                     name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
-                    for name, c in each.run.everything.items()
+                    for name, c in each.run.all_channels.items()
                 },
                 "samples": [fields(a, "source came kept left_out steps stamped") for a in each.accounts],
                 "notes": list(each.run.warnings),

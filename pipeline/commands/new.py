@@ -10,7 +10,7 @@ import typer.core
 
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
-from armdyn.read_files import may_replace
+from armdyn.read_files import allow_overwrite
 from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
@@ -70,10 +70,10 @@ def own_base(
     settings: SetOption = None,
 ) -> None:
     """A base of your own, from a Python file that defines it with @physics."""
-    from armdyn.model_file import ModelFile, with_known
+    from armdyn.model_file import ModelFile, with_known_values
     from armdyn.physics.user import load_base
 
-    _write(target, ModelFile(with_known(load_base(base), _known(settings)), {}))
+    _write(target, ModelFile(with_known_values(load_base(base), _known(settings)), {}))
 
 
 @group.command()
@@ -136,7 +136,7 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
         parameters = {name: {"value": p.value, "unit": p.unit} for name, p in shared.items()}
         effects = [effect.label for effect in model.effects]
         about = {"schema": "armdyn.model/1", "file": str(path), "effects": effects, "parameters": parameters}
-        return {**about, **model.described(path.parent), **description, **({"notes": list(notes)} if notes else {})}
+        return {**about, **model.file_entries(path.parent), **description, **({"notes": list(notes)} if notes else {})}
 
     if write_answer(target.json_file, answer):
         what = [f"{name} {p.value:g} {p.unit}" for name, p in shared.items()]
@@ -166,4 +166,4 @@ def _check_replaced(target: Target) -> None:
         table = {"history": True}
     if "base" not in table or table.get("history") or table.get("effects"):
         raise InputError(f"{model} is there already and holds more than a new model: --force writes over it")
-    may_replace(model)
+    allow_overwrite(model)

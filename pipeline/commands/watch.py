@@ -58,7 +58,7 @@ def watch(
     """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Sends nothing."""
     from armdyn.arm.model import required_arm
     from armdyn.effects.user import load_effects
-    from armdyn.errors import at
+    from armdyn.errors import error_location
     from armdyn.model_file import read_model_file
     from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
     from armdyn.watch.watch import Watch
@@ -75,9 +75,9 @@ def watch(
         file = read_model_file(model, load_effects(effects, stages=None))
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
-        given = given.following([*sound_runs, *watched])
+        given = given.adapted_to([*sound_runs, *watched])
         say("measuring a sound robot")
-        with at(model):
+        with error_location(model):
             if sound_runs:
                 sound = statistics_of_recordings(given, sample_sources(given, sound_runs))
             else:

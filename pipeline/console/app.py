@@ -15,7 +15,7 @@ from typer.exceptions import TyperException
 
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from armdyn.read_files import keeping_inputs
+from armdyn.read_files import protect_inputs
 from pipeline import commands
 from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
@@ -75,7 +75,7 @@ def run(interrupts: Interrupts) -> int:
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """
-    with keeping_inputs(), tolerant_streams() as problem_of_output, noticing():
+    with protect_inputs(), tolerant_streams() as problem_of_output, noticing():
         try:
             status = _run_command(interrupts)
             for sentence in noticed():

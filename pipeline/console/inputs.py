@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armdyn.quoting import command_text
-from armdyn.read_files import may_replace
+from armdyn.read_files import allow_overwrite
 from pipeline.console.options import (
     EffectsOption,
     ExamOption,
@@ -100,7 +100,7 @@ class StudyInputs(Inputs):
         own = [self.effects] if self.effects is not None else []
         check_outputs(output, self.report, self.json_file, inputs=[*kept, *self.recordings, *own])
         if over:
-            may_replace(self.model)
+            allow_overwrite(self.model)
         with stopped_if_wrong(self.json_file), spinner() as say:
             given = self.read(adding, choosing=choosing)
             check_outputs(output, self.report, self.json_file)  # the names in the inputs are known now

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 
 if TYPE_CHECKING:
     from armdyn.recording.units import KnownQuantity
@@ -131,7 +131,7 @@ def quantity(text: str, unit: str, option: str) -> "KnownQuantity":
     """
     from armdyn.recording.units import parse_quantity
 
-    with at(option):
+    with error_location(option):
         return parse_quantity(text, unit)
 
 

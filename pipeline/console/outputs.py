@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from armdyn.atomic import is_stream, make_directory
 from armdyn.errors import InputError
-from armdyn.read_files import refuse_to_replace
+from armdyn.read_files import check_overwrite
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -35,7 +35,7 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
         if target in taken:
             raise InputError(f"{file} is {taken[target]}: choose another file to write")
-        refuse_to_replace(file)
+        check_overwrite(file)
         taken[target] = "also to be written as something else"
         if directory:
             raise InputError(f"{file} is a directory: give the file to write")

@@ -34,7 +34,7 @@ def conclude_repair(
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
         history = (*given.known.file.history, *history_entries(given.study, found))
-        model = found.named if named_only else found.model
+        model = found.model_without_background if named_only else found.model
         write_model_file(output, ModelFile(model, given.known.file.description, history))
     inputs.finish(
         given,

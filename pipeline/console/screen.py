@@ -67,9 +67,9 @@ def show(document: "Document") -> None:
         if sentence:
             console.print(sentence, soft_wrap=True)
         for table in tables:
-            made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
+            made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow_columns))
             most = len(table) if table.name else MAX_CARD_ROWS
-            for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:most]:
+            for row in list(zip(*(column.texts for column in table.narrow_columns), strict=True))[:most]:
                 made.add_row(*row)
             console.print(made)
             if len(table) > most:

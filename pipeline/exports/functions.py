@@ -16,7 +16,7 @@ import casadi as ca
 from armdyn import __version__
 from armdyn.arm.composition import compose_joint
 from armdyn.arm.model import ArmModel
-from armdyn.effects.effect import columns_of
+from armdyn.effects.effect import recorded_columns
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile
@@ -63,7 +63,9 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
             "FILE.json"
         )
     functions, missing = FUNCTIONS_BY_BASE[model.base](model)
-    missing += [f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in columns_of(model.effects)]
+    missing += [
+        f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in recorded_columns(model.effects)
+    ]
     if observer and (arm := model.as_arm()) is not None:
         try:
             functions.append(_observer_of(arm))
@@ -90,7 +92,7 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
         for effect in model.effects
         if effect.name in named or effect.reach == "base" or not compose_joint([effect]).remembers
     }
-    kept = model.with_only(held)
+    kept = model.with_only_effects(held)
     motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}
     unit = "N m (forces, N, of joints that slide)"
     found = [

@@ -20,7 +20,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
     The links have no standard deviations here, because they depend on correlations that the model file does not
     contain; `repair --json` has them.
     """
-    model, named = file.model, file.model.named_only()
+    model, named = file.model, file.model.without_background()
     answer: dict[str, Any] = {
         "schema": "armdyn.parameters/1",
         "base": model.base,

@@ -116,7 +116,7 @@ def inexpressible_effects(
         uneven_drives: joints for which the format can express different frictions in the two directions.
     """
     sentences = []
-    named = model.named_only()
+    named = model.without_background()
     for effect in named.effects:
         joints = [joint for joint in named.joints_with(effect.name) if joint]
         why = INEXPRESSIBLE_REASONS.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""

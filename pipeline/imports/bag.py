@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.quoting import listed
+from armdyn.quoting import name_list
 from armdyn.recording.channels import MIN_SAMPLES
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
 from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS
@@ -63,7 +63,9 @@ def read_bag(path: Path) -> ForeignRecording:
     if problems:
         notes.append(f"not all of it can be read: {problems[-1]}")
     if publishers.crowded:
-        notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out")
+        notes.append(
+            f"more than {MOST_COLUMNS} numbers in its messages: {name_list(sorted(publishers.crowded))} left out"
+        )
     notes += [
         f"{topic}: nothing can be read of its {n} messages" for topic, n in unread.items() if topic not in accounts
     ]
@@ -178,7 +180,7 @@ def _chosen(columns: Mapping[str, ForeignColumn]) -> tuple[dict[str, ForeignColu
     if {f"tau.{joint}" for joint in UR_JOINTS} <= {column.channel for column in kept.values()}:
         notes.append(f"efforts were taken as N m: {UR_CURRENT_DOUBT}; then give --map with a torque_constant")
     if few := [name for name in columns if name not in kept]:
-        notes.append(f"fewer than {MIN_SAMPLES} numbers: {listed(few)}: left out")
+        notes.append(f"fewer than {MIN_SAMPLES} numbers: {name_list(few)}: left out")
     return kept, notes
 
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.errors import InputError, UnknownNameError, at, collect
+from armdyn.errors import InputError, UnknownNameError, collect_errors, error_location
 from armdyn.inspection.check import Check
 from armdyn.inspection.correction import CorrectedReading
 from armdyn.recording.channels import (
@@ -76,7 +76,7 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
     accounts: list[SampleAccount] = []
     empty: list[str] = []
     if foreign.is_table:
-        with collect(problems):
+        with collect_errors(problems):
             time, rows, account = _table_time(foreign, mapping)
             table = time, rows
             accounts.append(account)
@@ -92,12 +92,12 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
         elif why := _is_empty(foreign.columns[name], entry):
             empty.append(f"'{name}' {why}: no {entry.channel}")
         else:
-            with collect(problems, f"'{name}'"):
+            with collect_errors(problems, f"'{name}'"):
                 channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
     if not (problems or channels):
         problems += empty or ["it has none of the columns of the mapping"]
     notes += empty
-    with collect(problems):
+    with collect_errors(problems):
         check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
         raise InputError(f"{foreign.name}: {join_problems(problems)}")
@@ -200,7 +200,7 @@ def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArr
     if mapping.time not in foreign.columns:
         raise UnknownNameError("column", mapping.time, foreign.columns)
     column = foreign.columns[mapping.time]
-    with at(f"'{mapping.time}'"):
+    with error_location(f"'{mapping.time}'"):
         found = dated_samples(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
     account = SampleAccount("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_SAMPLES:

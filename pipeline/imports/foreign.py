@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from armdyn.inspection.check import Check, CheckKind, Severity
-from armdyn.quoting import listed
+from armdyn.quoting import name_list
 from armdyn.recording.channels import FloatArray, name_and_unit
 
 
@@ -62,7 +62,7 @@ class SampleAccount:
             said.append("left out are " + ", ".join(f"{count} {why}" for why, count in self.left_out.items()))
         if self.steps:
             said.append(
-                f"the clock was set by {listed((f'{step:+.6g}' for step in self.steps), 3)} s: a gap stands there"
+                f"the clock was set by {name_list((f'{step:+.6g}' for step in self.steps), 3)} s: a gap stands there"
             )
         if not self.stamped:
             said.append("its stamps cannot be used: times are those at which it was recorded")

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.quoting import listed
+from armdyn.quoting import name_list
 from armdyn.recording.channels import channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
@@ -63,8 +63,9 @@ def known_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) 
             found = {name: guessed[name] for name in entries if name in guessed}
             if any(entry.check for entry in found.values()) or not set(missing) - set(_missing(found, joints)):
                 raise InputError(
-                    f"{foreign.name}: its joints ({listed(own)}) are not called as the robot's ({listed(joints.arm)}): "
-                    "let armdyn propose which is which with --guess, or give the right robot"
+                    f"{foreign.name}: its joints ({name_list(own)}) are not called as the robot's "
+                    f"({name_list(joints.arm)}): let armdyn propose which is which with --guess, or give the right "
+                    "robot"
                 )
             renamed = {entries[name].joint: entry.joint for name, entry in found.items()}
             notes += [f"joint '{a}' of the recording is '{b}' of the robot" for a, b in renamed.items() if a != b]
@@ -184,7 +185,7 @@ def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -
     if len(names) != len(quantities) * len(arm) or not names:
         raise InputError(
             f"{foreign.name}: has no header: say which column is what with a mapping, --map, whose columns are "
-            f"{listed(map(repr, foreign.columns))}"
+            f"{name_list(map(repr, foreign.columns))}"
         )
     doubt = f"no header says so: taken in the order {', '.join(quantities)}"
     places = [(quantity, joint) for quantity in quantities for joint in arm]

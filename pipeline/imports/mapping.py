@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from armdyn.errors import InputError, collect
+from armdyn.errors import InputError, collect_errors
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
 from armdyn.recording.channels import channel_kind
@@ -143,7 +143,7 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
     problems: list[str] = []
     found = {}
     for name, own in runs.items():
-        with collect(problems, f"runs.{name}" if name else ""):
+        with collect_errors(problems, f"runs.{name}" if name else ""):
             if name and not _NAME.fullmatch(name):
                 raise InputError(f"call a run by letters, digits, '_' and '-', not '{one_line(name)}'")
             found[name] = _map_of({**table, **own})
@@ -166,7 +166,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
         problems.append(f"time: {TIME_HINT}")
         time = {}
     rate = str(time.get("rate", ""))
-    with collect(problems, "time"):
+    with collect_errors(problems, "time"):
         if "period" in time:
             seconds = parse_quantity(str(time["period"]), "s").value
             if not seconds > 0.0:
@@ -186,10 +186,10 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             entries[name] = read_as(ColumnEntry, column)
         except TableFileError as error:
             problems += [f"'{name}': {problem}" for problem in error.problems]
-        with collect(problems, f"'{name}'"):
+        with collect_errors(problems, f"'{name}'"):
             channel_kind(str(column["channel"]))
     sidecar = Sidecar()
-    with collect(problems):
+    with collect_errors(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
         raise InputError(join_problems(problems))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from ik.workers import Lost, in_processes
@@ -28,7 +28,7 @@ def read_mat(path: Path) -> ForeignRecording:
         InputError: it cannot be read, is too large, or contains no array of numbers that is long enough.
     """
     data = read_bytes(path)
-    with at(path):
+    with error_location(path):
         # In a process of its own, because scipy ends the process on some damaged files.
         ((_, content),) = in_processes(partial(_content, data), [path.name], 1, "forkserver")
         if isinstance(content, Lost):

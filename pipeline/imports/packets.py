@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from armdyn.errors import InputError
-from armdyn.read_files import reading
+from armdyn.read_files import register_input
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.mcap_records import decompressed, intact_records
 from armdyn.recording.mcap_run import SIDECAR_RECORD
@@ -182,7 +182,7 @@ def _sqlite(file: Path) -> Iterator[BagMessage]:
         database = sqlite3.connect(":memory:")
         database.deserialize(decompressed(read_bytes(file, LARGEST_BAG)))
     else:
-        reading(file)
+        register_input(file)
         database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
     try:
         database.execute("PRAGMA trusted_schema = OFF")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from pipeline.imports.foreign import ForeignReader, ForeignRecording
 from pipeline.imports.table import columns_of_text
@@ -25,7 +25,7 @@ def read_sheet(path: Path) -> ForeignRecording:
         InputError: it is no workbook, or too large, or its first sheet is no table.
     """
     data = read_bytes(path)
-    with at(path):
+    with error_location(path):
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
                 strings = (

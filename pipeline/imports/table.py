@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.arrays import seconds
-from armdyn.errors import InputError, at
+from armdyn.arrays import time_in_seconds
+from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_label
@@ -49,7 +49,7 @@ def read_csv_of_any_dialect(path: Path) -> ForeignRecording:
     Raises:
         InputError: it is no text, or its rows have different numbers of cells.
     """
-    with at(path):
+    with error_location(path):
         return columns_of_text(path.stem, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
 
 
@@ -133,7 +133,7 @@ def read_parquet(path: Path) -> ForeignRecording:
     except ImportError as error:
         raise InputError("Parquet files need pyarrow: pip install 'armdyn[import]'") from error
     data, columns, notes = read_bytes(path), dict[str, ForeignColumn](), []
-    with at(path):
+    with error_location(path):
         try:
             with parquet.ParquetFile(io.BytesIO(data), pre_buffer=False) as file:
                 _check_parquet(file, len(data))
@@ -183,7 +183,7 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
         table = np.array([row if row is not None else [np.nan] * count for row in rows], dtype=float)
         return {f"{name}/{i}": table[:, i] for i in range(count)}
     array = values.to_numpy()
-    return {name: seconds(array, "s")} if array.dtype.kind in "mMbiuf" else {}
+    return {name: time_in_seconds(array, "s")} if array.dtype.kind in "mMbiuf" else {}
 
 
 LEROBOT_INFO_FILE = Path("meta/info.json")

@@ -11,7 +11,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from armdyn.errors import InputError, TaskFailedError, sentence_of
+from armdyn.errors import InputError, TaskFailedError, error_sentence
 from ik.children import begin_child
 from pipeline.processes import be_ordinary
 
@@ -144,5 +144,5 @@ def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> N
             try:
                 answer = pickle.dumps((name, work[name](argument), None))
             except BaseException as error:
-                answer = pickle.dumps((name, None, sentence_of(error, f"the {name} failed")))
+                answer = pickle.dumps((name, None, error_sentence(error, f"the {name} failed")))
             connection.send_bytes(answer)

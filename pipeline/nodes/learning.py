@@ -101,7 +101,7 @@ class EstimatorNode:
         start = perf_counter()
         estimate = self._estimator.update(run)
         seconds = perf_counter() - start
-        std = estimate.std("length") * self._estimator.widening(run)
+        std = estimate.std("length") * self._estimator.std_inflation(run)
         values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
         return values, LengthEstimate(now, values["length"], std, estimate.outcome, seconds)
 

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from armdyn.document import Column, Document, KeyFigure, Level, NextStep, Section, Table
-from armdyn.identify.sentence import totals
+from armdyn.document import Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
+from armdyn.identify.sentence import total_errors
 from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
 from pipeline.batch.run import Done, Row
@@ -32,7 +32,7 @@ def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
     chance = f"{100 * found.found.false_alarms:.2g} % chance of a false one"
     return Document(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
-        level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
+        level=ResultLevel.CAUTION if found.events or bad or done.left else ResultLevel.GOOD,
         verdict=_summary(done, found),
         sections=[
             parameter_change_section(found),
@@ -107,7 +107,7 @@ def _error_section(rows: Sequence[Row]) -> Section:
         if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
             continue
         rmse = {name: float(channel["rmse"]) for name, channel in channels.items()}
-        for unit, error in totals(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
+        for unit, error in total_errors(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
             errors.setdefault(unit, []).append((error, row))
     return Section(
         "Errors over time",

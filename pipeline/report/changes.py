@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Section, Table, columns_of
+from armdyn.document import Chart, Column, Section, Table, attribute_columns
 from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, between
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, BLUE_BAND_FILL, CURVE_COLOURS, GREY, PALE_BLUE_GREY, TEXT_COLOUR, VERMILLION
@@ -37,7 +37,7 @@ def parameter_change_section(history: ParameterHistory) -> Section:
                 Column("robot", [step.robot for _, step in steps]),
                 Column("when", [between(event[0]) for event, _ in steps]),
                 Column("parameter", [_plain(step.parameter) for _, step in steps]),
-                *columns_of([step for _, step in steps], before=".4g", after=".4g"),
+                *attribute_columns([step for _, step in steps], before=".4g", after=".4g"),
                 Column("unit", [history.units[step.parameter] for _, step in steps]),
                 Column("chance", [f"≤ {step.chance:.2g}" for _, step in steps]),
             ],

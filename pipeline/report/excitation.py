@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
 from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section, limit_use_section
@@ -49,7 +49,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
             Section("What it tells", told, tables=[_expectation_table(found, most)]),
             Section("The motion", moves, tables=[_peak_table(found)]),
         ],
-        Level.GOOD,
+        ResultLevel.GOOD,
         notes=[*left_out, *hopeless, *notes],
     )
 

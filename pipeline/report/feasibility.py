@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, columns_of
+from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table, attribute_columns
 from armdyn.recording.channels import FloatArray
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL_STYLE, LIMIT_STYLE, LINKED_TIME_AXES, TIME_AXIS, number_text, percent_text
@@ -23,7 +23,7 @@ MAX_LIMIT_CURVE_POINTS = 1500
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:
     """Document of the feasibility check of a motion: violations and margins as tables, without figures."""
     margins = [margin for margin in report.margins if margin.limit != "line" or margin.used > 1.0]
-    level = Level.GOOD if report.feasible else Level.BAD
+    level = ResultLevel.GOOD if report.feasible else ResultLevel.BAD
     return Document(title, report.sentence, [_violation_section(report), limit_margin_section(margins)], level)
 
 
@@ -55,7 +55,7 @@ def _violation_section(report: FeasibilityReport) -> Section:
         Column("limit", [_words(v.limit) for v in listed]),
         Column("of", [v.joint for v in listed]),
         Column("at [s]", [v.time for v in listed], ".3f"),
-        *columns_of(listed, value=".4g", bound=".4g", unit=""),
+        *attribute_columns(listed, value=".4g", bound=".4g", unit=""),
     ]
     sentence = f"{len(report.violations)} stretches of the motion break a limit.{more}"
     return Section("Violations", sentence, tables=[Table(columns)])
@@ -81,9 +81,9 @@ def limit_margin_section(margins: Sequence[Margin]) -> Section:
         Column("limit", [_words(margin.limit) for margin in ordered]),
         Column("of", [margin.joint for margin in ordered]),
         Column("closest", [margin.value for margin in ordered], ".3g"),
-        *columns_of(ordered, bound=".3g", unit=""),
+        *attribute_columns(ordered, bound=".3g", unit=""),
         Column("at [s]", [margin.time for margin in ordered], ".2f"),
-        Column("used", list(map(percent_text, used)), shares=used, judged=True),
+        Column("used", list(map(percent_text, used)), bar_lengths=used, bar_coloured_by_length=True),
     ]
     return Section("Limits", sentence, tables=[Table(columns)])
 

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, KeyFigure, Section, Table
-from armdyn.identify.explained import in_percent
+from armdyn.identify.explained_share import percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
 from pipeline.report.overlay import Overlays, PredictionQuality, prediction_quality
@@ -43,7 +43,7 @@ def channel_error_section(shown: Overlays) -> Section:
     for when, step in steps.items():
         shares = [q.explained if q else 0.0 for q in of(kinds[-1], step)]
         bars = [max(share, 0.0) for share in shares]
-        columns.append(Column(f"explained {when}", list(map(in_percent, shares)), shares=bars))
+        columns.append(Column(f"explained {when}", list(map(percent_text, shares)), bar_lengths=bars))
     caption = (
         "Error: root mean square of measured minus predicted. Explained: share of the measured signal's variation "
         f"about its mean, {kinds[-1]}; below 0 the mean alone would do better."
@@ -116,10 +116,10 @@ def fit_key_figures(shown: Overlays) -> list[KeyFigure]:
         noise = float(np.sqrt(sum(map(np.mean, noises))))
         quantity = channel_quantity(mine[0].channel, unit)
         title, whose = quantity[:1].upper() + quantity[1:], f"{kind}{', all joints' if len(noises) > 1 else ''}"
-        given = [f"as given {in_percent(before.explained)}; ", f"as given {number_text(before.rmse, unit)}; "]
+        given = [f"as given {percent_text(before.explained)}; ", f"as given {number_text(before.rmse, unit)}; "]
         share, error = given if len(shown.steps) > 1 else ("", "")
         figures += [
-            KeyFigure(f"{title} explained", in_percent(after.explained), f"{share}of its variation, {whose}"),
+            KeyFigure(f"{title} explained", percent_text(after.explained), f"{share}of its variation, {whose}"),
             KeyFigure(
                 f"{title} error", number_text(after.rmse, unit), f"{error}{whose}; noise {number_text(noise, unit, 2)}"
             ),

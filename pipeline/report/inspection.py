@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.document import Chart, Column, Document, Level, Section, Table, columns_of
+from armdyn.document import Chart, Column, Document, ResultLevel, Section, Table, attribute_columns
 from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
@@ -19,7 +19,13 @@ CHANNEL_CHART_HEIGHT_PIXELS = 230
 
 def inspection_document(found: Inspection) -> Document:
     """Document of an inspection of recordings: a table of its findings."""
-    level = Level.BAD if not found.usable else Level.CAUTION if found.with_severity(Severity.SUSPECT) else Level.GOOD
+    level = (
+        ResultLevel.BAD
+        if not found.usable
+        else ResultLevel.CAUTION
+        if found.with_severity(Severity.SUSPECT)
+        else ResultLevel.GOOD
+    )
     return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
 
 
@@ -38,11 +44,11 @@ def checks_section(checks: Sequence[Check]) -> Section:
         return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
     columns = [
         Column("severity", [c.severity.key for c in checks], title=" "),
-        *columns_of(checks, kind="", run=""),
-        Column("channels", [", ".join(c.channels[:4]) for c in checks], wide=True),
-        Column("from, to [s]", [_span(c) for c in checks], wide=True),
+        *attribute_columns(checks, kind="", run=""),
+        Column("channels", [", ".join(c.channels[:4]) for c in checks], dropped_when_narrow=True),
+        Column("from, to [s]", [_span(c) for c in checks], dropped_when_narrow=True),
         Column("what", [c.sentence for c in checks]),
-        *columns_of(checks, remedy=""),
+        *attribute_columns(checks, remedy=""),
     ]
     return Section("Checks", tables=[Table(columns)])
 

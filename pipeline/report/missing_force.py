@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from armdyn.document import Chart, Section
-from armdyn.identify.residual.force_law import QUANTITY_BY_UNIT, RATE_QUANTITY, law
-from armdyn.identify.residual.missing_force import ForceCurve, pooled
+from armdyn.identify.residual.force_law import QUANTITY_BY_UNIT, RATE_QUANTITY, find_force_law
+from armdyn.identify.residual.missing_force import ForceCurve, pool_curves
 from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import (
     BAND_STYLE,
@@ -57,11 +57,11 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
         added: names of the effects that the repair added, for the legend; empty for "repaired".
     """
     by_joint: dict[str | None, list[ForceCurve]] = {}
-    for curve in pooled(curves):
+    for curve in pool_curves(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
     charts = []
     for joint, mine in by_joint.items():
-        found = law(mine)
+        found = find_force_law(mine)
         nothing = f"None of the simple laws is clear{f' for {joint}' if joint else ''}."
         caption = f"Here {found.sentence}." if found else nothing
         caption += f" Shaded: ± {BAND_STANDARD_ERRORS:g} standard errors of the mean."

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
 from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, ProposedExperiment
 from armdyn.experiments.separation import RefittedRival
@@ -66,7 +66,7 @@ def next_experiment_document(plan: ExperimentPlan | None, sentence: str, output:
         Document("", "") if plan is None else plan.document(),
         title="The next experiment",
         verdict=sentence,
-        level=Level.GOOD if hopeful else Level.CAUTION,
+        level=ResultLevel.GOOD if hopeful else ResultLevel.CAUTION,
         next_steps=steps if output is not None else (),
     )
 

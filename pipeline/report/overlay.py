@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armdyn.document import Section, Widget
-from armdyn.identify.bands import Bands
+from armdyn.identify.bands import PredictionBands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.problem import Block
-from armdyn.identify.residual.localise import Place
+from armdyn.identify.problem import ResidualBlock
+from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
@@ -27,7 +27,8 @@ MIN_CURVE_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
 RUN_ROLE_WORDS = {
-    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
+    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.LEAVE_ONE_OUT: IN_TURN,
+    HoldoutKind.EXAM: EXAM,
 }  # fmt: skip
 """Role of a run, in words: whether the model was fitted to it."""
 
@@ -104,7 +105,7 @@ def prediction_quality(curves: Iterable[Overlay], step: int) -> PredictionQualit
 
 
 def study_overlays(
-    study: Study, fits: Sequence[Fit], places: Sequence[Place] = (), bands: Bands | None = None
+    study: Study, fits: Sequence[Fit], places: Sequence[FailingRange] = (), bands: PredictionBands | None = None
 ) -> list[Overlay]:
     """Overlays of all runs of a study: training runs, then held-out runs, then exam runs.
 
@@ -125,13 +126,13 @@ def study_overlays(
     return [replace(curve, half_width=bands.half_width.get((curve.run, curve.channel))) for curve in found]
 
 
-def training_overlays(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
+def training_overlays(fits: Sequence[Fit], places: Sequence[FailingRange] = ()) -> list[Overlay]:
     """Overlays of the training runs of fits; see `study_overlays` for the arguments."""
     return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
 
 
 def _overlays(
-    runs: Iterable[Run], kind: str, steps: Sequence[Sequence[Block]], places: Sequence[Place] = ()
+    runs: Iterable[Run], kind: str, steps: Sequence[Sequence[ResidualBlock]], places: Sequence[FailingRange] = ()
 ) -> list[Overlay]:
     by_name = {run.name: run for run in runs}
     misfits = [{(block.run, block.channel): block.misfit for block in blocks} for blocks in steps]
@@ -180,8 +181,8 @@ class Overlays:
         study: Study,
         fits: Sequence[Fit],
         steps: Sequence[str],
-        places: Sequence[Place],
-        bands: Bands | None = None,
+        places: Sequence[FailingRange],
+        bands: PredictionBands | None = None,
     ) -> "Overlays":
         """Figure of all runs of a study; see `study_overlays` for the arguments."""
         done = preparation_sentence(combined_preparations(run.preparations for run in fits[-1].problem.runs))

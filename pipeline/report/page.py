@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armdyn import __version__, atomic
-from armdyn.document import Chart, Document, Level, Section, Table, Widget
+from armdyn.document import Chart, Document, ResultLevel, Section, Table, Widget
 from armdyn.quoting import script_json
 from pipeline.report.theme import DARK_COLOURS, PLOTLY_TEMPLATE
 
@@ -21,19 +21,19 @@ from pipeline.report.theme import DARK_COLOURS, PLOTLY_TEMPLATE
 def table_html(table: Table) -> str:
     """A table as HTML, every text escaped; a column whose cells are all numbers is set to the right."""
     columns = []
-    for column in table.filled:
-        texts, right = column.texts, not column.shares and all(map(_is_number, column.texts))
+    for column in table.nonempty_columns:
+        texts, right = column.texts, not column.bar_lengths and all(map(_is_number, column.texts))
         cells = [_cell("td", text, right) for text in texts]
-        if column.shares:
-            pairs = zip(texts, column.shares, strict=True)
-            cells = [bar_cell_html(text, share, judged=column.judged) for text, share in pairs]
+        if column.bar_lengths:
+            pairs = zip(texts, column.bar_lengths, strict=True)
+            cells = [bar_cell_html(text, share, judged=column.bar_coloured_by_length) for text, share in pairs]
         columns.append([_cell("th", column.heading, right), *cells])
     head, *body = [""] if not columns else ["".join(cells) for cells in zip(*columns, strict=True)]
     rows = "".join(f"<tr>{row}</tr>" for row in body)
     caption = f"<p class='caption'>{escape(table.caption)}</p>" if table.caption else ""
     made = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     shown = f"<div class='table'>{made}</div>{caption}"
-    return f"<details><summary>{escape(table.folded)}</summary>{shown}</details>" if table.folded else shown
+    return f"<details><summary>{escape(table.fold_label)}</summary>{shown}</details>" if table.fold_label else shown
 
 
 def _is_number(text: str) -> bool:
@@ -67,7 +67,7 @@ def page_html(document: Document) -> str:
     figures: list[dict[str, Any]] = []
     widgets: list[Mapping[str, Any]] = []
     sections = "".join(_section(section, figures, widgets) for section in document.sections)
-    level = document.level or Level.CAUTION
+    level = document.level or ResultLevel.CAUTION
     return Template(template_text("report", "page.html")).substitute(
         head=page_head_html(document.title),
         title=escape(document.title),

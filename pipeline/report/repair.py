@@ -6,11 +6,11 @@ from dataclasses import replace
 from armdyn.document import Document, KeyFigure, NextStep, Section
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained import RepairStep, in_percent
+from armdyn.identify.explained_share import RepairStep, percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
 from armdyn.identify.selection.search import repair_step
-from armdyn.identify.sentence import KIND_TEXT, MAX_NAMED_EFFECTS, added_effects
+from armdyn.identify.sentence import HOLDOUT_KIND_TEXT, MAX_NAMED_EFFECTS, added_effect_texts
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
 from pipeline.report.fit import channel_error_section, fit_key_figures, residual_dependence_section, run_names_by_role
@@ -27,7 +27,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
         found: result of the comparison.
     """
     missing = missing_force_sections(found.missing_force)
-    shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
+    shown = Overlays.of_study(study, [found.fit], ["as given"], found.failing_ranges, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
     return replace(made, title=title, sections=with_motion_charts(made.sections, found.rollout))
@@ -43,7 +43,7 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
-    shown = Overlays.of_study(study, fits, steps, found.comparison.places)
+    shown = Overlays.of_study(study, fits, steps, found.comparison.failing_ranges)
     document = found.document(_summaries(study))
     made = _illustrated(document, study, missing, shown, found.comparison.fit, "the model as given")
     return replace(made, title="Diagnose: which effect is missing")
@@ -59,13 +59,13 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     """
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
-    shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
+    shown = Overlays.of_study(study, fits, steps, found.after.failing_ranges, found.after.bands)
     document = found.document(study.holdout_kinds, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)
     if len(found.path) > 1:
-        whose = KIND_TEXT[study.holdout_kinds[0]].rstrip(",")
-        figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
+        whose = HOLDOUT_KIND_TEXT[study.holdout_kinds[0]].rstrip(",")
+        figures.insert(0, KeyFigure("Misfit explained", percent_text(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",
         with_motion_charts(made.sections, found.after.rollout),
@@ -104,7 +104,7 @@ def _illustrated(
 
 def _added(path: Sequence[RepairStep]) -> str:
     """Names of the effects that were added to the given model, for a legend."""
-    effects = added_effects(path)
+    effects = added_effect_texts(path)
     return " + ".join(effects) if len(effects) <= MAX_NAMED_EFFECTS else f"with {len(effects)} effects"
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH_STYLE, number_text, percent_text
 from pipeline.trial.table import LENGTH_GUESSES, TableOne
 
@@ -28,7 +28,7 @@ def table_one_report(table: TableOne) -> Document:
     spread = f"std; {number_text(PAPER_LENGTH_STD, 'm', 2)} in the paper"
     return Document(
         title="Table I: does learning the length help?",
-        level=Level.BAD if learnt < total else Level.GOOD if as_paper == total else Level.CAUTION,
+        level=ResultLevel.BAD if learnt < total else ResultLevel.GOOD if as_paper == total else ResultLevel.CAUTION,
         verdict=f"With estimation {learnt} of {total} guesses succeed in most seeds; without it {as_paper} of {total} "
         "end as in the paper, where only 0.368 m and 0.388 m succeed.",
         sections=[_success_section(table), _estimates_section(table)],

@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import load_effects
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Load, String
 from pipeline.robot.protocol import Vector
 
@@ -63,7 +63,7 @@ def read_own_law(name: str) -> tuple[Effect, Callable[[float, LoadState], LawFor
     """
     path, _, called = name.rpartition(":")
     own = {effect.name: effect for effect in load_effects(path)}
-    with at(path):
+    with error_location(path):
         if called not in own:
             raise UnknownNameError("effect", called, own)
     effect = own[called]

@@ -6,7 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, error_location
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
@@ -77,7 +77,7 @@ def read_topics(file: Path) -> RosTopics:
     table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
-    with at(file):
+    with error_location(file):
         return read_as(RosTopics, table, "[ros]")
 
 

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState
-from armdyn.errors import ArmdynError, sentence_of
+from armdyn.errors import ArmdynError, error_sentence
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
@@ -171,7 +171,7 @@ class Experiment:
             try:
                 self.measurement.finish()
             except Exception as error:
-                said = sentence_of(error, "completing the recording failed")
+                said = error_sentence(error, "completing the recording failed")
                 ending = replace(ending, message=f"{ending.message}; {said}")
             return ending
 
@@ -267,7 +267,7 @@ class Experiment:
     def _stopped(self, error: BaseException) -> TrialEnding:
         """Bring the arm to rest, then return the trial's ending."""
         interrupted = self._reason() if isinstance(error, _InterruptedError) else None
-        reason = interrupted or sentence_of(
+        reason = interrupted or error_sentence(
             error, f"the {self.scheduler.running} node failed at {self._robot.time:.2f} s"
         )
         with suppress(Exception):

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from armdyn.errors import InputError
-from armdyn.read_files import refuse_to_replace
+from armdyn.read_files import check_overwrite
 
 UNFINISHED_FOLDER_PREFIX = "unfinished-"
 """Beginning of the name of a trial's temporary folder."""
@@ -95,7 +95,7 @@ def locked_folder(
         try:
             if _locked(descriptor):
                 for old in (file for pattern in writes for file in folder.glob(pattern)):
-                    refuse_to_replace(old)
+                    check_overwrite(old)
                 yield folder
                 return
         finally:

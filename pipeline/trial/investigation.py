@@ -104,7 +104,7 @@ class InvestigationStage:
         search = self.diagnosis.search
         given = search.steps[0].effects
         found = [c.effect for c in search.last.effects if c not in given]
-        return tuple(dict.fromkeys([*found, *(c.effect for c in search.tied), *self.close]))
+        return tuple(dict.fromkeys([*found, *(c.effect for c in search.all_ties), *self.close]))
 
     @property
     def residual(self) -> float:

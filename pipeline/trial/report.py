@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.document import Document, KeyFigure, Level, NextStep, Section
+from armdyn.document import Document, KeyFigure, NextStep, ResultLevel, Section
 from armdyn.recording.channels import FloatArray
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.next_experiment import investigation_section
@@ -66,7 +66,7 @@ def trial_report(experiment: Experiment, result: TrialResult, subtitle: str, exe
         sections.append(timing_section(list(result.timing.values())))
     return Document(
         title="Trial: learn the string, swing the load",
-        level=Level.GOOD if result.success else Level.BAD,
+        level=ResultLevel.GOOD if result.success else ResultLevel.BAD,
         verdict=result.message[:1].upper() + result.message[1:],
         sections=sections,
         subtitle=subtitle,

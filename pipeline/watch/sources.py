@@ -47,7 +47,7 @@ def recordings_in(paths: Sequence[Path]) -> list[Path]:
 
 def read_arm_runs(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
     """Read recordings of the model's arm; for servo motors torques are computed from position or velocity errors."""
-    return [model.reading(read_run(path)) for path in paths]
+    return [model.with_estimated_channels(read_run(path)) for path in paths]
 
 
 def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:

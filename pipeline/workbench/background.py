@@ -10,7 +10,7 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
-from armdyn.errors import sentence_of
+from armdyn.errors import error_sentence
 from ik.children import begin_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
@@ -112,7 +112,7 @@ def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers:
     try:
         answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
     except Exception as error:
-        answers.send(("failed", sentence_of(error, "The search failed")))
+        answers.send(("failed", error_sentence(error, "The search failed")))
 
 
 def run_diagnosis(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:

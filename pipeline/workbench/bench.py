@@ -10,11 +10,17 @@ from armdyn.arm.rollout import RollOut
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.fit import Fit, channel_rmse, converged
-from armdyn.identify.problem import Block, Problem
-from armdyn.identify.residual.localise import Place, localise
-from armdyn.identify.residual.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
-from armdyn.identify.residual.tests import linear_fit
+from armdyn.identify.fit import Fit, channel_rmse, continue_fit
+from armdyn.identify.problem import Problem, ResidualBlock
+from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
+from armdyn.identify.residual.missing_force import (
+    ForceCurve,
+    MissingForce,
+    force_added_by_repair,
+    force_curves,
+    missing_forces,
+)
+from armdyn.identify.residual.noise_tests import linearised_fit
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.study import Study
@@ -62,7 +68,7 @@ class TickedModel:
     stale: bool
     knobs: Mapping[str, ParameterSlider]
     others: Mapping[str, float]
-    places: tuple[Place, ...] = ()
+    places: tuple[FailingRange, ...] = ()
 
 
 class Workbench:
@@ -84,7 +90,7 @@ class Workbench:
             {one.label: one for c in known for one in c.split_by_joint()} for known in (study.candidates, study.present)
         )
         self._fits: dict[frozenset[str], Fit] = {frozenset(): self.first}
-        self._places = localise(self.first)
+        self._places = find_failing_ranges(self.first)
         self._given = [
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
             for curve in study_overlays(study, [self.first], self._places)
@@ -127,12 +133,12 @@ class Workbench:
         chosen = self._candidates_of(effects)
         if self.expansion is None:
             # Near the fit of the given model a pendulum is nearly linear too; a refit follows.
-            values = linear_fit(self.first, [name for c in chosen for name in c.names])
+            values = linearised_fit(self.first, [name for c in chosen for name in c.names])
             blocks, moved = self.study.problem.blocks(self.first.values), values - self.first.values
             residuals = {(b.run, b.channel): b.misfit - b.noise * (b.sensitivities @ moved) for b in blocks}
         else:
             around, sums = self.expansion, self.expansion.sums
-            one = around.of((*around.given, *chosen))
+            one = around.evaluate((*around.given, *chosen))
             values = self.study.own_values(around, one)
             residuals = {
                 (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(
@@ -157,7 +163,7 @@ class Workbench:
         held_out = self.study.held_out_blocks(fit) if self.study.held_out else []
         residuals = _residuals([*fit.blocks, *held_out])
         state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
-        return replace(state, places=localise(fit))
+        return replace(state, places=find_failing_ranges(fit))
 
     def fit(self, effects: Sequence[str]) -> Fit:
         """Fit of the model with added effects, by their labels; earlier fits are kept."""
@@ -167,8 +173,8 @@ class Workbench:
             whole = (*study.present, *group_by_effect(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.expansion
-            start = None if around is None else study.own_values(around, around.of((*around.given, *chosen)))
-            self._fits[key] = converged(study.fit_with(whole, near, start))
+            start = None if around is None else study.own_values(around, around.evaluate((*around.given, *chosen)))
+            self._fits[key] = continue_fit(study.fit_with(whole, near, start))
         return self._fits[key]
 
     def with_values(self, effects: Sequence[str], values: Mapping[str, float]) -> TickedModel:
@@ -191,8 +197,8 @@ class Workbench:
             knobs[name] = replace(knobs[name], parameter=parameter.with_value(at[name]))
         runs = [*lean.problem.runs, *(self.study.held_out if self.study.sums_predict else ())]
         problem = Problem(lean.problem.model, runs, lean.problem.noise)
-        start = {lean.problem.key(i): value for i, value in enumerate(lean.values)}
-        theta = np.array([at.get(c.name, start[problem.key(i)]) for i, c in enumerate(problem.columns)])
+        start = {lean.problem.unknown_key(i): value for i, value in enumerate(lean.values)}
+        theta = np.array([at.get(c.name, start[problem.unknown_key(i)]) for i, c in enumerate(problem.columns)])
         blocks = problem.blocks(theta, np.zeros(len(theta), dtype=bool))
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
@@ -201,12 +207,12 @@ class Workbench:
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
             if not state.effects or state.how != "fitted":
-                return curves(given)
+                return force_curves(given)
             fit = self.fit(state.effects)
-            return curves(given, unexplained(fit), explained(self.first, fit))
+            return force_curves(given, missing_forces(fit), force_added_by_repair(self.first, fit))
         now = {(curve.run, curve.channel): curve.residuals[-1] for curve in state.curves if curve.kind == FITTED}
         left = [now[u.run, f"tau.{u.joint}"] for u in given]
-        return curves(
+        return force_curves(
             given,
             [replace(u, value=of) for u, of in zip(given, left, strict=True)],
             [replace(u, value=u.value - of) for u, of in zip(given, left, strict=True)],
@@ -220,8 +226,8 @@ class Workbench:
         return model.with_values(values).motion_errors(study.recordings)
 
     @cached_property
-    def _unexplained(self) -> list[Unexplained]:
-        return unexplained(self.first)
+    def _unexplained(self) -> list[MissingForce]:
+        return missing_forces(self.first)
 
     def _candidates_of(self, effects: Sequence[str]) -> list[Candidate]:
         for label in effects:
@@ -264,5 +270,5 @@ class Workbench:
         return found
 
 
-def _residuals(blocks: Sequence[Block]) -> dict[tuple[str, str], FloatArray]:
+def _residuals(blocks: Sequence[ResidualBlock]) -> dict[tuple[str, str], FloatArray]:
     return {(block.run, block.channel): block.misfit for block in blocks}

@@ -18,7 +18,7 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from armdyn.quoting import command_text
-from armdyn.read_files import may_replace
+from armdyn.read_files import allow_overwrite
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
 from pipeline.console.inputs import Inputs
@@ -78,7 +78,7 @@ class WritablePlaces:
             raise InputError(f"{file} is there already: choose another name, or tick 'write over'")
         if not target.is_file() or self._written.get(target) != _digest(target):
             raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
-        may_replace(target)
+        allow_overwrite(target)
 
     def note(self, file: Path) -> None:
         """Register a file that a page has written, with its present contents."""
@@ -295,7 +295,7 @@ def save_model(
         TaskFailedError: the fit failed.
     """
     from armdyn.document import NextStep
-    from armdyn.identify.repair import require_found
+    from armdyn.identify.repair import require_fit
     from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
@@ -309,7 +309,7 @@ def save_model(
     for target in (model, report, exported):
         if target is not None:
             writable.check(target, over)
-    found = require_found(given.add(bench.effects_of(effects)))
+    found = require_fit(given.add(bench.effects_of(effects)))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
     if opened.effects is not None and is_in_page_folder(opened.effects):
         laws = model.with_name(f"{model.stem}_effects.py")

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from armdyn.identify.sentence import totals
+from armdyn.identify.sentence import total_errors
 from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
 from pipeline.report.inspection import checks_section
@@ -85,7 +85,7 @@ def errors_panel(state: TickedModel) -> str:
             value = f" data-value='{after!r}'"
             figures.append(key_figure_html(f"Error, {kind} runs", number_text(after, unit), note, value))
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
-        for unit, error in totals(state.others, units).items():
+        for unit, error in total_errors(state.others, units).items():
             text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
             figures.append(key_figure_html(text, number_text(error, unit), "", value))
     how = f"<p class='how {state.how.replace(' ', '-')}'>{STATE_WORDS[state.how]}</p>"
@@ -132,11 +132,11 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
     if not answer["candidates"]:
         return said
     units = {name: channel["unit"] for name, channel in answer["channels"].items()}
-    before = totals({name: channel["rmse"] for name, channel in answer["channels"].items()}, units)
+    before = total_errors({name: channel["rmse"] for name, channel in answer["channels"].items()}, units)
     rows = []
     for found in answer["candidates"]:
         effect, joints, ties = found["effect"], found["joints"], ", ".join(found["tied_with"])
-        after = totals(found["rmse"], units)
+        after = total_errors(found["rmse"], units)
         share = max((after[unit] / before[unit] for unit in after if before.get(unit)), default=0.0)
         listed = ", ".join(joints) if len(joints) <= MAX_LISTED_JOINTS else f"{len(joints)} joints"
         places = f" on {listed}" if joints else ""

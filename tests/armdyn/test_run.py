@@ -54,7 +54,7 @@ def test_columns_are_read_in_si_units(recording):
     np.testing.assert_allclose(run.channel("load_force").time, TIME, rtol=1e-14)
     np.testing.assert_allclose(run.channel("load_force").value, np.round(FORCE, 4) * 9.80665e-3, rtol=1e-14)
     np.testing.assert_allclose(run.channel("swing_angle").value, np.radians(np.round(FORCE, 4)), rtol=1e-14)
-    assert run.measured == ("load_force", "swing_angle", "tau.right_s1")
+    assert run.predictable_channels == ("load_force", "swing_angle", "tau.right_s1")
     assert run.joints == ("right_s1",)
 
 
@@ -297,7 +297,7 @@ def test_real_recordings_read_as_a_plain_csv_reader_sees_them(path):
         np.testing.assert_array_equal(channel.value, expected[:, i])
     assert set(run.noise) <= set(run.channels)
     assert set(run.known) <= {"mass", "length"}
-    for name in run.measured:
+    for name in run.predictable_channels:
         run.require_informative(name)
 
 

@@ -39,7 +39,7 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.user import load_effects
 from armdyn.errors import ArmdynError
 from armdyn.front import compare
-from armdyn.identify.prepare import prepared
+from armdyn.identify.prepare import prepare_runs
 from armdyn.model_file import base_pendulum, model_text, read_model_file
 from armdyn.physics.user import load_base
 from armdyn.recording.checks import check_run
@@ -115,7 +115,7 @@ def _model_for(run):
 def read_recording(path):
     run = read_run(path)
     check_run(_model_for(run), run)
-    prepared(_model_for(run), [run])
+    prepare_runs(_model_for(run), [run])
 
 
 def compare_recording(path):

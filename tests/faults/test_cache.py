@@ -13,7 +13,7 @@ from armdyn import cache, codegen
 from armdyn.cache import cache_directory, entry_name, private_directory
 from armdyn.codegen import compile_functions
 
-pytestmark = pytest.mark.skipif(codegen.compiler() is None, reason="needs a C compiler")
+pytestmark = pytest.mark.skipif(codegen.find_compiler() is None, reason="needs a C compiler")
 
 
 @pytest.fixture

@@ -133,7 +133,7 @@ def test_an_interrupt_leaves_the_old_file_alone(tmp_path):
     (tmp_path / "a.txt").write_text("old")
 
     def interrupted():
-        with atomic.replacing(tmp_path / "a.txt") as file:
+        with atomic.replace_file(tmp_path / "a.txt") as file:
             file.write(b"half")
             raise KeyboardInterrupt
 

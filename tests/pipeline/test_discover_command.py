@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from armdyn.discovery.result import Discovery, Finding
-from armdyn.discovery.term import Constant, Site, Term
+from armdyn.discovery.result import DiscoveredLaw, Discovery
+from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter
 from pipeline.commands.discover import _next_steps
 from pipeline.console.inputs import Inputs
 
@@ -52,7 +52,9 @@ def test_its_file_must_not_replace_an_input(armdyn, refused, complains):
     complains.line(refused("discover", "m.toml", RECORDINGS / "magnet_1.csv", "--output", "m.toml"))
 
 
-NOTHING = Discovery((), {}, {}, {}, {}, {}, {}, 0.0, leaves_something=True, judged=False, runs=("a.csv",), held_out=())
+NOTHING = Discovery(
+    (), {}, {}, {}, {}, {}, {}, 0.0, residual_exceeds_noise=True, has_unfitted_run=False, runs=("a.csv",), held_out=()
+)
 GIVEN = Inputs(Path("m.toml"), [Path("a.csv")])
 
 
@@ -60,15 +62,15 @@ def test_where_one_motion_shows_no_law_another_one_is_asked_for():
     assert "another motion" in NOTHING.sentence
     (step,) = _next_steps(GIVEN, NOTHING, None)
     assert step.command == "armdyn discover m.toml a.csv --held-out ANOTHER.csv"
-    assert not _next_steps(GIVEN, replace(NOTHING, judged=True), None)
+    assert not _next_steps(GIVEN, replace(NOTHING, has_unfitted_run=True), None)
 
 
 def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
-    site, size = Site("string", "N m", "{}", 1.0), Constant("1", 0.0, 0.0)
-    term = Term("flexure", "a spring", site, (), {}, size, name="discovered_flexure")
-    law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
+    site, size = TermLocation("string", "N m", "{}", 1.0), TermParameter("1", 0.0, 0.0)
+    term = CandidateTerm("flexure", "a spring", site, (), {}, size, name="discovered_flexure")
+    law = DiscoveredLaw("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
-    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), judged=True), Path("law.py"))
+    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), has_unfitted_run=True), Path("law.py"))
     assert steps[-1].command == (
         "armdyn next m.toml a.csv --effects law.py --rivals discovered_flexure,pivot_stiffness --output motion.csv"
     )

@@ -122,7 +122,7 @@ def generate(seed: int, effects: tuple[str, ...] = EFFECTS) -> ServoArm:
         truth = _showing(truth, [record(truth)[1] for record in records[:-1]], law, encoder)
         runs = [record(truth)[0] for record in records]
     except InputError:  # carried off
-        truth = truth.with_only(())
+        truth = truth.with_only_effects(())
     if not truth.effects:
         return generate(seed + 1_000_000, effects)
     return ServoArm(seed, robot, law, arm.with_drives(tables), truth, tuple(runs))
@@ -238,7 +238,7 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
     while True:
         nats = {}
         for effect in kept.effects:
-            for joint, names in kept.parts(effect.name).items():
+            for joint, names in kept.parameter_names_by_joint(effect.name).items():
                 j = truth.joints.index(joint)
                 servo = next(s for s in truth.drives.values() if joint in s.joints)
                 assert servo.gain is not None

@@ -1,4 +1,4 @@
-"""Describe an effect that is in no catalogue: dynamics or sensor error, on what it depends, its frequency."""
+"""Describe the residual of an effect that is not in the catalogue: its kind, on what it depends, its frequency."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,36 +7,39 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import Whitening, whitening
-from armdyn.identify.problem import by_channel
+from armdyn.identify.noise import Whitening, whitening_filters
+from armdyn.identify.problem import blocks_by_channel
 from armdyn.physics.pieces import MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion
 from armdyn.recording.channels import is_auxiliary
 
 MAX_TERMS = 3
+"""Largest number of terms that describe a residual."""
 SIGNIFICANCE = 1e-3
+"""Probability by chance up to which a term or a frequency is reported."""
 SEGMENT_SECONDS = 1.5
-"""Length of a segment, s: in so short a stretch a free start state absorbs missing dynamics, but no sensor error."""
+"""Length of a segment, s, in which a fitted start state absorbs missing dynamics but no sensor error."""
 START_STATE_STEPS = 4
-"""Gauss-Newton steps for the start state of a segment: in so short a stretch predictions are nearly linear in it."""
+"""Number of Gauss-Newton steps for the start state of a segment, in which predictions are nearly linear."""
 MIN_EXCESS_RATIO = 1.05
-"""Squared error per sample, over the noise variance, below which the residual is too small to be characterised."""
+"""Squared error per sample, over the noise variance, below which the kind of the missing effect is not estimated."""
 MIN_DYNAMICS_SHARE, MAX_SENSOR_SHARE = 0.7, 0.4
-"""Process-error shares above which dynamics, and below which a sensor, is named as the cause."""
+"""Process-error share above which missing dynamics, and share below which a sensor error, is named as the cause."""
 FREQUENCY_COUNT = 600
+"""A quarter of the number of frequencies at which the power of a residual is computed."""
 SINES_AT_ONCE = 2**19
-"""Number of sines that are computed at once."""
+"""Number of values of sines that are computed at once, which limits the memory."""
 
 
 @dataclass(frozen=True)
 class ResidualTerm:
-    """One term of a sparse model of the residual.
+    """One function of measured signals that explains part of a residual.
 
     Attributes:
         channel: the channel of the residual.
-        expression: the term, such as ``"sign(swing_rate)"``.
+        expression: the function, such as ``"sign(swing_rate)"``.
         share: share of the squared residual that it explains.
-        p_value: probability of so large a share by chance, times the number of terms tried.
+        p_value: probability of so large a share by chance, times the number of functions tried.
     """
 
     channel: str
@@ -47,7 +50,15 @@ class ResidualTerm:
 
 @dataclass(frozen=True)
 class SpectralPeak:
-    """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and its probability by chance."""
+    """The strongest frequency of a channel's residual.
+
+    Attributes:
+        channel: the channel.
+        frequency: frequency, Hz.
+        amplitude: amplitude of the oscillation, in `unit`.
+        unit: unit of the channel.
+        p_value: probability of so strong a frequency by chance.
+    """
 
     channel: str
     frequency: float
@@ -58,13 +69,13 @@ class SpectralPeak:
 
 @dataclass(frozen=True)
 class ResidualCharacter:
-    """Description of an effect outside the catalogue.
+    """Description of a residual that no effect of the catalogue explains.
 
     Attributes:
-        process_error: share of the squared residual that free initial states in short segments remove, 0 to 1; None
-            where the model has no initial states.
-        terms: terms on which the residual depends, the best first.
-        peaks: spectral peaks, for the channels that have one.
+        process_error: share of the squared residual, 0 to 1, that vanishes if every short segment starts from a fitted
+            state; large for missing dynamics, small for a sensor error. None where the model has no start state.
+        terms: functions of measured signals on which the residual depends, the best first.
+        peaks: strongest frequencies, for the channels that have one.
     """
 
     process_error: float | None
@@ -78,11 +89,11 @@ class ResidualCharacter:
 
     @property
     def sentence(self) -> str:
-        """The description in one sentence, for a reader."""
+        """The description of the residual in one sentence, for a reader."""
         parts = []
         if self.process_error is not None:
             share = f"({100 * self.process_error:.0f} % vanish with a free state)"
-            parts.append(f"{behaves_like(self.process_error)} {share}")
+            parts.append(f"{probable_cause_text(self.process_error)} {share}")
         if self.terms:
             parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
         if self.peaks:
@@ -90,24 +101,23 @@ class ResidualCharacter:
         return "; ".join(parts)
 
 
-def behaves_like(process_error: float) -> str:
-    """What a process-error share means, in words."""
+def probable_cause_text(process_error: float) -> str:
+    """Words for the probable cause of a residual, missing dynamics or a sensor error, from its process-error share."""
     if process_error > MIN_DYNAMICS_SHARE:
         return "it behaves like missing dynamics"
     return "it behaves like a sensor error" if process_error < MAX_SENSOR_SHARE else "dynamics or sensor: undecided"
 
 
 def characterise(fit: Fit) -> ResidualCharacter:
-    """Describe the residual of a fit."""
-    filters = whitening(fit.blocks)
+    """Describe the residual of a fit: its probable cause, the signals on which it depends, its frequencies."""
+    filters = whitening_filters(fit.blocks)
     return ResidualCharacter(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
 
 
 def process_error_share(fit: Fit) -> float | None:
-    """Share of the squared residual that vanishes when every `SEGMENT_SECONDS` starts with a state of its own.
+    """Share of the squared residual of a fit that vanishes if every segment of 1.5 s starts from a fitted state.
 
-    Every segment is fitted by Gauss-Newton steps from the simulated motion. None for a model without states, and where
-    the residual is zero.
+    None for a model without states, and where the residual is of the size of the noise.
     """
     problem = fit.problem
     model = as_model_with_motion(problem.model)
@@ -140,8 +150,13 @@ def process_error_share(fit: Fit) -> float | None:
 
 
 def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTerm, ...]:
-    """Terms of the whitened residual in functions of the covariates, found by orthogonal matching pursuit."""
-    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[ResidualTerm]()
+    """Find functions of measured signals on which the residual of a fit depends, by orthogonal matching pursuit.
+
+    Args:
+        fit: the fit.
+        filters: whitening filter of the residual, by channel.
+    """
+    covariates, channels, found = fit.covariates(), blocks_by_channel(fit.blocks), list[ResidualTerm]()
     for channel, blocks in channels.items():
         white = filters[channel]
         names = set.intersection(*(set(covariates[b.run]) for b in blocks))
@@ -173,8 +188,13 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTe
 
 
 def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
-    """The strongest frequency of each channel's whitened residual, where it exceeds what noise would give."""
-    found, channels = [], by_channel(fit.blocks)
+    """Find the strongest frequency of each channel's residual, where it exceeds what noise would give.
+
+    Args:
+        fit: the fit.
+        filters: whitening filter of the residual, by channel.
+    """
+    found, channels = [], blocks_by_channel(fit.blocks)
     for channel, blocks in channels.items():
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
@@ -197,14 +217,17 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
 
 
 def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """(F,) half of the decrease of |value|^2 when a sine and a cosine are fitted; samples may be unevenly spaced.
+    """Periodogram of samples that may be unevenly spaced (Scargle, Astrophys. J. 263, 1982).
 
-    From the normal equations at each frequency (Scargle, Astrophys. J. 263, 1982).
+    At each frequency it is half of the decrease of the sum of squares when a sine and a cosine are fitted.
 
     Args:
         time: (n,) time stamps, s.
         value: (n,) samples.
         frequencies: (F,) frequencies, Hz.
+
+    Returns:
+        (F,) half of the decrease.
     """
     power = np.empty(len(frequencies))
     together = max(1, SINES_AT_ONCE // len(time))

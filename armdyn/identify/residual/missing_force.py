@@ -1,4 +1,4 @@
-"""The missing force: what a model does not explain, as curves over the quantities that it may depend on.
+"""Compute the missing force, which a model does not explain, as curves over the quantities on which it may depend.
 
 For an arm it is the torque of each joint that the model lacks, measured minus predicted; for a model with states, such
 as a pendulum, the acceleration. Its means over bins of speed, position, load and time form a curve that shows the law:
@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Problem, transferred, transferred_mask
-from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.noise_evidence import at_every_kick
-from armdyn.identify.state_space.output_error import AroundMotion
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
+from armdyn.identify.state_space.grey_box import GreyBox, LinearisationPoint
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
+from armdyn.identify.state_space.output_error import EffectSetOptimiser
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion, as_simulated_model
 from armdyn.recording.channels import Channel, FloatArray
@@ -23,29 +23,30 @@ from armdyn.run import Run
 RESOLUTION_PERIODS = 1.0 / 16.0
 """Time resolution of a missing force, in periods of the swing."""
 KICK_ROUNDS = 3
+"""Number of rounds in which values and process noise are optimised for a missing acceleration."""
 CURVE_BINS = (32, 24, 16, 12, 8)
-"""Numbers of points of a curve: the first for which most bins have `MIN_INDEPENDENT_SAMPLES` is used, else the last."""
+"""Numbers of points that are tried for a curve: the first for which a typical bin has `MIN_INDEPENDENT_SAMPLES`
+independent samples is used, else the last."""
 JOINT_QUANTITIES = {"speed": "v", "position": "q", "acceleration": "a"}
-"""Quantities on which a joint's torque may depend, with the prefix of their channels."""
+"""Quantities on which a joint's torque may depend, with the first part of the name of their channels."""
 MIN_INDEPENDENT_SAMPLES = 4.0
-"""Independent samples that a bin needs. On recordings of a UR5 with friction and a payload, eight give curves of 8
-points, which hide the step of dry friction in the slope of the viscous one on three of six joints; four give 32 points,
-which show both on all six. Standard errors remain valid, because the scatter of a bin counts at least as much as the
-typical one."""
+"""Number of independent samples that a typical bin needs. On recordings of a UR5 with friction and a payload, eight
+give curves of 8 points, in which dry friction cannot be seen beside viscous friction on three of six joints; four give
+32 points, which show both on all six."""
 
 
 @dataclass(frozen=True, eq=False)
-class Unexplained:
-    """Samples of the missing force of one run, for one joint where the model has joints.
+class MissingForce:
+    """The missing force of one run as a function of time, for one joint where the model has joints.
 
     Attributes:
         run: name of the run.
         joint: name of the joint; None for a model without joints.
-        unit: of `value`: ``"rad/s^2"``, ``"m/s^2"``, ``"N m"`` or ``"N"``.
+        unit: unit of `value`: ``"N m"`` or ``"N"``, or, for a missing acceleration, ``"rad/s^2"`` or ``"m/s^2"``.
         time: (n,) times, s.
-        value: (n,) missing force, in `unit`.
-        against: (n,) values and unit of each quantity that it may depend on, by name: ``"speed"``, ``"position"`` (for
-            a pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``; the time need not be included.
+        value: (n,) missing force, torque or acceleration, in `unit`.
+        against: (n,) values and unit of each quantity on which it may depend, by name, such as ``"speed"``,
+            ``"position"``, ``"angle"`` or ``"load"``.
     """
 
     run: str
@@ -58,7 +59,7 @@ class Unexplained:
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """The missing force of one run and joint against one quantity: means over bins of equally many samples.
+    """Curve of the missing force of one run and joint over one quantity: means over bins of equally many samples.
 
     Attributes:
         run: name of the run.
@@ -68,7 +69,7 @@ class ForceCurve:
         x_unit: unit of that quantity.
         x: (b,) mean of the quantity in every bin, ascending.
         as_given: (b,) mean force that the model as given lacks.
-        std: (b,) standard error of `as_given`, with the correlation of neighbouring samples.
+        std: (b,) standard error of `as_given`, which takes the correlation of neighbouring samples into account.
         repaired: (b,) mean force that the repaired model lacks; None where nothing was repaired.
         repaired_std: (b,) standard error of `repaired`.
         with_background: (b,) mean force that the repaired model lacks with its background; None where it has none.
@@ -89,16 +90,20 @@ class ForceCurve:
     with_background: FloatArray | None = None
 
 
-def unexplained(fit: Fit) -> list[Unexplained]:
-    """The missing force of every fitted run."""
+def missing_forces(fit: Fit) -> list[MissingForce]:
+    """The missing force in every fitted run of a fit, for every joint."""
     joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
-    return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
+    return _torques(fit, joints) if any(joints.values()) else missing_accelerations(fit)
 
 
-def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
-    """The force that a repair adds: the missing force of the model `given` if the runs were what `repaired` predicts.
+def force_added_by_repair(given: Fit, repaired: Fit) -> list[MissingForce]:
+    """The force that a repair adds to a model, in every run, without the noise of the recordings.
 
-    It is the formula without the noise of the recordings, less what the model `given` compensates by its own values.
+    It is the missing force of the model as given if the runs were exactly what the repaired model predicts.
+
+    Args:
+        given: fit of the model as given.
+        repaired: fit of the repaired model.
     """
     problem = given.problem
     runs = {run.name: run for run in problem.runs}
@@ -107,31 +112,34 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
         runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
     ideal = Problem(problem.model, list(runs.values()), problem.noise)
     blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
-    return unexplained(replace(given, problem=ideal, blocks=tuple(blocks)))
+    return missing_forces(replace(given, problem=ideal, blocks=tuple(blocks)))
 
 
-def accelerations(fit: Fit) -> list[Unexplained]:
-    """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
+def missing_accelerations(fit: Fit) -> list[MissingForce]:
+    """The missing acceleration in every run, for a model that simulates a motion; empty for other models.
 
-    The values are those optimised with process noise: a simulation without it would follow the recording by a wrong
-    length as far as it can.
+    A smoother estimates the changes of speed (kicks) that the simulation needs, sixteen times per swing, to follow the
+    measured motion. The model's values are those optimised together with this process noise.
     """
     if as_model_with_motion(fit.problem.model) is None:
         return []
     acting = fit.free | (fit.values != fit.problem.null)
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
-    problem = Problem(fit.problem.model.with_only(needed), fit.problem.runs, fit.problem.noise)
+    problem = Problem(fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise)
     model = as_simulated_model(problem.model)
-    values = transferred(fit.values, fit.problem, problem)
-    free = transferred_mask(fit.free, fit.problem, problem)
+    values = transfer_values(fit.values, fit.problem, problem)
+    free = transfer_mask(fit.free, fit.problem, problem)
     swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-    if fit.settled is None:
-        motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
+    if fit.process_noise_values is None:
+        motion = EffectSetOptimiser(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
-        free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
+        free, values = (
+            free & ~problem.unknowns_of(model.start_names),
+            transfer_values(fit.process_noise_values, fit.problem, problem),
+        )
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
-    point = box.settled(free, box.begin(values), (at_every_kick,) * KICK_ROUNDS)
+    point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A diverging simulation has no curve.
     return [
@@ -139,12 +147,12 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     ]
 
 
-def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained]:
+def _kicked(box: GreyBox, point: LinearisationPoint, index: int) -> list[MissingForce]:
     """The missing acceleration of one run, for each speed of the model."""
     run, states = box.runs[index], point.states[index]
-    model, theta = run.pieces.model, point.values[run.places]
-    around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
-    _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
+    model, theta = run.pieces.model, point.values[run.unknowns]
+    around = run.linearise(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
+    _, kicks = around.smooth(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.start_values(theta, states)
     lasting = np.diff(run.pieces.starts)
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
@@ -153,11 +161,11 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     for k, joint in model.speed_states.items():
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
-        found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
+        found.append(MissingForce(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
 
 
-def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
+def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[MissingForce]:
     """Measured minus predicted torque or force of every joint; `joints` by run and channel."""
     found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
     for block in fit.blocks:
@@ -169,7 +177,7 @@ def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplai
             }
             against["load"] = block.predicted, block.unit
             against |= _recorded(runs[block.run], block.time)
-            found.append(Unexplained(block.run, joint, block.unit, block.time, block.misfit, against))
+            found.append(MissingForce(block.run, joint, block.unit, block.time, block.misfit, against))
     return found
 
 
@@ -178,19 +186,19 @@ def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
     return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
 
 
-def curves(
-    given: Sequence[Unexplained],
-    repaired: Sequence[Unexplained] | None = None,
-    law: Sequence[Unexplained] | None = None,
-    with_background: Sequence[Unexplained] | None = None,
+def force_curves(
+    given: Sequence[MissingForce],
+    repaired: Sequence[MissingForce] | None = None,
+    law: Sequence[MissingForce] | None = None,
+    with_background: Sequence[MissingForce] | None = None,
 ) -> tuple[ForceCurve, ...]:
-    """The missing force against every quantity that it may depend on; the joint with the largest one first.
+    """Curves of the missing force over every quantity on which it may depend; the joint with the largest one first.
 
     Args:
-        given: missing force of the model as given.
-        repaired: missing force of the repaired model, if any; it is averaged over the bins of `given`.
-        law: force that the repair adds, averaged over the same bins.
-        with_background: missing force of the repaired model with its background, averaged over the same bins.
+        given: missing force of the model as given, from which the bins follow.
+        repaired: missing force of the repaired model; None without a repair.
+        law: force that the repair adds to the model; None to leave it out.
+        with_background: missing force of the repaired model with its background; None without one.
     """
     others = [{(u.run, u.joint): u for u in of or ()} for of in (repaired, law, with_background)]
     largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
@@ -206,22 +214,26 @@ def curves(
     return tuple(found)
 
 
-def between(
+def compare_missing_forces(
     given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
 ) -> tuple[ForceCurve, ...]:
-    """The missing force of a fit and of its repaired model, if any, and the force that the repair adds.
+    """Curves of the missing force before and after a repair.
 
-    The repaired model with its background is included where there is one.
+    Args:
+        given: fit of the model as given.
+        repaired: fit of the repaired model; None without a repair.
+        with_background: fit of the repaired model with its background; None without one.
+        law: whether to compute the force that the repair adds as well.
     """
     if repaired is None:
-        return curves(unexplained(given))
-    brought = explained(given, repaired) if law else None
-    rest = None if with_background is None else unexplained(with_background)
-    return curves(unexplained(given), unexplained(repaired), brought, rest)
+        return force_curves(missing_forces(given))
+    brought = force_added_by_repair(given, repaired) if law else None
+    rest = None if with_background is None else missing_forces(with_background)
+    return force_curves(missing_forces(given), missing_forces(repaired), brought, rest)
 
 
 def _curve(
-    u: Unexplained,
+    u: MissingForce,
     against: str,
     x: FloatArray,
     x_unit: str,
@@ -276,10 +288,10 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
     return mean, np.sqrt(np.maximum(scatter, usual) / (independent - 1.0)), float(np.median(independent))
 
 
-def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
-    """Combine the curves of all runs into one for each joint and quantity; ``run`` is empty where there are several.
+def pool_curves(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
+    """Combine the curves of all runs into one for each joint and quantity; `ForceCurve.run` is then empty.
 
-    Neighbouring points are averaged with their weights, until there are no more points than in a single run.
+    Neighbouring points are averaged, with weights from their standard errors, to as many points as one run has.
     """
     groups: dict[tuple[str | None, str], list[ForceCurve]] = {}
     for curve in found:
@@ -293,7 +305,7 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
     order = np.argsort(x, kind="stable")
     place = np.empty(len(x), dtype=np.int64)
     place[order] = np.arange(len(x)) * points // len(x)
-    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    weight = 1.0 / np.maximum(std, min_standard_error(std)) ** 2
     at = np.bincount(place, weight * x) / np.bincount(place, weight)
     curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
     law, small = ([getattr(c, name) for c in mine] for name in ("law", "with_background"))
@@ -310,11 +322,11 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
 
 def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Weighted means over bins of values with different standard errors, and the standard errors of the means."""
-    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    weight = 1.0 / np.maximum(std, min_standard_error(std)) ** 2
     total = np.bincount(place, weight)
     return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
 
 
-def smallest(std: FloatArray) -> float:
-    """A lower limit for standard errors: otherwise bins without any scatter would have all the weight."""
+def min_standard_error(std: FloatArray) -> float:
+    """Lower limit for the standard errors (b,) of bins, so that a bin without scatter does not get all the weight."""
     return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)

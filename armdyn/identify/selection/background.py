@@ -1,10 +1,10 @@
 """The background of an arm: small values of every effect on every joint, with one common prior width.
 
-A model for prediction contains more than what has a name. Beside the named effects, every effect of the catalogue on
-every joint has a value x, in typical sizes, with a prior x ~ N(0, s^2). One width s for all is chosen by predicting
-whole runs: every training run from the others, each fifth of a single one from the rest, and the held-out runs from all
-training runs (ridge regression with the penalty chosen by cross-validation; Hoerl & Kennard, Technometrics 12, 1970).
-Effects of which the evidence is sure are as free as the named ones.
+A model that predicts well contains more than the few effects that a report names. In addition to these, every effect of
+the catalogue on every joint has parameters x, in typical sizes, with a prior x ~ N(0, s^2). The common width s is
+chosen by predicting whole runs: every training run from the others, each fifth of a single one from the rest, and the
+held-out runs from all training runs (ridge regression with the penalty chosen by cross-validation; Hoerl & Kennard,
+Technometrics 12, 1970). Effects with strong evidence ("sure" effects) have no such prior.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,33 +15,35 @@ import numpy as np
 
 from armdyn.identify.fit import Fit, fit
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.problem import Problem, transferred
+from armdyn.identify.problem import Problem, transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.path import Step
-from armdyn.identify.selection.select_effects import by_evidence, select
+from armdyn.identify.selection.path import SearchStep
+from armdyn.identify.selection.select_effects import evidence_rule, search_set
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.run import Run
 
 PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Widths that are tried, in typical sizes."""
+"""Prior widths that are tried for the small values, in typical sizes."""
 BACKGROUND_PRICE_NATS = log(len(PRIOR_WIDTHS))
-"""Nats that a background must gain, because its width is chosen among several."""
+"""Gain of log likelihood, nats, that a background needs, because its width is chosen among several."""
 MAX_EXPANSIONS = 5
-"""Largest number of expansions, each at the optimum of the one before; two or three suffice nearly always."""
+"""Largest number of linearisations, each at the optimum of the one before; two or three suffice nearly always."""
 MAX_BACKGROUND_STEPS = 8
-"""Largest number of Gauss-Newton steps of the whole model, from the linear solution."""
+"""Largest number of Gauss-Newton steps of the nonlinear model, from the solution of the linearised one."""
 
 
 @dataclass(frozen=True, eq=False)
-class FullModel:
-    """All effects at once: those that are sure are free, all others have one common prior width.
+class AllEffectsFit:
+    """Fit of a model with all effects of the catalogue at once.
+
+    Effects with strong evidence are fitted freely; the values of all others have a prior with one common width.
 
     Attributes:
         study: runs and catalogue.
-        scorer: scores of sets, from sums at the previous fit.
-        sure: the set of effects of which the evidence is sure.
-        width: s, in typical sizes; 0 where only the sure effects are present.
+        scorer: scorer of sets of effects, linearised at the previous fit.
+        sure: the set of effects with strong evidence.
+        width: common prior width, in typical sizes; 0 where the other effects are left out.
         widths: (c,) prior widths of the scorer's unknowns.
         fit: fit of all values together.
         covariance: (P, P) covariance of all unknowns of the study.
@@ -57,51 +59,51 @@ class FullModel:
 
 
 @dataclass(frozen=True)
-class SmallValues:
-    """Small values besides the named effects.
+class BackgroundFit:
+    """Small values of many effects that reports do not name, fitted together with the named effects.
 
     Attributes:
-        width: prior width s, in typical sizes; see `FullModel`.
-        values: values by parameter, in the parameter's unit.
+        width: width of their prior, in typical sizes; see `AllEffectsFit`.
+        values: the small values by parameter name, in the parameter's unit.
         fit: fit of named effects and small values together.
         covariance: (P, P) covariance of all unknowns of the study.
-        in_turn: every training run, predicted by a fit to the others; empty for a single run.
+        leave_one_out_predictions: predictions of every training run by a fit to the others; empty for a single run.
     """
 
     width: float
     values: dict[str, float]
     fit: Fit
     covariance: np.ndarray
-    in_turn: tuple[Fit, ...]
+    leave_one_out_predictions: tuple[Fit, ...]
 
 
-def fit_full_model(
+def fit_all_effects(
     study: LinearStudy, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]
-) -> FullModel:
-    """Fit the full model, expanded again at every fit until the residual no longer falls.
+) -> AllEffectsFit:
+    """Fit all effects of the catalogue at once, linearised again at every fit until the residual stops falling.
 
     Args:
         study: runs and catalogue.
-        effects: effects from which the search for sure effects starts.
-        near: the fit at which the first sums are computed.
+        effects: effects from which the search for effects with strong evidence starts.
+        near: the fit at which the model is linearised first.
         say: called with a text on the progress of the search.
     """
-    best: FullModel | None = None
+    best: AllEffectsFit | None = None
     for _ in range(MAX_EXPANSIONS):
         scorer = study.scorer(near)
-        sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
+        sure = search_set(scorer, evidence_rule(scorer), scorer.evaluate(scorer.split_into_candidates(effects)), say)
         by_width = {
-            s: scorer.predicted(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
+            s: scorer.prediction_log_likelihood(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
             for s in PRIOR_WIDTHS
         }
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
-        found = FullModel(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
+        found = AllEffectsFit(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums predict little of a model that is far from linear.
         if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
-        known, best = scorer.within(effects), found
+        known, best = scorer.split_into_candidates(effects), found
         if width == 0.0 and set(known) == set(sure.effects):
             break
         effects, near = sure.effects, found.fit
@@ -109,21 +111,29 @@ def fit_full_model(
     return best
 
 
-def find_background(full: FullModel, told: Step) -> SmallValues | None:
-    """The background beside the named effects; None where it does not improve the prediction of other runs."""
-    study, scorer, before = full.study, full.scorer, full.study.scorer(told.fit)
-    named = before.within(told.effects)
-    unnamed = before.errors_predicted(before.widths(named, 0.0))
-    gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
-    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(told.fit):
+def find_background(full: AllEffectsFit, named_step: SearchStep) -> BackgroundFit | None:
+    """Find the small values to add to a model with named effects.
+
+    Args:
+        full: fit of all effects at once.
+        named_step: step of the search with the named effects alone.
+
+    Returns:
+        The small values; None where they do not improve the prediction of other runs.
+    """
+    study, scorer, before = full.study, full.scorer, full.study.scorer(named_step.fit)
+    named = before.split_into_candidates(named_step.effects)
+    unnamed = before.prediction_errors(before.widths(named, 0.0))
+    gained = scorer.prediction_log_likelihood(full.widths) - scorer.log_likelihood(unnamed)
+    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(named_step.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
-    own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
+    own = np.flatnonzero(problem.unknowns_of(names) & (full.fit.values != problem.null))
     if len(own) == 0:
         return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
     in_turn = tuple(_in_turn(study, scorer, full.widths))
-    return SmallValues(full.width, values, full.fit, full.covariance, in_turn)
+    return BackgroundFit(full.width, values, full.fit, full.covariance, in_turn)
 
 
 def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
@@ -139,12 +149,12 @@ def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tup
 
 
 def _in_turn(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> Iterator[Fit]:
-    """Every training run, predicted by a fit to the others; see `SmallValues.in_turn`."""
-    for run, others in scorer.without_each():
+    """Every training run, predicted by a fit to the others; see `BackgroundFit.leave_one_out_predictions`."""
+    for run, others in scorer.leave_one_out():
         rest = _with_priors(study, scorer, widths, [r for i, r in enumerate(study.runs) if i != run], others)
         alone = Problem(study.problem.model, [study.runs[run]], study.noise)
         free = np.zeros(len(alone.columns), dtype=bool)
-        values = transferred(rest.values, rest.problem, alone)
+        values = transfer_values(rest.values, rest.problem, alone)
         yield Fit(alone, free, values, tuple(alone.blocks(values, free)), rest.outcome)
 
 
@@ -157,12 +167,12 @@ def _with_priors(
     """
     sums, moving = scorer.sums, widths > 0.0
     columns = scorer.columns[moving]
-    start = scorer.values_after(scorer.solution(widths, units))
+    start = scorer.changed_values(scorer.solution(widths, units))
     width = np.zeros(len(start))
     width[columns] = widths[moving] * scorer.typical[moving]
-    problem = Problem(study.problem.model, runs, {**study.problem.noise, **scorer.levels})
-    width = transferred(width, sums.problem, problem, missing=0.0)
+    problem = Problem(study.problem.model, runs, {**study.problem.noise, **scorer.effective_noise})
+    width = transfer_values(width, sums.problem, problem, missing=0.0)
     free = width > 0.0
     unknown = free & (problem.prior_weight == 0.0)
     problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
-    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)
+    return fit(problem, free, transfer_values(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)

@@ -7,15 +7,16 @@ from functools import cached_property
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect that could be added to a model.
+    """An effect that could be added to a model, on one joint or several.
 
     Attributes:
         effect: name of the effect.
-        parts: names of its parameters by joint; the joint is ``""`` where the effect acts on the whole model.
+        parameter_names_by_joint: pairs of a joint and the names of the effect's parameters on it; the joint is ``""``
+            where the effect acts on the whole model.
     """
 
     effect: str
-    parts: tuple[tuple[str, tuple[str, ...]], ...]
+    parameter_names_by_joint: tuple[tuple[str, tuple[str, ...]], ...]
 
     @classmethod
     def of(cls, effect: str, parts: Mapping[str, tuple[str, ...]]) -> "Candidate":
@@ -24,22 +25,22 @@ class Candidate:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Joints on which it acts, for an arm; empty where it acts on the whole model."""
-        return tuple(joint for joint, _ in self.parts if joint)
+        """Joints on which the effect acts, for an arm; empty where it acts on the whole model."""
+        return tuple(joint for joint, _ in self.parameter_names_by_joint if joint)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all its parameters."""
-        return tuple(name for _, names in self.parts for name in names)
+        """Names of all parameters of the effect, on all its joints."""
+        return tuple(name for _, names in self.parameter_names_by_joint for name in names)
 
     @property
     def label(self) -> str:
-        """Name of the candidate with its joints, in the form that commands take."""
+        """Name of the effect with its joints in the form that commands take, such as ``"joint_spring:elbow,wrist"``."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
 
     @property
-    def spoken(self) -> str:
-        """Name of the candidate for a reader, with the names of one or two joints, or with their number."""
+    def name_in_sentence(self) -> str:
+        """Name of the effect for a sentence, such as ``"joint_spring on elbow"`` or ``"joint_spring on 5 joints"``."""
         if not self.joints:
             return self.effect
         return f"{self.effect} on " + (
@@ -47,16 +48,16 @@ class Candidate:
         )
 
     def split_by_joint(self) -> tuple["Candidate", ...]:
-        """One candidate for each joint."""
-        return tuple(Candidate(self.effect, (part,)) for part in self.parts)
+        """Split the candidate into one for each joint."""
+        return tuple(Candidate(self.effect, (part,)) for part in self.parameter_names_by_joint)
 
     def on(self, joints: Collection[str]) -> "Candidate":
-        """The same effect on some of its joints only."""
-        return Candidate(self.effect, tuple(part for part in self.parts if part[0] in joints))
+        """A candidate with the same effect on some of its joints only."""
+        return Candidate(self.effect, tuple(part for part in self.parameter_names_by_joint if part[0] in joints))
 
-    def without(self, taken: Collection[str]) -> "Candidate":
-        """The candidate without the parameters `taken` that the model has already; without parts where none remain."""
-        left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parts)
+    def without_parameters(self, taken: Collection[str]) -> "Candidate":
+        """A copy without the parameters `taken`, which a model already has; its `parts` are empty if none remains."""
+        left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parameter_names_by_joint)
         return Candidate(self.effect, tuple(part for part in left if part[1]))
 
 
@@ -65,5 +66,7 @@ def group_by_effect(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     found: dict[str, Candidate] = {}
     for c in candidates:
         known = found.get(c.effect)
-        found[c.effect] = c if known is None else Candidate(c.effect, (*known.parts, *c.parts))
+        found[c.effect] = (
+            c if known is None else Candidate(c.effect, (*known.parameter_names_by_joint, *c.parameter_names_by_joint))
+        )
     return tuple(found.values())

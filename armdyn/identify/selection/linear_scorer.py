@@ -1,9 +1,9 @@
-r"""Scores of sets of effects for a model that is linear around one fit, as an arm is: each set by a small solve.
+r"""Score sets of effects of a model that is linear around one fit, such as an arm's: each by a small linear system.
 
 With X the derivatives of the predictions with respect to every unknown and r the residual, the sums X'X, X'r and r'r of
-every run and channel contain all that is needed to fit a set and to predict other runs (`sums`). Unknowns are in
-typical sizes. The *wide model*, in which every effect on every joint may have its typical size, and more where it is
-larger, gives the error that no set avoids, and thus the weight of a sample:
+every run and channel contain all that is needed to fit a set of effects and to predict other runs (`sums`). Unknowns
+are in typical sizes. The *wide model*, in which every effect on every joint may have its typical size, and more where
+the runs show more, gives the error that remains with any set, and thus the weight of a sample:
 
     log evidence = - sum_c n_c / 2 misfit(E_c / v_c) - log det(1 + T G T) / 2 - sum_i log(1 + x_i^2),
 
@@ -24,63 +24,70 @@ from math import log, sqrt
 import numpy as np
 
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import BELIEF_NATS, SetScore, SetScorer
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, SetScore, SetScorer
 from armdyn.identify.selection.sums import Sums
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 MODEL_ERROR_SAMPLES = 20.0
-"""Number of independent samples of a model's own error in one channel. With 8 the springs of a Gen3 are not found; with
-20 the exam's error is below that of the best single width in 10 of 15 imperfect arms, and at most 1.13 of it in the
-others."""
+"""Number of independent samples of a model's own error in one channel, however long a recording is. With 8 the springs
+of a Gen3 arm are not found; with 20 the error on exam runs is below that of the best single prior width for 10 of 15
+imperfect arms, and at most 1.13 times it for the others."""
 NOISE_POWER_RATIO = 1.2
-"""Residual variance of the wide model, over the noise variance, up to which it counts as noise: clean simulations reach
-1.1 where samples are many; see `noisy`."""
+"""Ratio of the residual variance of the wide model to the noise variance up to which the residual counts as noise: for
+clean simulations with many samples it is up to 1.1; see `max_noise_ratio`."""
 EFFECT_PRICE, VALUE_PRICE = 0.05, 0.01
-"""Shares of the squared error that an effect on a joint, and each of its values, must remove where not all effects can
-be reported."""
+"""Share of the squared error that an effect on a joint, and each of its parameters, must remove to be a leading effect.
+"""
 MIN_DISTINCT_SHARE = 1e-6
-"""Least share of an effect's square that is independent of other effects; below it they replace it."""
+"""Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
 SINGLE_RUN_PIECES = 5
 """Number of parts of a single training run that are predicted in turn."""
 MAX_WEIGHT_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING, HELD_OUT = 0, 1
+"""Row index of training runs, and of held-out runs, in arrays of errors."""
 
 
-def noisy(samples: float) -> float:
-    """Mean square, over the noise variance, up to which a number of independent samples counts as noise.
+def max_noise_ratio(samples: float) -> float:
+    """Largest ratio of a mean squared residual to the noise variance that counts as noise.
 
-    By chance it has a standard deviation of sqrt(2 / samples) about one.
+    Args:
+        samples: number of independent samples; by chance the ratio varies about one with a standard deviation of
+            sqrt(2 / samples).
     """
     return NOISE_POWER_RATIO * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
-def misfit_of(ratio: np.ndarray) -> np.ndarray:
-    """-2 log likelihood per sample at the best variance of the model's own error, from squared error over noise."""
+def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
+    """-2 log likelihood per sample, with the most likely variance of the model's own error.
+
+    Args:
+        ratio: mean squared error over the noise variance.
+    """
     return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
 
 
 class LinearScorer(SetScorer):
-    """Scores sets of effects by one expansion of the model.
+    """Scores sets of effects with one linearisation of the model.
 
     Args:
-        sums: sums of the training runs and of the runs that are only predicted.
-        always: (P,) bool, unknowns that are free in every set.
+        sums: sums of derivatives and residuals of the training runs and of the runs that are only predicted.
+        always: (P,) bool, unknowns that are fitted with every set.
         candidates: all effects that a set may contain, each on one joint.
         given: effects that the model has already; see `SetScorer`.
         catalogue_size: see `SetScorer`.
 
     Attributes:
-        columns: (c,) indices of the unknowns: those that are always free first, then those of the candidates.
+        columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
         typical: (c,) typical sizes of these unknowns.
-        places: by candidate, (k,) positions of its unknowns among the columns.
-        training: units that fits use.
-        given_misfit: squared error of the model as given, at this expansion or at the first one.
+        positions: (k,) positions in `columns` of the unknowns of each candidate.
+        training: indices of the units (one channel in one run) that fits use.
+        given_misfit: squared error of the model as given, at this linearisation or at the first one.
     """
 
-    most_named = 8
+    max_ranked_effects = 8
 
     def __init__(
         self,
@@ -93,12 +100,12 @@ class LinearScorer(SetScorer):
         super().__init__(sums.problem, candidates, given, catalogue_size)
         p, self.sums = sums.problem, sums
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
-        of_effects = p.of([name for c in candidates for name in c.names])
+        of_effects = p.unknowns_of([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)
         self.columns = np.append(base, np.flatnonzero(of_effects & moved))
         C, t = self.columns, p.typical[self.columns]
         self.typical, self._base = t, len(base)
-        self.places = {c: len(base) + np.flatnonzero(p.of(c.names)[C[len(base) :]]) for c in candidates}
+        self.positions = {c: len(base) + np.flatnonzero(p.unknowns_of(c.names)[C[len(base) :]]) for c in candidates}
         self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
         self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
         self._latent = sums.driver[C] != C
@@ -118,10 +125,10 @@ class LinearScorer(SetScorer):
         self._simpler: dict[Candidate, int] = {}
         self._variance, self._samples = self._measured()
         self._normals.clear()
-        self.given_misfit = self.of(given).misfit
+        self.given_misfit = self.evaluate(given).misfit
 
-    def compared_with(self, given_misfit: float) -> "LinearScorer":
-        """The same scorer, for a model as given of another squared error; both share what is known of sets."""
+    def with_given_misfit(self, given_misfit: float) -> "LinearScorer":
+        """A copy of the scorer that compares sets with another squared error of the model as given."""
         other = copy(self)
         other.given_misfit = given_misfit
         return other
@@ -179,8 +186,8 @@ class LinearScorer(SetScorer):
         return float(np.average([correlation_time([one]) for one in left], weights=s.count[units]))
 
     @property
-    def levels(self) -> dict[tuple[str, str], float]:
-        """Standard deviation by run and channel of training runs with which a sample has the weight of these fits."""
+    def effective_noise(self) -> dict[tuple[str, str], float]:
+        """Effective noise of the training runs, by run and channel: with it, a sample has the weight of these fits."""
         return {
             (block.run, block.channel): float(self._weight()[self.sums.channel[i]] ** -0.5)
             for i, block in enumerate(self.sums.blocks)
@@ -192,27 +199,29 @@ class LinearScorer(SetScorer):
         return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
 
     def widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
-        """(c,) prior widths: those of any fit for effects and base, `width` for all other effects.
+        """(c,) prior widths of the unknowns, in typical sizes: wide for some effects and the base, narrow for others.
 
-        An unknown that acts through another unknown of an absent effect keeps its value.
+        Args:
+            effects: effects that are fitted with wide priors.
+            width: prior width of all other effects; 0 leaves them out.
         """
         found = np.zeros(len(self.columns))
         rest = self._of(self.candidates)
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
         for one in effects:
-            found[self.places[one]] = self._wide[self.places[one]]
+            found[self.positions[one]] = self._wide[self.positions[one]]
         return found
 
     def simpler_effects_in(self, one: Candidate) -> int:
-        """Number of simpler effects that make up an effect: asymmetric friction is Coulomb friction and an offset."""
+        """Number of simpler effects whose sum is one effect: asymmetric friction is Coulomb friction plus an offset."""
         if one not in self._simpler:
             self._simpler[one] = self._count_simpler(one)
         return self._simpler[one]
 
     def _count_simpler(self, one: Candidate) -> int:
-        own = self.places[one]
-        simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.places[c]) < len(own)]
+        own = self.positions[one]
+        simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.positions[c]) < len(own)]
         if not simpler or not one.joints:
             return 1
         G, others = self._normal(self.training)[0], self._of(simpler)
@@ -223,7 +232,12 @@ class LinearScorer(SetScorer):
         return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_DISTINCT_SHARE) else 1
 
     def solution(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """(c,) change of the unknowns that fits units (u,) best, with (c,) prior widths; width 0 means absent."""
+        """(c,) change of the unknowns, in typical sizes, that fits some units best.
+
+        Args:
+            widths: (c,) prior widths; an unknown of width 0 is not fitted.
+            units: (u,) indices of the units (one channel in one run) that are fitted.
+        """
         free = widths > 0.0
         change = np.where(free, 0.0, self._absent)
         c, gone = np.flatnonzero(free), np.flatnonzero(change)
@@ -252,12 +266,21 @@ class LinearScorer(SetScorer):
         return NormalEquations(*found)
 
     def errors(self, change: np.ndarray) -> np.ndarray:
-        """(2, c) mean squared error of every channel in training and held-out runs; 0 where there are none."""
+        """(2, c) mean squared error of every channel in training and in held-out runs after a (c,) change of unknowns.
+
+        It is 0 where there are no samples.
+        """
         total = self._stages.squared_error(change, np.arange(len(self._stages.count)))
         return (total / np.maximum(self._stages.count, 1.0)).reshape(2, -1)
 
-    def errors_in_turn(self, widths: np.ndarray) -> np.ndarray:
-        """(c,) mean squared error of the training runs (or parts of a single one), each predicted from the others."""
+    def leave_one_out_errors(self, widths: np.ndarray) -> np.ndarray:
+        """(c,) mean squared error, by channel, of training runs that are each predicted from the others.
+
+        A single run is split into parts.
+
+        Args:
+            widths: (c,) prior widths of the unknowns.
+        """
         units, total = self.training, np.zeros(len(self._noise))
         for k in np.unique(self._fold[units]):
             mine = units[self._fold[units] == k]
@@ -266,25 +289,33 @@ class LinearScorer(SetScorer):
             total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
         return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
 
-    def errors_predicted(self, widths: np.ndarray) -> np.ndarray:
-        """(2, c) mean squared error of training runs, each predicted from the others, and of held-out runs from all."""
-        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
-        return np.array([self.errors_in_turn(widths), held_out])
+    def prediction_errors(self, widths: np.ndarray) -> np.ndarray:
+        """(2, c) mean squared error, by channel, of training runs predicted from the others, and of held-out runs.
 
-    def predicted(self, widths: np.ndarray) -> float:
-        """Log likelihood of every training run as predicted from the others, and of the held-out runs from all."""
-        return self.log_likelihood(self.errors_predicted(widths))
+        Args:
+            widths: (c,) prior widths of the unknowns.
+        """
+        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
+        return np.array([self.leave_one_out_errors(widths), held_out])
+
+    def prediction_log_likelihood(self, widths: np.ndarray) -> float:
+        """Log likelihood of training runs that are predicted from the others, plus that of held-out runs.
+
+        Args:
+            widths: (c,) prior widths of the unknowns.
+        """
+        return self.log_likelihood(self.prediction_errors(widths))
 
     def log_likelihood(self, errors: np.ndarray) -> float:
-        """Log likelihood of (2, c) mean squared errors."""
+        """Log likelihood of (2, c) mean squared errors of training and held-out runs, by channel."""
         return float(self._log_likelihoods(errors).sum())
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
-        return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=-1))
+        return np.asarray(-0.5 * np.sum(self._samples * misfit_per_sample(errors / self._variance), axis=-1))
 
-    def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every training run, and the units of the others; empty for a single run."""
+    def leave_one_out(self) -> Iterator[tuple[int, np.ndarray]]:
+        """For each training run, its index and the units of the other training runs; none for a single run."""
         run = self.sums.run[self._unit[self.training]]
         if len(np.unique(run)) > 1:
             yield from ((int(r), self.training[run != r]) for r in np.unique(run))
@@ -301,7 +332,7 @@ class LinearScorer(SetScorer):
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             log_predictive=log_predictive,
-            freedom=freedom,
+            freedom_penalty=freedom,
             values=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
@@ -317,8 +348,11 @@ class LinearScorer(SetScorer):
         """(2, c) least mean squared error: that of the noise, where there are samples."""
         return self._noise * (self._samples > 0.0)
 
-    def reading_cost(self, one: SetScore) -> float:
-        """Share of the given squared error that a set leaves, plus `EFFECT_PRICE` and `VALUE_PRICE` for its length."""
+    def reporting_cost(self, one: SetScore) -> float:
+        """Cost of a set in the choice of leading effects: the share of the squared error that it leaves, plus a price.
+
+        The price is `EFFECT_PRICE` for each effect and `VALUE_PRICE` for each of its parameters.
+        """
         if one.score == -np.inf:
             return np.inf
         length = self._length([c for c in one.effects if c not in self.given])
@@ -334,12 +368,12 @@ class LinearScorer(SetScorer):
 
     @cached_property
     def least_misfit(self) -> float:
-        """The squared error of the wide model, in the scale of `SetScore.misfit`."""
+        """Squared error of the wide model, which has all effects, in the scale of `SetScore.misfit`."""
         return float(np.sum(self._importance * self._variance * (self._samples > 0.0)))
 
     def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
         """(k,) positions of the effects' unknowns among the columns."""
-        return np.concatenate([np.zeros(0, dtype=int), *(self.places[c] for c in effects)])
+        return np.concatenate([np.zeros(0, dtype=int), *(self.positions[c] for c in effects)])
 
     def _is_inside(self, change: np.ndarray, own: np.ndarray) -> bool:
         """Whether no effect relies on a value that the runs pull beyond its bound.
@@ -352,16 +386,16 @@ class LinearScorer(SetScorer):
             return True
         G, slope = self._normal(self.training)
         pull = slope[on] - G[on] @ change
-        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < BELIEF_NATS))
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
 
     def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) predicted score of a set with each of k additions; see `_first_order`."""
+        """(k,) approximate scores of a set with each of k additions, without a full solution for each."""
         errors, freedom = self._first_order(now, options)
         prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
-        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
+        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom_penalty - freedom - prices
 
     def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) predicted `reading_cost` of a set with each of k additions; see `_first_order`."""
+        """(k,) approximate `reporting_cost` of a set with each of k additions, without a full solution for each."""
         errors, _ = self._first_order(now, options)
         length = np.array([self._length((*now.effects, *come)) for come in options])
         return (self._misfit(errors) - self.least_misfit) / self._reducible + length
@@ -389,15 +423,15 @@ class LinearScorer(SetScorer):
         return errors.T.reshape(len(options), 2, -1), freedom
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """The set to report next: the one that removes most of the squared error for its length."""
-        return min((self.of((*now.effects, *one)) for one in options), key=self.reading_cost)
+        """Of the sets with one of the options added, the one with the least `reporting_cost`."""
+        return min((self.evaluate((*now.effects, *one)) for one in options), key=self.reporting_cost)
 
     def values(self, one: SetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `SetScorer.values`."""
-        return self.values_after(one.change / self.typical)
+        return self.changed_values(one.change / self.typical)
 
-    def values_after(self, change: np.ndarray) -> np.ndarray:
-        """(P,) values of all unknowns after a change (c,) in typical sizes."""
+    def changed_values(self, change: np.ndarray) -> np.ndarray:
+        """(P,) values of all unknowns after a (c,) change of the scorer's unknowns, in typical sizes."""
         moved = change != 0.0
         return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
 
@@ -410,14 +444,17 @@ class LinearScorer(SetScorer):
         training, held_out = self.errors(one.change / self.typical)
         predicted = held_out if not self.sums.training.all() else np.zeros(0)
         if self.sums.training.all() and len(np.unique(self.sums.run)) > 1:
-            predicted = self.errors_in_turn(self.widths(one.effects, 0.0))
+            predicted = self.leave_one_out_errors(self.widths(one.effects, 0.0))
         return self._rms(training), self._rms(predicted)
 
     def _rms(self, errors: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
 
-    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) values of a set, and (P,) deviations with the model's own error; 0 for values that are not fitted."""
+    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) values of a set, and their (P,) standard deviations, which include the model's own error.
+
+        Standard deviations of unknowns that are not fitted are 0.
+        """
         widths = self.widths(one.effects, 0.0)
         c = np.flatnonzero(widths > 0.0)
         inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)

@@ -1,22 +1,22 @@
-"""The path from the model as given to a chosen set of effects, step by step, the largest effect first."""
+"""Fit the steps from the model as given to a chosen set of effects, the most important effect first."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from armdyn.identify.fit import Fit, converged
-from armdyn.identify.residual.tests import ResidualTests
+from armdyn.identify.fit import Fit, continue_fit
+from armdyn.identify.residual.noise_tests import ResidualTests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.ranking import order_by_gain, tied
+from armdyn.identify.selection.ranking import order_by_gain, tied_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.study import Study
 
-Progress = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """One step of a path: a change of the model.
+class SearchStep:
+    """One step of a search for missing effects, with the fit after it.
 
     Attributes:
         added: effects that this step added; empty for the model as given.
@@ -35,54 +35,54 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class EffectPath:
-    """The path to a chosen set of effects.
-
-    The steps are fitted only when needed: most paths that a search considers are not followed.
+    """The steps from the model as given to a chosen set of effects; they are fitted only when needed.
 
     Attributes:
         study: runs and catalogue.
         scorer: the scorer that chose the set.
-        whole: the set, each effect on one joint.
-        before: effects of the model as given.
-        ahead: the fit at which the scorer's sums are computed.
+        chosen_set: the chosen set, each effect on one joint.
+        given_effects: effects of the model as given.
+        scorer_fit: the fit at which the scorer is linearised.
     """
 
     study: Study
     scorer: SetScorer
-    whole: SetScore
-    before: tuple[Candidate, ...]
-    ahead: Fit
+    chosen_set: SetScore
+    given_effects: tuple[Candidate, ...]
+    scorer_fit: Fit
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
-        """All effects at the end of the path."""
-        return self._with(self.before, *(c for c in self.whole.effects if c not in self.scorer.given))
+        """All effects after the last step: those of the model as given and those of the chosen set."""
+        return self._with(self.given_effects, *(c for c in self.chosen_set.effects if c not in self.scorer.given))
 
     @cached_property
     def fit(self) -> Fit:
-        """The fit at the end of the path."""
-        return converged(self._fitted(self.effects, self.whole))
+        """The fit after the last step."""
+        return continue_fit(self._fitted(self.effects, self.chosen_set))
 
-    def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
-        """Fit every step to all samples, without ties; `say` is called with each step.
+    def steps(self, say: ProgressCallback, leading: Sequence[Candidate] = ()) -> list[SearchStep]:
+        """Fit every step, each with one more effect; the effects that these runs cannot tell apart are not computed.
 
-        Effects of the set that are `leading`, on one joint each, come first.
+        Args:
+            say: called with a text on the progress.
+            leading: effects of the set, on one joint each, that come first.
         """
-        study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
+        study, effects, found, given = self.study, self.given_effects, list[SearchStep](), self.scorer.given
         way = order_by_gain(self.scorer, leading, given)
-        way += order_by_gain(self.scorer, self.whole.effects, (*given, *leading))
+        way += order_by_gain(self.scorer, self.chosen_set.effects, (*given, *leading))
         for i, rise in enumerate(way):
             effects = self._with(effects, rise.added)
-            say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
+            say(f"{i} of {len(way)} steps fitted, now {rise.added.name_in_sentence}")
             fit = self.fit if rise is way[-1] else self._fitted(effects, rise.score)
             tests = study.tests(fit, effects)
-            found.append(Step((rise.added,), (), effects, fit, tests))
+            found.append(SearchStep((rise.added,), (), effects, fit, tests))
         return found
 
-    def with_ties(self, steps: Sequence[Step]) -> list[Step]:
-        """Add to each step the effects that would do as well in its place, in the whole set."""
-        whole = self.scorer.settle(self.whole.effects)
-        ties = (tied(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
+    def with_ties(self, steps: Sequence[SearchStep]) -> list[SearchStep]:
+        """Add to each step the effects that could replace those it added, because these runs cannot tell them apart."""
+        whole = self.scorer.optimise(self.chosen_set.effects)
+        ties = (tied_effects(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
         return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
 
     def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
@@ -90,4 +90,4 @@ class EffectPath:
         return (*given, *group_by_effect((*(e for e in effects if e not in given), *added)))
 
     def _fitted(self, effects: Sequence[Candidate], one: SetScore) -> Fit:
-        return self.study.fit_with(effects, self.ahead, self.study.own_values(self.scorer, one))
+        return self.study.fit_with(effects, self.scorer_fit, self.study.own_values(self.scorer, one))

@@ -1,4 +1,4 @@
-"""Order a chosen set of effects for a reader, the largest first; rank the effects that may be missing."""
+"""Order a chosen set of effects by importance, and rank the effects that may be missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,18 +7,18 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.select_effects import by_effect, eliminate
+from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.parameter import Parameter
 
 
 @dataclass(frozen=True)
 class PathSegment:
-    """One step from a smaller set of effects to a larger one.
+    """One effect that is added to a set, and the score of the larger set.
 
     Attributes:
         added: the added effect, with all its joints.
-        score: score of the set with it.
+        score: score of the set with the added effect.
     """
 
     added: Candidate
@@ -28,8 +28,14 @@ class PathSegment:
 def order_by_gain(
     scorer: SetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
 ) -> list[PathSegment]:
-    """The path from `fixed_effects` to all `effects`, each on all its joints at once, by how much they explain."""
-    now, left = scorer.of(fixed_effects), by_effect([c for c in effects if c not in fixed_effects])
+    """Order effects by how much of the error they explain, the most important first.
+
+    Args:
+        scorer: scorer of sets.
+        effects: effects to order, each on one joint; the joints of one effect are added together.
+        fixed_effects: effects that are present from the start.
+    """
+    now, left = scorer.evaluate(fixed_effects), group_joints_by_effect([c for c in effects if c not in fixed_effects])
     found = list[PathSegment]()
     while left:
         now = scorer.next_reported(now, left)
@@ -39,22 +45,26 @@ def order_by_gain(
     return found
 
 
-def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Effects on the same joints that fit and predict as well in place of `part`, with their real degrees of freedom.
+def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Find effects that fit and predict as well in place of a part of a set, so that these runs cannot tell them apart.
 
-    A richer effect is no rival where it does the same by means of its further unknowns. On a slide, where a link has
-    only one unknown with influence, it is a rival.
+    An effect that needs more parameters than the part is penalised for those that have influence.
+
+    Args:
+        scorer: scorer of sets.
+        whole: the set.
+        part: effects of the set, each on one joint, that are replaced; replacements act on the same joints.
     """
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
-    without = scorer.of(rest)
+    without = scorer.evaluate(rest)
     plausible_effects = scorer.candidates
     for name in dict.fromkeys(c.effect for c in plausible_effects if c.effect != part[0].effect):
         others = [c for c in plausible_effects if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
             continue
-        other = scorer.of((*rest, *others))
+        other = scorer.evaluate((*rest, *others))
         if not (np.isfinite(other.score) and scorer.schwarz_score(other) > scorer.schwarz_score(without)):
             continue  # it explains nothing, or little of what it would replace
         if scorer.ties(whole, other, without):
@@ -69,8 +79,8 @@ class RankedEffect:
     Attributes:
         effect: name of the effect.
         joints: joints on which it acts, for an arm.
-        delta_bic: evidence without the effect less evidence with it, on the scale of BIC; larger is better.
-        p_value: probability of such evidence if the effect is superfluous, times the number of effects tried.
+        delta_bic: evidence for the effect, on the scale of a difference of BIC; 10 is strong.
+        p_value: probability that a superfluous effect lowers chi2 as much by chance, times the number of effects tried.
         rmse: root mean square error by channel with the effect, on the training runs.
         held_out_rmse: root mean square error by channel on runs predicted from others; empty where there are none.
         parameters: fitted parameters of the effect.
@@ -92,11 +102,12 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
 
     Args:
         scorer: scorer at the fit of the model as given.
-        first: the effect that a search found first, on one joint each; it comes first. Empty where it found none.
-        tied: effects that these runs cannot distinguish from it.
+        first: the effect that a search found first, as candidates on one joint each; it is ranked first. Empty where
+            the search found none.
+        tied: effects that these runs cannot distinguish from `first`.
     """
-    nothing = scorer.of(scorer.given)
-    found = [scorer.of((*scorer.given, *first))] if first else []
+    nothing = scorer.evaluate(scorer.given)
+    found = [scorer.evaluate((*scorer.given, *first))] if first else []
     plausible_effects = [c for c in scorer.candidates if c not in scorer.given]
     for name in dict.fromkeys(c.effect for c in plausible_effects):
         if not first or name != first[0].effect:
@@ -106,7 +117,7 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
     rest = sorted(worth, key=lambda one: -one.score)
     names = [c.effect for c in tied]
     described = []
-    for one in (*leading, *rest)[: scorer.most_named]:
+    for one in (*leading, *rest)[: scorer.max_ranked_effects]:
         mine = group_by_effect([c for c in one.effects if c not in scorer.given])[0]
         others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
         described.append(_described(scorer, one, mine, nothing, tuple(dict.fromkeys(others))))
@@ -116,8 +127,8 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
 def _alone(scorer: SetScorer, joints: Sequence[Candidate], nothing: SetScore) -> SetScore:
     """An effect on all joints that need it, or on the best one."""
     given = scorer.given
-    several = eliminate(scorer, lambda one: -one.score, scorer.of((*given, *joints)))
-    single = max((scorer.of((*given, c)) for c in joints), key=lambda one: one.score)
+    several = eliminate(scorer, lambda one: -one.score, scorer.evaluate((*given, *joints)))
+    single = max((scorer.evaluate((*given, c)) for c in joints), key=lambda one: one.score)
     return max((several, single, nothing), key=lambda one: one.score)
 
 
@@ -125,9 +136,9 @@ def _described(
     scorer: SetScorer, one: SetScore, named: Candidate, nothing: SetScore, tied: tuple[str, ...]
 ) -> RankedEffect:
     p = scorer.problem
-    own = np.flatnonzero(p.of(named.names))
+    own = np.flatnonzero(p.unknowns_of(named.names))
     rmse, held_out_rmse = scorer.errors_by_channel(one)
-    values, deviations = scorer.fitted(one)
+    values, deviations = scorer.fitted_values(one)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     return RankedEffect(
         effect=named.effect,

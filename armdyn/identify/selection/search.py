@@ -1,23 +1,23 @@
-"""Find the effects that are missing and add them one after the other, the one that explains most first."""
+"""Search for the effects that a model lacks, and fit the model as they are added, the most important one first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
-from armdyn.identify.explained import RepairStep
+from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.residual.missing_force import ForceCurve, between
-from armdyn.identify.selection.background import FullModel
+from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
+from armdyn.identify.selection.arm_selection import select_for_arm
+from armdyn.identify.selection.background import AllEffectsFit
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.for_arms import select_for_arm
-from armdyn.identify.selection.path import EffectPath, Progress, Step
+from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 from armdyn.identify.study import Study
-from armdyn.identify.whole_runs import improved
+from armdyn.identify.whole_runs import improve_by_whole_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,103 +26,112 @@ class Search:
 
     Attributes:
         steps: steps of the search; the first is the model as given.
-        suspects: effects that could have been the first one, the best first.
+        suspects: effects that may be missing, each added alone to the model as given, the best first.
         further: the best effect that the last step lacks; None where no further effect improves the score.
-        full: for an arm, the fit of all effects at once.
+        full: for an arm, the fit of all effects at once; else None.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[SearchStep, ...]
     suspects: tuple[RankedEffect, ...] = ()
     further: Candidate | None = None
-    full: FullModel | None = None
+    full: AllEffectsFit | None = None
 
     @property
-    def last(self) -> Step:
+    def last(self) -> SearchStep:
         """The last step of the search."""
         return self.steps[-1]
 
     @property
-    def leading_ties(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from the first one; later steps may have ties of their own."""
+    def first_ties(self) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot distinguish from the effect that the first step added."""
         return self.steps[1].tied if len(self.steps) > 1 else ()
 
     @property
-    def tied(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from those of the last step."""
+    def all_ties(self) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot distinguish from the effects that the search added."""
         return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
 
     def missing_force(self, *, law: bool = False) -> tuple[ForceCurve, ...]:
-        """The missing force of the model as given and, where effects were added, of the last step; see `between`."""
-        return between(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
+        """Curves of the missing force of the model as given and, if effects were added, of the last step.
 
-    def ties(self, step: Step) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot distinguish from those of a step; empty where these are gone at the end."""
+        Args:
+            law: whether to compute the force of the added effects as well.
+        """
+        return compare_missing_forces(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
+
+    def ties(self, step: SearchStep) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot distinguish from those added in a step; empty if these were removed later."""
         ended = {name for effect in self.last.effects for name in effect.names}
         if ended.isdisjoint(name for effect in step.added for name in effect.names):
             return ()
         return tuple(effect for effect in step.tied if not ended.issuperset(effect.names))
 
 
-def search(study: Study, progress: Progress | None = None) -> Search:
-    """Choose effects at the fit of the model as given, then refit every step to the chosen set.
+def search(study: Study, progress: ProgressCallback | None = None) -> Search:
+    """Search for the effects that the model of a study lacks, and fit the model as they are added one by one.
 
-    `progress` is called with a short text at every step.
+    Args:
+        study: runs, model and catalogue.
+        progress: called with a short text at every step.
     """
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     first = study.first()
-    return select_effects(study, Step((), (), study.present, first, study.tests(first, study.present)), say)
+    return select_effects(study, SearchStep((), (), study.present, first, study.tests(first, study.present)), say)
 
 
 @singledispatch
-def select_effects(study: Study, given: Step, say: Progress) -> Search:
-    """Choose effects from the model as `given`, in the way that suits the kind of study."""
+def select_effects(study: Study, given: SearchStep, say: ProgressCallback) -> Search:
+    """Choose the effects to add to the model as `given`; the method depends on the type of the study."""
     raise NotImplementedError(type(study).__name__)
 
 
 @select_effects.register
-def _(study: LinearStudy, given: Step, say: Progress) -> Search:
+def _(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Search:
     scorer, steps, full = select_for_arm(study, given, say)
     return _searched(steps, scorer, study.scorer(steps[-1].fit), full)
 
 
 @select_effects.register
-def _(study: StateSpaceStudy, given: Step, say: Progress) -> Search:
+def _(study: StateSpaceStudy, given: SearchStep, say: ProgressCallback) -> Search:
     scorer = StateSpaceScorer(study)
-    steps = _path(study, given, scorer, improved(study, scorer, scorer.best_set(say), say), say)
+    steps = _path(study, given, scorer, improve_by_whole_runs(study, scorer, scorer.best_set(say), say), say)
     return _searched(steps, scorer, scorer)
 
 
-def _searched(steps: Sequence[Step], scorer: SetScorer, at_end: SetScorer, full: FullModel | None = None) -> Search:
+def _searched(
+    steps: Sequence[SearchStep], scorer: SetScorer, at_end: SetScorer, full: AllEffectsFit | None = None
+) -> Search:
     """The result of a search; `scorer` ranks what could have been first, `at_end` what the last step lacks."""
     named = steps[min(1, len(steps) - 1)]
-    found = rank_effects(scorer, scorer.within(named.added), named.tied)
-    return Search(tuple(steps), found, _further(at_end, at_end.within(steps[-1].effects)), full)
+    found = rank_effects(scorer, scorer.split_into_candidates(named.added), named.tied)
+    return Search(tuple(steps), found, _further(at_end, at_end.split_into_candidates(steps[-1].effects)), full)
 
 
 def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | None:
-    now = scorer.settle(effects)
-    options = (scorer.of((*now.effects, c)) for c in scorer.candidates if c not in now.effects)
+    now = scorer.optimise(effects)
+    options = (scorer.evaluate((*now.effects, c)) for c in scorer.candidates if c not in now.effects)
     best = max(options, key=lambda one: one.score, default=now)
     return next((c for c in best.effects if c not in now.effects), None) if best.score > now.score else None
 
 
-def _path(study: StateSpaceStudy, given: Step, scorer: SetScorer, whole: SetScore, say: Progress) -> list[Step]:
+def _path(
+    study: StateSpaceStudy, given: SearchStep, scorer: SetScorer, whole: SetScore, say: ProgressCallback
+) -> list[SearchStep]:
     """The path to a set without effects that reduce the error by little; ties of those removed are tested too."""
     path = EffectPath(study, scorer, whole, given.effects, given.fit)
     steps = path.steps(say)
-    told = without_little(study, [given, *steps])
+    told = drop_small_steps(study, [given, *steps])
     if len(told) == 1 + len(steps):
         return [given, *path.with_ties(steps)]
-    return _path(study, given, scorer, scorer.of(scorer.within(told[-1].effects)), say)
+    return _path(study, given, scorer, scorer.evaluate(scorer.split_into_candidates(told[-1].effects)), say)
 
 
-def without_little(study: StateSpaceStudy, steps: list[Step]) -> list[Step]:
-    """Cut the end of a path where each added value reduces the error by little.
+def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[SearchStep]:
+    """Leave out the last steps of a search if each parameter that they add lowers the error by little.
 
-    A model of a real pendulum is never complete: its residual is never zero, and the next effect of the catalogue
-    explains a little of it. A residual at the noise has no such rest: a contradiction to a weighed mass appears in no
-    error.
+    A model of a real pendulum is never complete, so a further effect of the catalogue always explains a little of the
+    residual. Where the residual is only noise, all steps are kept.
     """
     left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
@@ -137,16 +146,14 @@ def without_little(study: StateSpaceStudy, steps: list[Step]) -> list[Step]:
     return steps
 
 
-def repair_step(study: Study, step: Step, held_out: dict[str, float] | None = None) -> RepairStep:
-    """Describe one step with its errors on every kind of run; `held_out` are errors that are known already."""
-    if held_out is None:
-        held_out = channel_rmse(study.held_out_blocks(step.fit))
+def repair_step(study: Study, step: SearchStep) -> RepairStep:
+    """Describe one step of a search by its errors on every kind of run."""
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
         tied_with=tuple(c.effect for c in step.tied),
         rmse=step.fit.rmse(),
-        held_out_rmse=held_out,
+        held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
         exam_rmse=channel_rmse(study.exam_blocks(step.fit)),

@@ -1,12 +1,12 @@
-"""Search for the set of effects with the least cost: forward, backward, exchange, until nothing improves it.
+"""Search for the set of effects with the least cost, by adding, removing and exchanging effects.
 
 Adding one effect at a time fails where the first one imitates two others. So after every addition superfluous effects
-are removed (backward elimination), effects on all their joints at once compete with those on one, each effect is
-exchanged for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters
-15, 1994). The cost falls with every step, so the search ends.
+are removed (backward elimination), an effect may be added on one joint or on all its joints, each effect is exchanged
+for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15,
+1994). The cost falls with every step, so the search ends.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,42 +17,41 @@ from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 
 SCORED_CHANGES = 12
-"""Changes of a kind, those with the least predicted cost, that are scored in each round."""
+"""Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
 
-Cost = Callable[[SetScore], float]
+SetCost = Callable[[SetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
 """Effects removed from a set, and effects added to it."""
 
 
 @dataclass(frozen=True)
-class Rule:
+class SetRule:
     """A rule for comparing sets of effects.
 
     Attributes:
         cost: cost of a set; less is better.
-        first_order: (k,) predicted costs of a set with each of k additions.
+        first_order: function that approximates the (k,) costs of a set with each of k additions.
     """
 
-    cost: Cost
+    cost: SetCost
     first_order: Callable[[SetScore, Sequence[Sequence[Candidate]]], np.ndarray]
 
 
-def by_evidence(scorer: LinearScorer) -> Rule:
-    """The rule that prefers the sets of which the evidence is sure."""
-    return Rule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
+def evidence_rule(scorer: LinearScorer) -> SetRule:
+    """The rule that prefers sets of effects with strong evidence."""
+    return SetRule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
 
 
-def by_share(scorer: LinearScorer) -> Rule:
-    """The rule that prefers the sets that remove most of the squared error for their length."""
-    return Rule(scorer.reading_cost, scorer.first_order_cost)
+def share_rule(scorer: LinearScorer) -> SetRule:
+    """The rule that prefers small sets of effects that remove most of the squared error; see `reporting_cost`."""
+    return SetRule(scorer.reporting_cost, scorer.first_order_cost)
 
 
-def select(
+def search_set(
     scorer: LinearScorer,
-    rule: Rule,
+    rule: SetRule,
     start: SetScore,
     say: Callable[[str], None],
-    fixed_effects: Collection[Candidate] | None = None,
 ) -> SetScore:
     """Search for the set of effects with the least cost.
 
@@ -61,15 +60,13 @@ def select(
         rule: the cost to minimise.
         start: the set from which the search starts.
         say: called with a text on the progress of the search.
-        fixed_effects: effects of `start` that stay; None means those of the model as given.
     """
-    fixed_effects, cost = scorer.given if fixed_effects is None else fixed_effects, rule.cost
-    now = eliminate(scorer, cost, start, fixed_effects)
+    cost, now = rule.cost, eliminate(scorer, rule.cost, start)
     while True:
         say(f"{len(now.effects)} effects chosen")
         for changes in (_additions, _exchanges, _pairs):
-            options = _promising(scorer, rule, now, list(changes(scorer, now, fixed_effects)))
-            best = eliminate(scorer, cost, min(options, key=cost, default=now), fixed_effects)
+            options = _promising(scorer, rule, now, list(changes(scorer, now)))
+            best = eliminate(scorer, cost, min(options, key=cost, default=now))
             if cost(best) < cost(now):
                 now = best
                 break
@@ -77,41 +74,43 @@ def select(
             return now
 
 
-def eliminate(
-    scorer: SetScorer, cost: Cost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
-) -> SetScore:
-    """Backward elimination: remove an effect, on one joint or on all, while the cost does not rise."""
-    fixed_effects = scorer.given if fixed_effects is None else fixed_effects
+def eliminate(scorer: SetScorer, cost: SetCost, now: SetScore) -> SetScore:
+    """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
+
+    Args:
+        scorer: scorer of sets.
+        cost: the cost.
+        now: the set.
+    """
     while True:
-        free = [c for c in now.effects if c not in fixed_effects]
-        parts = [(c,) for c in free] + [own for own in by_effect(free) if len(own) > 1]
-        fewer = (scorer.of([c for c in now.effects if c not in part]) for part in parts)
+        free = [c for c in now.effects if c not in scorer.given]
+        parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
+        fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in parts)
         best = min(fewer, key=cost, default=now)
         if best is now or cost(best) > cost(now):
             return now
         now = best
 
 
-def by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Group effects on one joint each by their name."""
+def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Group candidates on one joint each by the name of their effect."""
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 
-def _additions(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
-    del fixed_effects
+def _additions(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
     left = [c for c in scorer.candidates if c not in now.effects]
     yield from (((), (c,)) for c in left)
-    yield from (((), whole) for whole in by_effect(left) if len(whole) > 1)
+    yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
-def _exchanges(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
-    free = [c for c in now.effects if c not in fixed_effects]
+def _exchanges(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
+    free = [c for c in now.effects if c not in scorer.given]
     left = [c for c in scorer.candidates if c not in now.effects]
-    for part in [*((c,) for c in free), *(own for own in by_effect(free) if len(own) > 1)]:
+    for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
 
 
-def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
+def _pairs(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
     """Changes that add two effects on one joint, in place of at most two others.
 
     A gain and a friction that grows with the load hide each other: neither improves the score without the other one
@@ -119,19 +118,19 @@ def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candid
     """
     for joint in dict.fromkeys(c.joints for c in scorer.candidates if c.joints):
         own = [c for c in scorer.candidates if c.joints == joint]
-        there = [c for c in own if c in now.effects and c not in fixed_effects]
+        there = [c for c in own if c in now.effects and c not in scorer.given]
         for gone in [(), *((c,) for c in there), *combinations(there, 2)]:
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
 
 
-def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
+def _promising(scorer: LinearScorer, rule: SetRule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
     """Sets after the changes with the least predicted cost."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:
         by_gone.setdefault(gone, []).append(come)
     found: list[tuple[float, tuple[Candidate, ...]]] = []
     for gone, options in by_gone.items():
-        rest = scorer.of([c for c in now.effects if c not in gone])
+        rest = scorer.evaluate([c for c in now.effects if c not in gone])
         costs = rule.first_order(rest, options).tolist()
         found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]
+    return [scorer.evaluate(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]

@@ -1,6 +1,6 @@
-"""Score of a set of effects for given runs, in nats: evidence less the penalty for its complexity.
+"""Score sets of effects for given runs, in nats: evidence less a penalty for complexity.
 
-    score = log evidence of the training runs + log likelihood of the held-out runs as predicted - complexity penalty
+    score = log evidence of the training runs + log likelihood of the predicted held-out runs - complexity penalty
 
 The evidence is the likelihood at the best values, less Occam's factor of the unknowns and a Cauchy prior on their sizes
 (MacKay, Neural Computation 4, 1992). `LinearScorer` and `StateSpaceScorer` define the likelihood.
@@ -18,12 +18,13 @@ import numpy as np
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
 
-BELIEF_NATS = log(100.0)
-"""Nats beyond chance at which an effect is accepted: one false name in a hundred clean recordings."""
+ACCEPTANCE_NATS = log(100.0)
+"""Evidence beyond chance, nats, at which an effect is accepted: one false effect in a hundred clean recordings."""
 FURTHER_JOINT_NATS = log(10.0)
-"""Nats beyond chance at which an accepted effect is also accepted on a further joint."""
+"""Evidence beyond chance, nats, at which an accepted effect is also accepted on a further joint."""
 TIE_NATS = 3.0
-"""Nats below which two sets are tied: above this difference the better one was right in 320 of 320 cases."""
+"""Difference of score, nats, below which runs cannot tell two sets apart: above it the better set was right in 320 of
+320 cases."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +35,22 @@ class SetScore:
         effects: effects of the set, each on one joint.
         score: score in nats; it is comparable with that of other sets for the same runs.
         likelihood: log likelihood of the training runs.
-        log_predictive: log likelihood of the held-out runs as predicted; 0 where there are none.
-        freedom: nats that the freedom of the effects' unknowns costs: Occam's factor and the prior on their sizes.
-        values: number of the effects' unknowns that the runs determine rather than the priors.
+        log_predictive: log likelihood of the predicted held-out runs; 0 where there are none.
+        freedom_penalty: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on their
+            sizes.
+        values: number of the effects' unknowns that the runs, not the priors, determine.
         columns: (c,) indices of the unknowns that change.
-        change: (c,) their change from the expansion's point in a fit to all training runs, in their units.
-        misfit: mean squared error over the training runs plus that over the held-out runs, summed over channels, at
-            least the noise's; in the unit's square where all channels share one, else over the noise.
+        change: (c,) change of these unknowns, from the point of linearisation to the fit to all training runs, in their
+            units.
+        misfit: mean squared error over the training runs plus that over the held-out runs, summed over channels, not
+            below the noise; in the squared unit of the channels if they have one, else relative to the noise.
     """
 
     effects: tuple[Candidate, ...]
     score: float
     likelihood: float
     log_predictive: float
-    freedom: float
+    freedom_penalty: float
     values: float
     columns: np.ndarray
     change: np.ndarray
@@ -55,17 +58,17 @@ class SetScore:
 
 
 class SetScorer(ABC):
-    """Scores sets of effects.
+    """Base class of objects that score sets of effects.
 
     Args:
         problem: the problem of the unknowns.
         candidates: all effects that a set may contain, each on one joint.
-        given: candidates that the model has already; every set contains them.
-        catalogue_size: number of effects among which the candidates were chosen, where there were more.
+        given: candidates that the model already has; every set contains them.
+        catalogue_size: number of effects from which the candidates were chosen, if it is larger than theirs.
     """
 
-    most_named: ClassVar[int]
-    """Effects listed in a table of suspects."""
+    max_ranked_effects: ClassVar[int]
+    """Largest number of effects in a ranking of those that may be missing."""
 
     def __init__(
         self,
@@ -89,59 +92,65 @@ class SetScorer(ABC):
 
     @abstractmethod
     def schwarz_score(self, one: SetScore) -> float:
-        """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets.
-
-        Only the runs decide whether two sets can be distinguished.
-        """
+        """Score of a set in nats without the prior on sizes (Schwarz 1978), to test if runs can tell two sets apart."""
 
     @abstractmethod
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
-        """Root mean square error by channel, of the training runs and of runs predicted from others (may be empty)."""
+        """Root mean square errors of a set, by channel, on the training runs, and on runs predicted from others.
+
+        The second ones are empty where there are no such runs.
+        """
 
     @abstractmethod
-    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set's unknowns as reported, and (P,) their standard deviations."""
 
     @abstractmethod
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """Of the sets with one of the options added, the one that a report should name first."""
+        """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
-    def settle(self, effects: Iterable[Candidate]) -> SetScore:
-        """Score a set at its own optimum; other sets are scored from there."""
-        return self.of(effects)
+    def optimise(self, effects: Iterable[Candidate]) -> SetScore:
+        """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
+        return self.evaluate(effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """Whether the runs cannot distinguish a set from the `whole` one; `without` is the part that both share."""
+        """Whether the runs cannot tell two sets apart.
+
+        Args:
+            whole: the better set.
+            other: the set that is compared with it.
+            without: the set of the effects that both share.
+        """
         del without
         return self.schwarz_score(whole) - self.schwarz_score(other) < TIE_NATS
 
-    def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
-        """The candidates, each on one joint, of which `effects` consist."""
+    def split_into_candidates(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
+        """Split effects on several joints into the scorer's candidates, each on one joint."""
         names = {name for effect in effects for name in effect.names}
         return tuple(c for c in self.candidates if names.issuperset(c.names))
 
-    def of(self, effects: Iterable[Candidate]) -> SetScore:
-        """The score of one set."""
+    def evaluate(self, effects: Iterable[Candidate]) -> SetScore:
+        """The score of a set of effects; it is computed once."""
         key = frozenset(effects)
         if key not in self._known:
             self._known[key] = self._score_of(tuple(c for c in self.candidates if c in key))
         return self._known[key]
 
     def complexity_penalty(self, effects: Sequence[Candidate]) -> float:
-        """Nats that a set must gain over no effect at all.
+        """Evidence, nats, that a set needs to be accepted.
 
-        Each effect could have been another one of the catalogue, on any other of its joints, and must be significant
-        beyond that. On a further joint it is more expected. An effect made up of several simpler ones counts as
-        several.
+        The penalty is larger for a larger catalogue and for an effect that could act on more joints, as both make a
+        good fit by chance more probable; it is smaller for a further joint of an effect. An effect that is a sum of
+        several simpler ones counts as several.
         """
         catalogue, found = log(max(len(self._reach), self._catalogue_size, 1)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + BELIEF_NATS + (on - 1) * FURTHER_JOINT_NATS
-        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + BELIEF_NATS) for c in effects)
+            found += catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS
+        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + ACCEPTANCE_NATS) for c in effects)
 
     def simpler_effects_in(self, one: Candidate) -> int:
-        """Number of simpler effects that together are the same as one effect; 1 where there are none."""
+        """Number of simpler effects whose sum is one effect; 1 where it is no such sum."""
         del one
         return 1

@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem
+from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Problem, ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.thresholds import likeliest
+from armdyn.identify.thresholds import likeliest_thresholds
 from armdyn.linear.solve import solve_bounded
 
 DRIVEN_FIT_STEPS = 3
@@ -61,7 +61,7 @@ class Sums:
     noise: np.ndarray
     driver: np.ndarray
     size: np.ndarray
-    blocks: tuple[Block, ...]
+    blocks: tuple[ResidualBlock, ...]
     width: np.ndarray
     centre: np.ndarray
 
@@ -147,7 +147,7 @@ def sums(
     )
 
 
-def _moving(blocks: Sequence[Block], unknowns: int) -> np.ndarray:
+def _moving(blocks: Sequence[ResidualBlock], unknowns: int) -> np.ndarray:
     """(P,) bool: unknowns that change some prediction."""
     moves = np.zeros(unknowns, dtype=bool)
     for block in blocks:
@@ -183,7 +183,7 @@ def with_places(
     """
     values, moves = values.copy(), _moving(problem.blocks(values), len(values))
     placed = np.zeros(len(values), dtype=bool)
-    columns = [np.flatnonzero(problem.of(c.names)) for c in absent]
+    columns = [np.flatnonzero(problem.unknowns_of(c.names)) for c in absent]
     moves |= _move_far(problem, values, np.flatnonzero(~moves & (problem.prior_weight == 0.0)))
     unseen = [own[~moves[own] & (problem.prior_weight[own] == 0.0)] for own in columns]
     for turn in range(max(map(len, unseen), default=0)):
@@ -191,7 +191,9 @@ def with_places(
         asked = [(i, own) for i, own in asked if len(own)]
         place, sizes = np.array([i for i, _ in asked], dtype=int), [own for _, own in asked]
         evidence = partial(_gains, problem, training, values, free, place, sizes)
-        found = likeliest(evidence, *(part[place] for part in (values, problem.typical, problem.lower, problem.upper)))
+        found = likeliest_thresholds(
+            evidence, *(part[place] for part in (values, problem.typical, problem.lower, problem.upper))
+        )
         placed[place] = ~np.isnan(found)
         values[place] = np.where(placed[place], found, values[place])
     return values, placed
@@ -240,19 +242,19 @@ def _width(problem: Problem) -> np.ndarray:
         return np.minimum(EFFECT_PRIOR_SIZE * problem.typical, 1.0 / problem.prior_weight)
 
 
-def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
+def _with_columns(block: ResidualBlock, other: ResidualBlock, of_other: np.ndarray) -> ResidualBlock:
     """A block with the derivatives of another block for some unknowns, (P,) bool."""
     X = block.sensitivities.copy()
     X[:, of_other] = other.sensitivities[:, of_other]
     return replace(block, sensitivities=X)
 
 
-def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
+def _drivers(problem: Problem, here: Sequence[ResidualBlock], absent: Sequence[Candidate]) -> np.ndarray:
     """(P,) `Sums.driver`: for unknowns of an absent effect that change nothing, its first unknown that does."""
     moves = _moving(here, len(problem.columns))
     driver = np.arange(len(moves))
     for candidate in absent:
-        columns = np.flatnonzero(problem.of(candidate.names))
+        columns = np.flatnonzero(problem.unknowns_of(candidate.names))
         if moves[columns].any():
             driver[columns[~moves[columns]]] = columns[moves[columns]][0]
     return driver
@@ -260,7 +262,7 @@ def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate
 
 def _settled(
     problem: Problem,
-    here: Sequence[Block],
+    here: Sequence[ResidualBlock],
     values: np.ndarray,
     driver: np.ndarray,
     free: np.ndarray,

@@ -1,1 +1,1 @@
-"""Fits of models with states: along the measured motion with process noise, and by output error."""
+"""Fits of models that simulate a motion: along the measured motion with process noise, and by output error."""

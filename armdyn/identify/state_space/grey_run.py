@@ -1,4 +1,4 @@
-"""One run, linearised around its measured motion, with kicks between the pieces and small weights for glitches."""
+"""One run, linearised around its measured motion, with kicks (process noise) between short pieces of it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -6,70 +6,71 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
-    Colour,
-    Gram,
+    ChannelRows,
+    ColouredNoise,
     Innovations,
     PieceChain,
-    Rows,
-    blocks,
-    combined,
-    filtered,
-    smoothed,
+    WhitenedSums,
+    add_channels,
+    filter_run,
+    memory_slices,
+    smooth_run,
 )
-from armdyn.physics.pieces import Linearised, MotionPieces, Pieces, pseudo_inverse
+from armdyn.physics.pieces import LinearisedRun as LinearisedPieces
+from armdyn.physics.pieces import MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import as_simulated_model
 from armdyn.recording.gaps import run_until
 from armdyn.recording.noise import smallest_noise_std
 
 PIECE_PERIODS = 0.5
-"""Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
-friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With white
-process noise in place of kicks real recordings contain 10 to 1000 times less information."""
+"""Length of a piece of the motion, between two kicks, in periods of the swing. Within a piece the motion follows the
+model, so friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With
+white process noise in place of kicks real recordings contain 10 to 1000 times less information."""
 MAX_ERROR_GROWTH = 100.0
-"""Growth of an error within a piece beyond which the piece is unstable."""
+"""Factor by which an error of the state may grow within a piece; above it the piece is divided."""
 LINEAR_PRIOR_SIZE = 100.0
-"""Prior width of the unknowns in linear sums, in typical sizes; it only bounds what the run does not identify."""
+"""Prior width of the unknowns of a linearised run, in typical sizes; it only limits what the run does not identify."""
 FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
-"""Number of pieces over which a force is followed first, growth of their number, and most steps of the smoother at
-each."""
-GLITCH_DEVIATES = 4.0
-"""Standard deviations of an innovation beyond which a sample is a glitch: one in 16,000 by chance."""
-MAX_ACTING_SHARE = 0.75
-"""Share of the unknowns with influence, above which leaving out the others saves nothing."""
+"""Number of pieces over which a motion is first derived from a force, factor on this number from round to round, and
+largest number of smoother steps in a round."""
+GLITCH_STDS = 4.0
+"""Number of standard deviations of an innovation above which a sample is a glitch: one in 16,000 by chance."""
+MAX_INFLUENTIAL_SHARE = 0.75
+"""Share of the unknowns with influence above which the other unknowns are not left out, as this would save no time."""
 MAX_GLITCH_SHARE = 0.1
-"""Largest share of samples that can be glitches; more are a property of the sensor."""
+"""Largest share of samples that can be glitches; with more of them, none is treated as a glitch."""
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Noise of one run.
+class RunNoise:
+    """Process noise and sensor noise of one run.
 
     Attributes:
         kick: standard deviation of the kicks (process noise), in typical sizes of the speeds.
-        level: standard deviation of the white noise over the quiet noise, by channel.
-        colour: correlated sensor error by channel.
+        level: by channel, standard deviation of the white sensor noise over the least possible one (see `quiet_noise`).
+        colour: by channel, sensor error that is correlated in time.
     """
 
     kick: float
     level: tuple[float, ...]
-    colour: tuple[Colour, ...]
+    colour: tuple[ColouredNoise, ...]
 
 
-def scaled(noise: Noise, factor: float) -> Noise:
-    """The noise with all its standard deviations multiplied by a factor."""
-    return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
+def scale_noise(noise: RunNoise, factor: float) -> RunNoise:
+    """A copy of the noise with all standard deviations multiplied by a factor."""
+    return RunNoise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
 
 
-class GreyRun:
-    """One run, linearised around its motion.
+class GreyBoxRun:
+    """One run, divided into pieces, which can be linearised around a motion.
 
     Args:
         problem: the problem of the unknowns.
-        index: position of the run in the problem.
+        index: index of the run in the problem.
         swing: period of the swing, s.
         share: length of a piece, between two kicks, in periods of the swing.
     """
@@ -79,20 +80,20 @@ class GreyRun:
         self.problem, self.index, self.swing = problem, index, swing
         self.run = run_until(problem.runs[index], model.time_of_rest(problem.runs[index], swing))
         self.pieces = MotionPieces(model, self.run, share * swing)
-        self.places = problem.places(index)
+        self.unknowns = problem.unknowns_of_run(index)
         self.channels = self.pieces.channels
         self.quiet = [smallest_noise_std(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def initial_states(self, values: np.ndarray) -> np.ndarray:
-        """(J, n) states from the measured motion, or, where it was not measured, from a smoother on a simulation.
+        """(J, n) states at the beginning of the pieces, from the measured motion or derived from a measured force.
 
-        A piece in which an error grows too much, as near the upright position, is cut.
+        A piece in which an error of the state grows too much, as near the upright position, is divided.
 
         Args:
             values: (P,) values of the unknowns.
         """
-        theta = values[self.places]
+        theta = values[self.unknowns]
         while True:
             states = self._from_measured(values)
             found = self.pieces.linearise(theta, states, np.zeros(0, dtype=int))
@@ -103,7 +104,7 @@ class GreyRun:
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
-        theta = values[self.places]
+        theta = values[self.unknowns]
         begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
         return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
 
@@ -113,21 +114,21 @@ class GreyRun:
         What the model lacks, such as friction, or a slightly wrong length, would grow to a different swing in a long
         simulation; kicks keep the difference small while the stretch grows.
         """
-        theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
+        theta, even = values[self.unknowns], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled_out_states(theta), FIRST_PIECES
         none = np.zeros(len(values), dtype=bool)
-        around = self.around(values, states, even, none)
-        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
+        around = self.linearise(values, states, even, none)
+        while known < len(states) and not around.mean_squared_residual(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
             begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
             for _ in range(MAX_SMOOTHER_STEPS):
-                if not around.finite or around.left(begin, known) < CHI2_NEAR_NOISE:
+                if not around.finite or around.mean_squared_residual(begin, known) < MAX_CHI2_NEAR_NOISE:
                     break
-                states = around.smoothed_until(known)
+                states = around.smooth_first_pieces(known)
                 states[known:] = self.pieces.rolled_out_states(theta, known - 1, states[known - 1])[1:]
-                around = self.around(values, states, even, none)
+                around = self.linearise(values, states, even, none)
         return states
 
-    def around(
+    def linearise(
         self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray], wanted: np.ndarray
     ) -> "LinearisedRun":
         """Linearise the run at (P,) values of the unknowns and (J, n) states.
@@ -135,7 +136,8 @@ class GreyRun:
         Args:
             values: (P,) values of the unknowns.
             states: (J, n) states at the beginning of the pieces.
-            weights: by channel, (N,) variance of each sample over that of the others; larger for suspected glitches.
+            weights: by channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for suspected
+                glitches.
             wanted: (P,) bool, unknowns with respect to which the run is linearised; the others are treated as known.
         """
         pieces, places = self._holding(values, wanted)
@@ -163,15 +165,15 @@ class GreyRun:
         chain = PieceChain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
-            Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
+            ChannelRows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
             for c, quiet, weight in given
         ]
         return LinearisedRun(self, states, chain, rows, definition, wanted)
 
     def _add_secant(
         self,
-        found: Linearised,
-        pieces: Pieces,
+        found: LinearisedPieces,
+        pieces: MotionPieces,
         theta: np.ndarray,
         states: np.ndarray,
         parameters: np.ndarray,
@@ -181,9 +183,9 @@ class GreyRun:
         """Put the change up to the value `at`, over the difference, in place of a parameter's derivative of zero."""
         moved = theta.copy()
         moved[parameters[column]] = at
-        there = pieces.linearised(moved, states, np.zeros(0, dtype=int))
+        there = pieces.linearise(moved, states, np.zeros(0, dtype=int))
         way = at - theta[parameters[column]]
-        found.by_theta[:, :, column] = (there.ends - found.ends) / way
+        found.by_theta[:, :, column] = (there.end_states - found.end_states) / way
         for name, samples in found.samples.items():
             samples.by_theta[:, column] = (there.samples[name].predicted - samples.predicted) / way
 
@@ -193,62 +195,72 @@ class GreyRun:
         Effects that add states are kept, so that all sets of effects have the same states.
         """
         model = self.pieces.model
-        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.effects_with_states)
-        return self.pieces.for_model(as_simulated_model(lean)), self.places[places]
+        lean, places = self.problem.reduced_model(
+            self.problem.needed_effects(values, wanted) | model.effects_with_states
+        )
+        return self.pieces.for_model(as_simulated_model(lean)), self.unknowns[places]
 
 
 class LinearisedRun:
-    """A run linearised around a motion with respect to some unknowns; whitened sums are cached by colour.
+    """A run, linearised around a motion with respect to P' of the P unknowns.
 
     Args:
         run: the run.
-        states: (J, n) states of the motion.
-        chain: transitions between its pieces, for P' unknowns.
-        rows: samples by channel.
+        states: (J, n) states of the motion at the beginning of its pieces.
+        chain: linearised transitions of the state from piece to piece.
+        rows: linearised samples by channel.
         definition: (J, n, P') derivatives of the states with respect to the unknowns, for a fixed motion.
-        wanted: (P,) bool, the unknowns of the linearisation among the problem's.
+        wanted: (P,) bool, True for the P' unknowns.
     """
 
     def __init__(
         self,
-        run: GreyRun,
+        run: GreyBoxRun,
         states: np.ndarray,
         chain: PieceChain,
-        rows: Sequence[Rows],
+        rows: Sequence[ChannelRows],
         definition: np.ndarray,
         wanted: np.ndarray,
     ) -> None:
         self.run, self.states, self.chain, self.rows = run, states, chain, rows
         self._definition, self._wanted = definition, wanted
-        self._grams: dict[tuple[int, Colour], Gram] = {}
+        self._grams: dict[tuple[int, ColouredNoise], WhitenedSums] = {}
         direction = np.sqrt(np.diag(chain.kicked))
         n = states.shape[1]
         told = [
-            np.einsum("i,jik,k->j", direction, self.gram(c, Colour()).sums[:, :n, :n], direction)
+            np.einsum("i,jik,k->j", direction, self.whitened_sums(c, ColouredNoise()).sums[:, :n, :n], direction)
             for c in range(len(rows))
         ]
-        self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        self.most_informative_channel = int(np.argmax([np.median(t) for t in told]))
         made = [chain.gap, chain.transition, chain.by_unknown, *(one.value for one in rows)]
         self.finite = all(bool(np.isfinite(x).all()) for x in made)
-        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
+        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.most_informative_channel]), 1e-300)))
 
-    def gram(self, channel: int, colour: Colour) -> Gram:
-        """Whitened sums of one channel, for one colour of its error."""
+    def whitened_sums(self, channel: int, colour: ColouredNoise) -> WhitenedSums:
+        """Whitened sums of the channel with index `channel`, for one assumption on its correlated error; cached."""
         if (channel, colour) not in self._grams:
             (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
 
-    def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
-        """Innovations at the noises of C colours and levels, each with (K,) kick sizes; 0 for known unknowns."""
+    def innovations(self, noises: Sequence[RunNoise], kicks: np.ndarray) -> Innovations:
+        """Sums of the innovations (prediction errors) of the run at several noise settings.
+
+        Args:
+            noises: C settings of the sensor noise.
+            kicks: (K,) standard deviations of the kicks, each of which is combined with each sensor noise.
+
+        Returns:
+            Sums for C K settings and all P unknowns of the problem; 0 for those that are treated as known.
+        """
         acting = self._acting
         if acting.all() and self._wanted.all():
-            return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+            return filter_run(self._sums(noises, len(kicks)), self.chain, kicks)
         n, P = self.states.shape[1], len(acting)
         columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
         parts = (
             (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
         )
-        found = filtered(parts, self.chain.of(acting), kicks)
+        found = filter_run(parts, self.chain.of(acting), kicks)
         S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
         gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
         gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
@@ -261,20 +273,24 @@ class LinearisedRun:
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.sum() < MAX_ACTING_SHARE * len(acting) else np.ones_like(acting))
+        return np.asarray(acting if acting.sum() < MAX_INFLUENTIAL_SHARE * len(acting) else np.ones_like(acting))
 
-    def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-        """Sums of consecutive pieces for C noises, as input of `filtered` with `kicks` sizes of the kicks."""
+    def _sums(self, noises: Sequence[RunNoise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        """Sums of consecutive pieces for C noises, as input of `filter_run` with `kicks` sizes of the kicks."""
         width = self.rows[0].width
-        for pieces in blocks(len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)):
+        for pieces in memory_slices(
+            len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)
+        ):
             grams = [
                 self._whitened(c, list(dict.fromkeys(n.colour[c] for n in noises)), pieces) for c in self._channels
             ]
-            found = [combined([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
+            found = [add_channels([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
             sums, logs, rows = (list(part) for part in zip(*found, strict=True))
             yield np.array(sums), np.array(logs), rows[0]
 
-    def _whitened(self, channel: int, colours: Sequence[Colour], pieces: slice) -> dict[Colour, Gram]:
+    def _whitened(
+        self, channel: int, colours: Sequence[ColouredNoise], pieces: slice
+    ) -> dict[ColouredNoise, WhitenedSums]:
         """Sums of one channel over some pieces, by colour."""
         known = {c: self._grams[channel, c].of(pieces) for c in colours if (channel, c) in self._grams}
         new = [c for c in colours if c not in known]
@@ -284,35 +300,54 @@ class LinearisedRun:
     def _channels(self) -> range:
         return range(len(self.rows))
 
-    def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Smooth the run after a (P,) change of the unknowns: (J, n) states and (J, n) kicks."""
-        moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
+    def smooth(self, noise: RunNoise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Smooth the motion of the run after a change of the unknowns.
+
+        Args:
+            noise: process and sensor noise.
+            change: (P,) change of the unknowns.
+
+        Returns:
+            (J, n) states at the beginning of the pieces, and (J, n) kicks there.
+        """
+        moved, kicks = smooth_run(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
-    def left(self, begin: int, end: int) -> float:
-        """Mean squared residual over the noise variance in the pieces from `begin` to `end`."""
+    def mean_squared_residual(self, begin: int, end: int) -> float:
+        """Mean squared residual over the noise variance, in the pieces with indices from `begin` up to `end`."""
         residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
         return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
-    def smoothed_until(self, known: int) -> np.ndarray:
-        """(J, n) states smoothed with the samples of the first `known` pieces, for kicks that one piece detects."""
+    def smooth_first_pieces(self, known: int) -> np.ndarray:
+        """(J, n) states, smoothed with the samples of the first `known` pieces alone.
+
+        The kicks have the size of the accuracy with which one piece determines a speed.
+        """
         channels = len(self.rows)
-        sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
+        sums = self._at(RunNoise(self.kick_unit, (1.0,) * channels, (ColouredNoise(),) * channels))
         sums[known:] = 0.0
-        return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
+        return self.states + smooth_run(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
 
-    def _at(self, noise: Noise) -> np.ndarray:
+    def _at(self, noise: RunNoise) -> np.ndarray:
         """(J, w, w) whitened sums of all channels for one noise."""
-        return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
+        return add_channels([self.whitened_sums(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
-    def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(N,) weights of samples by channel after a (P,) change, larger for samples that noise does not explain."""
+    def glitch_weights(self, noise: RunNoise, change: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Find glitches: samples that the noise does not explain.
+
+        Args:
+            noise: process and sensor noise.
+            change: (P,) change of the unknowns from the point of linearisation.
+
+        Returns:
+            By channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for a glitch.
+        """
         change = change[self._wanted]
-        moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
+        moved, _ = smooth_run(self._at(noise), self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)
-            bad = z > GLITCH_DEVIATES
+            bad = z > GLITCH_STDS
             few = bad.sum() < MAX_GLITCH_SHARE * len(bad)
             found.append(np.where(bad & few, z**2, 1.0))
         return tuple(found)

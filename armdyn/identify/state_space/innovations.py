@@ -1,7 +1,7 @@
-r"""Information of a run on all unknowns at once, where the model's own error is part of the model (process noise).
+r"""Compute what a run tells about all unknowns of a model with process noise, by a Kalman filter over pieces of motion.
 
-Kicks occur once for each piece of a motion; between them the motion is the model's own. Sensors measure it with white
-noise and with an error that is correlated in time:
+The process noise consists of kicks, random changes of the speeds at the beginning of each piece of the motion; within a
+piece the motion follows the model. Sensors measure it with white noise and with an error that is correlated in time:
 
     ds_{j+1} = A_j ds_j + B_j dtheta + d_j + w_j,                w ~ N(0, kick^2) in the speeds,
     r_k = Phi_k ds_j + X_k dtheta + m_k + v_k,                   v ~ N(0, level^2), m ~ an Ornstein-Uhlenbeck process,
@@ -24,22 +24,22 @@ import numpy as np
 from armdyn.physics.pieces import ChannelSamples
 
 MAX_ROWS_PER_PIECE = 100
-"""Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing contains no more
-detail."""
+"""Largest number of samples of a channel in one piece; if there are more, neighbouring samples are averaged."""
 NUMBERS_AT_ONCE = 2**20
-"""Numbers of an array that are processed at once, 8 MB: a long run has thousands of pieces, evaluated at hundreds of
-noises. A larger array is no faster."""
+"""Largest size of the arrays that are processed at once (8 MB), as a long run has thousands of pieces, evaluated at
+hundreds of noise settings. Larger arrays would not be faster."""
 ROUNDING_INFORMATION_SHARE = 1e-14
-"""Information of a piece on a state, as a share of that through other states, that is only rounding."""
+"""Ratio of a pivot to the diagonal in a Cholesky factorisation up to which the pivot is only rounding."""
 ALL_PIECES = slice(None)
+"""Slice of all pieces of a run."""
 
 
 @dataclass(frozen=True)
-class Colour:
-    """Time-correlated error of a sensor.
+class ColouredNoise:
+    """Sensor error that is correlated in time (coloured noise): an Ornstein-Uhlenbeck process.
 
     Attributes:
-        ratio: variance of the error over that of the white noise of one row.
+        ratio: variance of the error over that of the white noise; 0 for no such error.
         time: correlation time, s.
     """
 
@@ -48,34 +48,34 @@ class Colour:
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
-    """Whitened sums of one channel by piece, in units of the white noise; the columns are states, unknowns, residual.
+class WhitenedSums:
+    """Sums of products of one channel's whitened samples, for each of J pieces, in units of the white noise.
 
     Attributes:
-        sums: (J, n + P + 1, n + P + 1) products of the columns.
-        log_std: (J,) sum of the logarithms of the rows' standard deviations over that of the white noise.
-        rows: (J,) number of rows.
+        sums: (J, n + P + 1, n + P + 1) products of the derivatives by n states and P unknowns, and of the residual.
+        log_std: (J,) sum of the logarithms of the samples' standard deviations over that of the white noise.
+        rows: (J,) number of samples, after averaging.
     """
 
     sums: np.ndarray
     log_std: np.ndarray
     rows: np.ndarray
 
-    def of(self, pieces: slice) -> "Gram":
-        """The sums of some pieces."""
-        return Gram(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
+    def of(self, pieces: slice) -> "WhitenedSums":
+        """The sums of the pieces in a slice."""
+        return WhitenedSums(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
 
 
-class Rows:
-    """Samples of one channel around a motion, arranged by piece, ready to be whitened.
+class ChannelRows:
+    """Linearised samples of one channel, averaged and arranged by piece (as "rows"), ready to be whitened.
 
     Args:
-        samples: the samples of one channel.
+        samples: the linearised samples of one channel.
         pieces: number of pieces J.
-        columns: (q,) index of the unknown of each parameter.
+        columns: (q,) index of the unknown that belongs to each of the model's parameters.
         unknowns: number of unknowns P.
         noise: standard deviation of one sample.
-        weight: (N,) variance of each sample over that of the noise; larger for suspected glitches.
+        weight: (N,) variance of each sample relative to `noise` squared; above 1 for suspected glitches.
         definition: (J, n, q) derivatives of the states at the beginning of the pieces with respect to the parameters,
             for a fixed motion; see `LinearisedRun.fixed_motion_derivatives`.
     """
@@ -105,7 +105,7 @@ class Rows:
         mean = np.bincount(key, weights=share * samples.time, minlength=pieces * m) / np.where(total > 0.0, total, 1.0)
         self.time = mean.reshape(pieces, m)
         self.value = np.zeros((m, pieces, self.width))
-        for some in blocks(pieces, m * group * self.width):
+        for some in memory_slices(pieces, m * group * self.width):
             inside = slice(begins[some.start], begins[some.stop])
             by_state, residual = samples.by_state[inside], (samples.measured - samples.predicted)[inside]
             rows = np.zeros((len(residual), self.width))
@@ -126,23 +126,28 @@ class Rows:
         self.noise = noise / np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colours: Sequence[Colour], pieces: slice = ALL_PIECES) -> list[Gram]:
-        """Sums of the rows of some pieces under white noise and each of several coloured errors."""
+    def whitened(self, colours: Sequence[ColouredNoise], pieces: slice = ALL_PIECES) -> list[WhitenedSums]:
+        """Whiten the rows of some pieces and sum their products, for each of several correlated sensor errors.
+
+        Args:
+            colours: the correlated errors.
+            pieces: slice of the pieces.
+        """
         m, J, width = self.value[:, pieces].shape
         sums, logs = np.empty((len(colours), J, width, width)), np.empty((len(colours), J))
-        for some in blocks(J, len(colours) * m * width):
+        for some in memory_slices(J, len(colours) * m * width):
             here = slice(*np.arange(*pieces.indices(self.value.shape[1]))[some][[0, -1]] + [0, 1])
             rows, logs[:, some] = self._scanned(colours, self.value[:, here], self.white[:, here], here)
             each = rows.transpose(1, 2, 0, 3)
             sums[:, some] = each.transpose(0, 1, 3, 2) @ each
         count = self.there[:, pieces].sum(axis=0).astype(float)
-        return [Gram(own, log, count) for own, log in zip(sums, logs, strict=True)]
+        return [WhitenedSums(own, log, count) for own, log in zip(sums, logs, strict=True)]
 
-    def deviates(self, colour: Colour, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(N,) innovation of each sample's row in standard deviations, given the rows before it in its piece.
+    def deviates(self, colour: ColouredNoise, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(N,) innovations in standard deviations: of each sample's row, given the earlier rows of its piece.
 
         Args:
-            colour: the correlated error.
+            colour: the correlated sensor error.
             level: standard deviation of the white noise over the assumed one.
             moved: (J, n) change of the states at the beginning of the pieces.
             change: (P,) change of the unknowns.
@@ -153,7 +158,7 @@ class Rows:
         return np.abs(rows[:, 0, :, 0])[self._row] / level
 
     def _scanned(
-        self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray, pieces: slice
+        self, colours: Sequence[ColouredNoise], value: np.ndarray, white: np.ndarray, pieces: slice
     ) -> tuple[np.ndarray, np.ndarray]:
         """(m, C, J, w) innovations of the rows, given the rows before each; (C, J) sums of log standard deviations.
 
@@ -186,15 +191,28 @@ class Rows:
         return rows, logs
 
 
-def blocks(count: int, each: int) -> Iterator[slice]:
-    """Slices of `count` items of `each` numbers that are processed together; see `NUMBERS_AT_ONCE`."""
+def memory_slices(count: int, each: int) -> Iterator[slice]:
+    """Divide `count` items into slices to be processed together, so that memory is limited; see `NUMBERS_AT_ONCE`.
+
+    Args:
+        count: number of items.
+        each: number of numbers in an item.
+    """
     size = max(1, NUMBERS_AT_ONCE // max(each, 1))
     for first in range(0, count, size):
         yield slice(first, min(first + size, count))
 
 
-def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
-    """(J, w, w) sums of several channels at levels of their white noise, half the log-determinant, and the rows."""
+def add_channels(grams: Sequence[WhitenedSums], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
+    """Add the whitened sums of several channels.
+
+    Args:
+        grams: sums of each channel.
+        levels: standard deviation of each channel's white noise, relative to that of its sums.
+
+    Returns:
+        (J, w, w) sums, the sum of the logarithms of all standard deviations, and the number of rows.
+    """
     total = sum(gram.sums / level**2 for gram, level in zip(grams, levels, strict=True))
     logs = sum(np.sum(gram.log_std + gram.rows * np.log(level)) for gram, level in zip(grams, levels, strict=True))
     return np.asarray(total), float(logs), float(sum(np.sum(gram.rows) for gram in grams))
@@ -202,13 +220,13 @@ def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class PieceChain:
-    """Transitions of the state between the pieces of a run.
+    """Linearised transitions of the state of a run from piece to piece; the module has their equation.
 
     Attributes:
-        transition: (J, n, n) A.
-        by_unknown: (J, n, P) B.
-        gap: (J, n) d; the last one is not used.
-        start: (n, P + 1) derivatives of the first state with respect to the unknowns, and its own change.
+        transition: (J, n, n) matrices A, derivatives of the end state of a piece with respect to its first state.
+        by_unknown: (J, n, P) matrices B, derivatives of the end state with respect to the unknowns.
+        gap: (J, n) differences d between the end of a piece and the beginning of the next; the last one is not used.
+        start: (n, P + 1) derivatives of the first state of the run with respect to the unknowns, and its own change.
         start_variance: (n, n) covariance of the free part of the first state.
         kicked: (n, n) covariance of a kick of size one.
     """
@@ -221,21 +239,21 @@ class PieceChain:
     kicked: np.ndarray
 
     def of(self, acting: np.ndarray) -> "PieceChain":
-        """The transitions for some of the unknowns, (P,) bool."""
+        """The transitions with derivatives by some of the unknowns only, given as (P,) bool."""
         start = self.start[:, np.append(acting, True)]
         return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
 
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """Information of a run on the unknowns at S = C K noises: C colours, each with K sizes of the kicks.
+    """Sums over the whitened innovations (prediction errors) of a run, at S noise settings.
 
     Attributes:
-        gram: (S, P, P) X'X.
-        slope: (S, P) X'r.
-        square: (S,) r'r.
+        gram: (S, P, P) products X'X of their derivatives X with respect to the unknowns.
+        slope: (S, P) products X'r with the innovations r.
+        square: (S,) squared innovations r'r.
         log_std: (S,) sum of the logarithms of the innovations' standard deviations.
-        rows: number of rows.
+        rows: number of rows (averaged samples).
     """
 
     gram: np.ndarray
@@ -246,14 +264,19 @@ class Innovations:
 
 
 @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
-def filtered(
+def filter_run(
     parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: PieceChain, kicks: np.ndarray
 ) -> Innovations:
-    """Eliminate the states from sums, for (K,) standard deviations of the kicks.
+    """Filter a run by a Kalman filter over its pieces, which eliminates the states.
 
-    parts: for consecutive pieces (C, b, w, w) sums, (C,) log-determinants and the number of rows; see `combined`.
+    Args:
+        parts: for consecutive groups of b pieces, (C, b, w, w) sums at C sensor noises, (C,) sums of log standard
+            deviations, and the number of rows; see `add_channels`.
         chain: transitions of the run.
         kicks: (K,) standard deviations of the kicks.
+
+    Returns:
+        Sums over the innovations at C K noise settings.
     """
     filter_ = _Filter(chain, kicks)
     whole: np.ndarray | float = 0.0
@@ -276,7 +299,7 @@ def filtered(
 
 
 class _Filter:
-    """Kalman filter, advanced over consecutive pieces; see `filtered`."""
+    """Kalman filter, advanced over consecutive pieces; see `filter_run`."""
 
     def __init__(self, chain: PieceChain, kicks: np.ndarray) -> None:
         self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
@@ -297,10 +320,10 @@ class _Filter:
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
         drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
-        logs, told = np.zeros((C, K)), square_root(sums[:, :, :n, :n])[:, None]
+        logs, told = np.zeros((C, K)), semidefinite_cholesky(sums[:, :, :n, :n])[:, None]
         for j in range(b):
             M[:, :, j] = mean
-            now, size = updated(variance, told[:, :, j])
+            now, size = kalman_update(variance, told[:, :, j])
             e = sums[:, None, j, :n, n:] - sums[:, None, j, :n, :n] @ mean
             eta[:, :, j], after[:, :, j] = e, now
             logs += size
@@ -311,8 +334,8 @@ class _Filter:
         return M, eta, after, 0.5 * logs
 
 
-def square_root(matrices: np.ndarray) -> np.ndarray:
-    """(..., n, n) L with L L' equal to (..., n, n) positive semidefinite matrices; rounding errors are set to 0."""
+def semidefinite_cholesky(matrices: np.ndarray) -> np.ndarray:
+    """(..., n, n) Cholesky factors L, L L' = A, of positive semidefinite matrices A; rounding errors become 0."""
     left, found = matrices.copy(), np.zeros_like(matrices)
     for k in range(left.shape[-1]):
         pivot = left[..., k, k]
@@ -324,16 +347,23 @@ def square_root(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(..., n, n) variances P after information L L' on the states, and log-determinants of 1 + P L L'.
+def kalman_update(variance: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Update the covariance P of a state by a measurement with the information matrix L L' (Kalman filter).
 
-    The columns of L (..., n, n) are used one by one, each as the measurement of one number, with a square root of P: no
-    matrix that may be singular is inverted, and a state that was unknown before is known to all digits afterwards
-    (Potter's algorithm: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
+    The columns of L are used one by one, each as the measurement of one number, with a square root of P. So no matrix
+    that may be singular is inverted, and a state that was unknown before is accurate to all digits afterwards (Potter's
+    algorithm: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
+
+    Args:
+        variance: (..., n, n) covariance P before the measurement.
+        factor: (..., n, n) factor L.
+
+    Returns:
+        (..., n, n) covariances after the measurement, and log-determinants of 1 + P L L'.
     """
-    root, size = square_root(variance), np.ones(variance.shape[:-2])
-    for k in range(told.shape[-1]):
-        seen = np.swapaxes(root, -1, -2) @ told[..., k, None]
+    root, size = semidefinite_cholesky(variance), np.ones(variance.shape[:-2])
+    for k in range(factor.shape[-1]):
+        seen = np.swapaxes(root, -1, -2) @ factor[..., k, None]
         spread = 1.0 + np.swapaxes(seen, -1, -2) @ seen
         root = root - root @ seen * (np.swapaxes(seen, -1, -2) / (spread + np.sqrt(spread)))
         size = size * spread[..., 0, 0]
@@ -341,17 +371,20 @@ def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 @np.errstate(all="ignore")
-def smoothed(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(J, n) most likely change of the states at the beginning of the pieces, and (J, n) the kicks there.
+def smooth_run(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth a run: find the most likely motion for given values of the unknowns.
 
-    The adjoint recursion inverts no variance, so states without noise are allowed (Bryson & Frazier 1963; Bierman,
+    The adjoint recursion inverts no covariance, so states without noise are allowed (Bryson & Frazier 1963; Bierman,
     Factorization Methods for Discrete Sequential Estimation, 1977, §10.4).
 
     Args:
-        sums: (J, w, w) sums of the pieces.
+        sums: (J, w, w) whitened sums of the pieces.
         chain: transitions of the run.
         kick: standard deviation of the kicks.
-        change: (P,) change of the unknowns.
+        change: (P,) change of the unknowns from the point of linearisation.
+
+    Returns:
+        (J, n) change of the states at the beginning of the pieces, and (J, n) kicks there.
     """
     M, eta, after, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
     weights = np.append(-change, 1.0)

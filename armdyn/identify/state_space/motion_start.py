@@ -1,8 +1,9 @@
-"""Find how an unmeasured motion began: many start states are tried on the first stretch of each run.
+"""Find the start state of a motion that was not measured: many start states are tried on the first part of each run.
 
-A descent from one guess fails: at angle 0 with the gripper at rest the guess is a saddle point, and the cost of a
-recording of ten periods has ten minima. So the start of each run is searched alone, from many start states, over its
-first stretch; those that fit about as well as the best are followed while the stretch grows, which separates them.
+A fit from one guess fails: at angle 0 with the gripper at rest the guess is a saddle point, and the cost of a recording
+of ten periods has ten minima. So the start state of each run is searched separately, from many guesses, over the first
+part of the run. The guesses that fit about as well as the best are compared over longer and longer parts, until one is
+clearly better.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,37 +11,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, determined, duration, first_part
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
-DESCENDED_STARTS = 8
-"""Number of start states, the best of all, from which a descent is made on the first stretch."""
+FITTED_STARTS = 8
+"""Number of start states, those with the least cost, from which a fit starts on the first part of a run."""
 FOLLOWED_STARTS = 4
-"""Number of these that are followed over longer stretches."""
+"""Largest number of start states that are compared over longer parts of a run."""
 RIVAL_COST_RATIO = 2.0
-"""Ratio of the costs, multiplied over the stretches so far, up to which two start states are both followed: where a
-short stretch hardly distinguishes two, the cost of the wrong one grows many times with the stretch. It is a product,
-because the model's error is smallest on the first stretch."""
+"""Ratio of the cost of a start state to that of the best, multiplied over all parts so far, up to which both are kept.
+The cost of a wrong one grows many times as the part grows."""
 STRETCH_GROWTH = 2.0
-"""Ratio of the lengths of a stretch and the one before."""
+"""Ratio of the length of a part of a run to that of the part before."""
 
 
-def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find how the motion of each run began.
+def find_start_states(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the start state of every run, for a model that simulates a motion which was not measured.
 
     Args:
         problem: model, runs and noise.
         values: (P,) start values.
 
     Returns:
-        (P,) values with the runs' start states, and (P,) values in which the shared ones are fitted to the starts as
-        well.
+        (P,) values with the start states found, and (P,) values in which the parameters shared by all runs are fitted
+        to the first parts of the runs as well.
     """
     begin, shared = values.copy(), []
     for i, run in enumerate(problem.runs):
         single = Problem(problem.model, [run], problem.noise)
-        places = problem.places(i)[[c.index for c in single.columns]]
-        found = start_of(single, values[places], single.fitted)
+        places = problem.unknowns_of_run(i)[[c.index for c in single.columns]]
+        found = find_start_state(single, values[places], single.fitted)
         own = problem.per_run[places]
         begin[places[own]] = found[own]
         row = values.copy()
@@ -49,8 +49,8 @@ def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np
     return begin, np.where(problem.per_run, begin, np.median(shared, axis=0))
 
 
-def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(P,) values that fit the first part of a single run best, with a global search for its start state.
+def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Fit the first part of a single run, with a global search for its start state; return (P,) values.
 
     Args:
         single: problem of one run.
@@ -59,21 +59,21 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     """
     (run,), model = single.runs, single.model
     theta = single.theta(0, values)
-    guesses = model.possible_starts(run, theta)
+    guesses = model.possible_start_states(run, theta)
     if not guesses:
         return values
-    moved = free & single.of(list(guesses[0]))
-    window, end = model.start_window(theta), duration(run)
+    moved = free & single.unknowns_of(list(guesses[0]))
+    window, end = model.start_window(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < CHI2_NEAR_NOISE * cut.samples
-    if near_noise and np.array_equal(determined(cut, moved, own), moved):
+    near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_NEAR_NOISE * cut.samples
+    if near_noise and np.array_equal(identifiable(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED_STARTS]]
+    found = [_descended(cut, free, window, rows[i]) for i in order[:FITTED_STARTS]]
     rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
         window *= STRETCH_GROWTH
@@ -91,7 +91,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.at.cost >= CHI2_NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.at.cost >= MAX_CHI2_NEAR_NOISE * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)
@@ -100,8 +100,11 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
 
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
-    """(P,) bool: unknowns of `free` to fit to a stretch of `window` s: the base, and effects where it is long."""
-    return free if window >= problem.model.settled_window else free & (problem.per_run | ~problem.is_effect)
+    """(P,) bool: unknowns of `free` that can be fitted to `window` s of a run.
+
+    Those of effects that all runs share are left out if the part is too short for them.
+    """
+    return free if window >= problem.model.min_effect_window else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +124,7 @@ class _Rival:
 
 def _cut(problem: Problem, window: float) -> Problem:
     """A problem with the first part of every run."""
-    return Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise)
+    return Problem(problem.model, [first_seconds(run, window) for run in problem.runs], problem.noise)
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The evidence of every set of effects, each at the noise that suits it best.
+"""Compute the evidence of any set of effects, each at the noise for which the set is most likely.
 
 The model's own error (kicks of the speeds, once in every half swing) and the sensors' coloured error are unknown; so a
 set of effects is scored by its evidence at the noise that suits it best (type-II maximum likelihood: Bishop, Pattern
@@ -12,41 +12,43 @@ from itertools import product
 import numpy as np
 
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, Noise, scaled
-from armdyn.identify.state_space.innovations import Colour
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, RunNoise, scale_noise
+from armdyn.identify.state_space.innovations import ColouredNoise
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 LOG_KICKS = np.arange(-7.0, 10.1, 1.2)
-"""Natural logarithms of the kicks that are tried, relative to the accuracy with which one piece determines a speed."""
+"""Natural logarithms of the tried sizes of the kicks, relative to the accuracy with which one piece of the motion
+determines a speed."""
 COLOUR_RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
-"""Variances of the coloured error that are tried, over that of the white noise of one row."""
+"""Tried variances of the correlated sensor error, over that of the white noise."""
 COLOUR_PERIODS = (0.02, 0.08, 1.0 / 3.0)
-"""Correlation times that are tried, in periods of the swing: beyond a third the error would be an offset."""
+"""Tried correlation times of the sensor error, in periods of the swing: with a longer one the error would be an offset.
+"""
 NOISE_LEVEL_FACTORS = (0.6, 1.6)
-"""Factors that are tried on the noise level of one of several channels, besides 1."""
+"""Tried factors, besides 1, on the noise of one of several channels."""
 MAX_BOUND_PULL_NATS = float(np.log(100.0))
-"""Gain of log evidence, nats, that a value would have beyond its bound, from which on the set relies on the bound."""
+"""Gain of log evidence, nats, of a value beyond its bound, above which the bound decides on the value."""
 COARSE_STRIDES = (3, 3)
-"""Stride in the grid of colours, and in that of kicks, of a first coarse search."""
+"""Strides in the grids of sensor errors and of kicks for a first coarse search."""
 NOISE_ROUNDS = 3
-"""Rounds in which the noises of several runs, and levels beside values, are optimised in turn."""
+"""Number of rounds in which the noises of several runs, and the values and noise levels, are optimised in turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseTable:
-    """Innovations of one run at S noises.
+    """Sums over the innovations (prediction errors) of one run, at S noise settings.
 
     Attributes:
-        noises: the S noises.
-        gram: (S, P, P) X'X, see `Innovations`.
-        slope: (S, P) X'r.
-        square: (S,) r'r.
+        noises: the S noise settings.
+        gram: (S, P, P) products X'X of the innovations' derivatives X with respect to the unknowns.
+        slope: (S, P) products X'r with the innovations r.
+        square: (S,) squared innovations r'r.
         log_std: (S,) sums of the logarithms of the innovations' standard deviations.
-        rows: number of rows of the run.
-        kicks: number of sizes of the kicks, which follow one another in `noises`.
+        rows: number of innovations of the run.
+        kicks: number of different sizes of the kicks, which follow one another in `noises`.
     """
 
-    noises: tuple[Noise, ...]
+    noises: tuple[RunNoise, ...]
     gram: np.ndarray
     slope: np.ndarray
     square: np.ndarray
@@ -55,50 +57,56 @@ class NoiseTable:
     kicks: int
 
     def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "NoiseTable":
-        """The table for the unknowns `kept` (k,), after a change (c,) of the unknowns `columns` (c,)."""
+        """The table after a change of some unknowns, reduced to other ones.
+
+        Args:
+            columns: (c,) indices of the changed unknowns.
+            change: (c,) change.
+            kept: (k,) indices of the unknowns of the returned table.
+        """
         X, d = self.gram[:, columns], change
         slope = self.slope[:, kept] - X[:, :, kept].transpose(0, 2, 1) @ d
         square = self.square - 2.0 * self.slope[:, columns] @ d + (X[:, :, columns] @ d) @ d
         return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
 
     def likelihood(self, level: np.ndarray) -> np.ndarray:
-        """(S,) log likelihoods, with (S,) levels as factors on all standard deviations."""
+        """(S,) log likelihoods of the run, with (S,) factors on all standard deviations of the noise."""
         return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
 
 
-def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> NoiseTable:
-    """Innovations at each of `noises`, with each of (K,) sizes of the kicks."""
+def evaluate_noises(around: LinearisedRun, noises: Sequence[RunNoise], kicks: np.ndarray) -> NoiseTable:
+    """Evaluate a linearised run at each of some sensor noises, combined with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
     return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
-def at_one(around: LinearisedRun, noise: Noise) -> NoiseTable:
-    """Innovations at one noise."""
-    return tabled(around, [noise], np.array([noise.kick]))
+def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
+    """Evaluate a linearised run at one noise setting."""
+    return evaluate_noises(around, [noise], np.array([noise.kick]))
 
 
-def at_every_kick(around: LinearisedRun, noise: Noise) -> NoiseTable:
-    """Innovations over the whole range of kicks, with the colours of one noise."""
-    return tabled(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
+def evaluate_all_kicks(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
+    """Evaluate a linearised run over the whole range of kicks, with one sensor noise."""
+    return evaluate_noises(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
 
 
-def everywhere(around: LinearisedRun, noise: Noise) -> NoiseTable:
-    """Innovations over the whole range of kicks and of one channel's colours; the other channels keep theirs.
+def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
+    """Evaluate a linearised run over the whole range of kicks and of correlated errors of one channel.
 
-    The channel with the most information on the motion is varied; the others are optimised afterwards.
+    That channel is the one with the most information on the motion; the others keep the sensor noise of `noise`.
     """
-    noise = scaled(noise, 1.0 / min(noise.level))
+    noise = scale_noise(noise, 1.0 / min(noise.level))
     swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
-    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
-    k = around.sharpest
+    colours = [ColouredNoise()] + [ColouredNoise(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
+    k = around.most_informative_channel
     noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
-    return tabled(around, noises, kicks)
+    return evaluate_noises(around, noises, kicks)
 
 
-def nearby(around: LinearisedRun, noise: Noise) -> NoiseTable:
-    """Innovations at noises around one noise."""
-    noise = scaled(noise, 1.0 / min(noise.level))
+def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
+    """Evaluate a linearised run at noise settings near a given one."""
+    noise = scale_noise(noise, 1.0 / min(noise.level))
     kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
@@ -107,58 +115,58 @@ def nearby(around: LinearisedRun, noise: Noise) -> NoiseTable:
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
         for factor in NOISE_LEVEL_FACTORS if len(noise.level) > 1 else ():
             found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
-    return tabled(around, found, kicks)
+    return evaluate_noises(around, found, kicks)
 
 
-def _neighbours(colour: Colour, swing: float) -> list[Colour]:
+def _neighbours(colour: ColouredNoise, swing: float) -> list[ColouredNoise]:
     """Neighbours of a colour in the grid."""
     if colour.ratio == 0.0:
-        return [Colour(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
+        return [ColouredNoise(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
     r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.ratio)))
     t = int(np.argmin([abs(x * swing - colour.time) for x in COLOUR_PERIODS]))
-    found = [Colour()] if r == 1 else []
+    found = [ColouredNoise()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
         if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
-            found.append(Colour(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
+            found.append(ColouredNoise(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class SetEvidence:
-    """Evidence of a set of effects at the noise that suits it best.
+    """Evidence of a set of effects at the noise for which the set is most likely.
 
     Attributes:
         value: log evidence of the training runs, nats.
-        predicted: log likelihood of the other runs, as predicted.
-        occam: part of `value`, nats, that the freedom of the unknowns costs.
-        change: (P,) change of the unknowns.
-        picks: by run, index of the noise in the run's table, without its level.
-        levels: by run, factor on the noise level.
-        information: (P, P) information of the training runs, with the levels optimised.
-        inside: whether all values are inside their bounds: no effect relies on a value that the runs pull beyond its
-            bound. Bounds at which the effect is absent, and pulls within chance, do not count.
+        predicted: log likelihood of the other runs, which are predicted from the training runs, nats.
+        freedom_penalty: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
+        change: (P,) change of the unknowns from the point of linearisation.
+        noise_indices: by run, index of the most likely noise setting in the run's table.
+        noise_factors: by run, most likely factor on that noise.
+        information: (P, P) information matrix of the training runs at these noises.
+        within_bounds: False if an effect has a value on a bound (other than its null value) beyond which the runs would
+            be much more likely.
     """
 
     value: float
     predicted: float
-    occam: float
+    freedom_penalty: float
     change: np.ndarray
-    picks: tuple[int, ...]
-    levels: tuple[float, ...]
+    noise_indices: tuple[int, ...]
+    noise_factors: tuple[float, ...]
     information: np.ndarray
-    inside: bool
+    within_bounds: bool
 
 
-class Tables:
-    """Tables of several runs at one point, from which the evidence of every set of effects follows.
+class RunNoiseTables:
+    """Tables of several runs, linearised at one point, from which the evidence of any set of effects follows.
 
     Args:
-        tables: table by run; the fitted runs come first.
-        values: (P,) values of the point.
+        tables: table of each run; the fitted runs come first.
+        values: (P,) values at the point of linearisation.
         problem: the problem of these unknowns.
         training: number of runs that are fitted; the others are predicted.
-        removable: (P,) bool, unknowns that are at null where they are not fitted.
-        begin: by run, noise from which the search starts, in one round; None starts in the middle, in several rounds.
+        removable: (P,) bool, unknowns that are at their null values where they are not fitted.
+        begin: by run, index of the noise setting from which a short search starts; None for a full search.
     """
 
     def __init__(
@@ -182,10 +190,14 @@ class Tables:
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
 
-    def coarse(self, like: SetEvidence) -> "Tables":
-        """Tables at fewer noises, searched once from a set's noise: enough to choose the sets for a full search."""
+    def coarsened(self, like: SetEvidence) -> "RunNoiseTables":
+        """Tables with fewer noise settings, for a quick comparison of many sets of effects.
+
+        Args:
+            like: evidence of a set, from whose noise the search starts.
+        """
         thinned, begin = [], []
-        for table, pick in zip(self.tables, like.picks, strict=True):
+        for table, pick in zip(self.tables, like.noise_indices, strict=True):
             colours = len(table.noises) // table.kicks
             at = np.array(
                 [
@@ -202,14 +214,14 @@ class Tables:
                     kicks=len(range(0, table.kicks, COARSE_STRIDES[1])),
                 )
             )  # fmt: skip
-        return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
+        return RunNoiseTables(thinned, self.values, self.problem, self.training, self._removable, begin)
 
     @np.errstate(all="ignore")
     def evidence(self, free: np.ndarray) -> SetEvidence:
-        """The best evidence of a set.
+        """Compute the evidence of a set of effects at its most likely noise.
 
         Args:
-            free: (P,) bool, unknowns that are fitted; effects among the others return to null.
+            free: (P,) bool, unknowns that are fitted; all other effects get their null values.
         """
         p = self.problem
         c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
@@ -315,7 +327,7 @@ class Tables:
         found = solve_bounded(A, g + self._centre[c] / t**2, lower, upper)
         d = found.x
         off = (d - self._centre[c]) / t
-        pulled = np.where(found.held != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
+        pulled = np.where(found.on_bound != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
         return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
 
 

@@ -1,8 +1,8 @@
-"""Output-error fits that start at the measured motion, so that they do not get lost in a wrong minimum.
+"""Fit simulated runs to recordings (output error), from start values that lead to the right minimum.
 
-A slightly wrong pendulum that is simulated from one state over a long recording is soon in another phase, and a descent
-ends in one of many minima. Here the model is first linearised around the measured motion, with kicks (process noise)
-for what the model lacks; the kicks then shrink to nothing, and the measured motion changes into the simulated one.
+A slightly wrong pendulum that is simulated over a long recording is soon in another phase, and a fit ends in one of
+many wrong minima. Here the model is first linearised around the measured motion, with kicks (process noise) for what
+the model lacks. Then the kicks shrink to nothing, and the measured motion changes gradually into the simulated one.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,39 +11,40 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, converged, fit
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit, continue_fit, fit
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_box import NEARBY_LOOKS, GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.places import places
-from armdyn.identify.state_space.starts import alike, likeliest_starts
+from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
+from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
+from armdyn.identify.state_space.threshold_search import find_thresholds
 from armdyn.physics.simulated import as_simulated_model
 
 DIFFERENT_VALUE_SHARE = 0.1
-"""Relative difference from which a value that a recording shows directly is tried as well as the model's own."""
+"""Relative difference above which a value that a recording shows directly is tried in addition to the model's value."""
 SKETCH_STEPS = 5
-"""Steps after which only the better ones of several starts are continued."""
+"""Number of steps after which only the better ones of several fits are continued."""
 OTHER_STARTS = 3
-"""Number of values, taken while the kicks shrink, from which a fit with large errors is tried as well."""
+"""Number of further start values that are tried where a fit has large errors."""
 OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
-"""Factors on the sizes of effects from which fits with large errors are tried as well."""
+"""Factors on the sizes of effects that are tried as start values where a fit has large errors."""
 SMALLER_MOTION_FACTORS = (0.4, 0.7)
-"""Factors on the starts from which a fit without effects is tried as well: without a friction a swing that decays is
-nearest to a smaller one. Two free swings of a link leave 0.50 rad from either, 0.94 rad from the measured start."""
+"""Factors on the start states that are tried where a fit without effects has large errors: without friction a decaying
+swing is best imitated by a smaller one. For two free swings of a link the error falls from 0.94 to 0.50 rad."""
 WRONG_MOTION_KICK = 10.0
-"""Kicks, relative to the accuracy with which one piece determines a speed, beyond which a motion that was derived from
-a force may be a wrong one."""
+"""Size of the kicks, relative to the accuracy with which one piece of the motion determines a speed, above which a
+motion that was derived from a force may be wrong."""
 MAX_FIT_STEPS, RANKING_STEPS = 30, 10
-"""Largest number of steps of a fit, and of a fit that only ranks a set among others."""
+"""Largest number of steps of a fit, and of a fit that only ranks a set of effects among others."""
 MAX_PREDICTED_SAMPLES = 5_000_000
-"""Samples that a fit with large errors may predict in trying other start values: five seconds. All start values are
-tried in recordings of up to 37,000 samples, five minutes of a swing; fewer in longer ones, none beyond 111,000."""
+"""Number of samples that may be predicted (in five seconds) to try other start values where a fit has large errors. All
+start values are tried for recordings of up to 37,000 samples (five minutes of a swing), fewer for longer ones, none
+above 111,000."""
 
 
 def shows_motion(problem: Problem) -> bool:
-    """Whether every run contains the motion itself, and not only a force that depends on it."""
+    """Whether every run of a problem has a measured motion, and not only a measured force that depends on it."""
     model = as_simulated_model(problem.model)
-    values = problem.start()
+    values = problem.start_values()
     return all(
         model.measured_motion(run, np.array([run.channels[model.predicted_channels(run)[0]].time[0]]), theta, 1.0)
         is not None
@@ -52,50 +53,54 @@ def shows_motion(problem: Problem) -> bool:
     )
 
 
-class AroundMotion:
-    """Runs linearised around their measured motion, and the fits that start there.
+class EffectSetOptimiser:
+    """Optimises sets of effects with process noise around the measured motion of runs, and gives start values for fits.
 
     Args:
         problem: problem of the model with every effect that may be fitted; training runs come first.
         training: number of runs that are fitted; the others are only predicted.
         present: (P,) bool, unknowns of effects that the model already has.
-        options: (P,) start values each, of which the likeliest is used.
+        options: several (P,) start values, of which the likeliest is used.
 
     Attributes:
-        box: the linearised runs.
-        measured: whether the motion itself was measured, and not only a force.
-        base: (P,) bool, unknowns fitted in every set: those of the base model that the runs identify without added
-            effects. A mass is not visible in an angle, and a drag that is fitted with it would change it.
-        point: point at which the base is optimised.
-        seen: (P,) bool, unknowns that change something in these runs, or have a prior.
-        places: start values by unknown, for unknowns without influence while their effect is absent; see `places`.
+        box: the runs, which can be linearised and optimised.
+        motion_measured: whether the motion itself was measured, and not only a force.
+        start_unknowns: (P,) bool, unknowns of the runs' start states.
+        base: (P,) bool, unknowns that are fitted with every set of effects: those of the base model that the runs
+            identify without added effects.
+        point: point at which these unknowns are optimised without added effects.
+        influential: (P,) bool, unknowns that have an influence on these runs, or a prior.
+        thresholds: start values, by index of the unknown, of thresholds: unknowns without influence while their effect
+            is absent.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
         model = as_simulated_model(problem.model)
         values = options[0]
-        self.problem, self.measured, self._given = problem, shows_motion(problem), values
+        self.problem, self.motion_measured, self._given = problem, shows_motion(problem), values
         swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-        self.of_starts = problem.of(model.start_names)
+        self.start_unknowns = problem.unknowns_of(model.start_names)
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
-        wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
+        wanted = problem.fitted & ~self.start_unknowns & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
-        self.places, problem.jumps = places(self.box, self.point, self.base, self.seen)
-        problem.place(self.names_of_places)
+        self.influential = (
+            self.box.influential(self.point) | (problem.prior_weight > 0.0) | self.start_unknowns | self.base
+        )
+        self.thresholds, problem.jumps = find_thresholds(self.box, self.point, self.base, self.influential)
+        problem.set_thresholds(self.threshold_values)
         self._given = values.copy()
-        for k, place in self.places.items():
+        for k, place in self.thresholds.items():
             self.point.values[k] = self._given[k] = place
-        self.seen |= self.box.seen(self.point)
-        self.seen[list(self.places)] = True
+        self.influential |= self.box.influential(self.point)
+        self.influential[list(self.thresholds)] = True
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     @property
-    def names_of_places(self) -> dict[str, float]:
-        """Start values by parameter name, for parameters without influence while their effect is absent."""
-        return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
+    def threshold_values(self) -> dict[str, float]:
+        """Start values, by parameter name, of thresholds: parameters without influence while their effect is absent."""
+        return {self.problem.columns[k].parameter.name: place for k, place in self.thresholds.items()}
 
-    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, NoiseAndMotion]:
+    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, LinearisationPoint]:
         """Unknowns of the base that the runs identify, and the point optimised from (P,) options or shown values.
 
         A value of the model file may be far off, and the period of a large swing suggests a length that is too large.
@@ -113,88 +118,101 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > DIFFERENT_VALUE_SHARE * np.abs(values)):
             options = [*options, other]
-        if self.measured:
-            options = likeliest_starts(problem, self.box.training, wanted, values) or options
-        found = list[tuple[np.ndarray, NoiseAndMotion]]()
+        if self.motion_measured:
+            options = likeliest_start_values(problem, self.box.training, wanted, values) or options
+        found = list[tuple[np.ndarray, LinearisationPoint]]()
         for option in options:
-            if any(alike(option, point.values, wanted) for _, point in found):
+            if any(nearly_equal(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
+            if not self.motion_measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
         return max(found, key=lambda one: one[1].evidence)
 
-    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, NoiseAndMotion]:
+    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, LinearisationPoint]:
         """The unknowns of (P,) `wanted` that the runs identify, and the point optimised with them from (P,) values."""
-        begin = self.box.begin(option)
-        base = self.box.determined(begin, wanted)
+        begin = self.box.initial_point(option)
+        base = self.box.identifiable(begin, wanted)
         if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
             # An unknown that a start state compensates gets a weak prior: an added effect may make it identifiable.
             change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
             base[np.flatnonzero(guessed)[change > 0.0]] = True
-        return base, self.box.settled(base, begin)
+        return base, self.box.optimise(base, begin)
 
-    def _settled_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+    def _settled_anew(self, free: np.ndarray, point: LinearisationPoint) -> LinearisationPoint:
         """A point, optimised again where pieces were cut since: only evidence with as many kicks is comparable."""
-        return self.box.settled(free, point, NEARBY_LOOKS) if self.box.is_cut(point) else point
+        return self.box.optimise(free, point, NEARBY_EVALUATIONS) if self.box.has_divided_pieces(point) else point
 
-    def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
-        """Optimise the runs with (P,) `free` unknowns, other effects at null, starting from the most similar set.
+    def optimise(self, free: np.ndarray, like: np.ndarray | None = None) -> LinearisationPoint:
+        """Optimise values, noise and motions for a set of effects, starting from the most similar set so far.
 
-        Where `like` is given, the point of that set is a second start; the better result counts.
+        Args:
+            free: (P,) bool, unknowns that are fitted; other effects have their null values.
+            like: (P,) bool, unknowns of an optimised set from which a second optimisation starts; the better result is
+                returned.
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY_LOOKS))
+            self._settled[key] = (
+                free,
+                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)),
+            )
         if like is not None:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free), NEARBY_LOOKS)
+            other = self.box.optimise(free, self._without(there, free), NEARBY_EVALUATIONS)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         return self._settled[key][1]
 
-    def settled_point(self, free: np.ndarray) -> NoiseAndMotion | None:
-        """The point optimised with (P,) `free` unknowns; None where it was not computed."""
+    def optimised_point(self, free: np.ndarray) -> LinearisationPoint | None:
+        """The point that was optimised for the (P,) bool unknowns `free`; None if it was not computed."""
         found = self._settled.get(free.tobytes())
         return None if found is None else found[1]
 
-    def _followed_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+    def _followed_anew(self, free: np.ndarray, point: LinearisationPoint) -> LinearisationPoint:
         """An optimised point, or a better one whose motion is derived from the force anew, with its values.
 
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
+        if self.motion_measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
             return point
-        other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
+        other = self.box.optimise(free, self.box.initial_point(self.box.values_with_start_states(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
 
-    def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-        """By run and channel, (N,) weights of the samples at the most similar optimised set; see `NoiseAndMotion`."""
+    def sample_weights(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+        """Weights of the samples, by run and channel, from the most similar optimised set; above 1 for glitches.
+
+        Args:
+            free: (P,) bool, unknowns of the set for which weights are needed.
+
+        Returns:
+            By run and channel, (N,) variance of each sample relative to that of ordinary ones.
+        """
         return self._near(free).weights
 
-    def _near(self, free: np.ndarray) -> NoiseAndMotion:
+    def _near(self, free: np.ndarray) -> LinearisationPoint:
         """The point of the most similar optimised set, with effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
         return self._without(near, free)
 
-    def _without(self, near: NoiseAndMotion, free: np.ndarray) -> NoiseAndMotion:
+    def _without(self, near: LinearisationPoint, free: np.ndarray) -> LinearisationPoint:
         """A point, with the effects that are not `free` set to null."""
         return replace(
             near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
         )
 
-    def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
-        """(P,) start values for a fit of the whole runs, the likeliest first; computed when needed."""
-        return self.box.starts(free, self._near(free))
+    def start_values(self, free: np.ndarray) -> Iterator[np.ndarray]:
+        """(P,) start values for a fit of whole simulated runs with (P,) bool unknowns `free`, the likeliest first."""
+        return self.box.start_values(free, self._near(free))
 
-    def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-        """(P,) start values in which the effects, or without effects the motion, have other sizes than in `starts`.
+    def rescaled_start_values(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        """(P,) further start values: with other sizes of the effects, or, for a set without effects, of the motion.
 
-        The best size of a wrong effect over whole runs differs from its size in the linearised runs, and from run to
-        run.
+        The size of a wrong effect that fits whole runs best differs from its size in the linearised runs, and from run
+        to run.
 
         Args:
             free: (P,) bool, unknowns that are fitted.
@@ -209,14 +227,14 @@ class AroundMotion:
             yield from self._of_single_runs(free, found[0])
         else:
             first = next(iter(starts))
-            yield from (np.where(self.of_starts, size * first, first) for size in SMALLER_MOTION_FACTORS)
+            yield from (np.where(self.start_unknowns, size * first, first) for size in SMALLER_MOTION_FACTORS)
 
-    def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) start values for a model whose values are guesses; see `likeliest_starts`.
+    def likeliest_start_values(self, free: np.ndarray) -> list[np.ndarray]:
+        """(P,) start values for a model whose values are only guesses; see `likeliest_start_values`.
 
-        The optimum of a base model that lacks an effect may be far from its optimum with the effect.
+        They are searched for each set of effects, as an added effect may move the optimum far.
         """
-        return likeliest_starts(self.problem, self.box.training, free, self._given)
+        return likeliest_start_values(self.problem, self.box.training, free, self._given)
 
     def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
         """(P,) values with every run's start fitted to that run alone, and all others fitted to one of the runs.
@@ -230,8 +248,8 @@ class AroundMotion:
         found, starts = list[np.ndarray](), values.copy()
         for i, run in enumerate(problem.runs[:count]):
             single = Problem(problem.model, [run], problem.noise)
-            places = problem.places(i)[[column.index for column in single.columns]]
-            alone = fit_run(single, values[places], (free | self.of_starts)[places])
+            places = problem.unknowns_of_run(i)[[column.index for column in single.columns]]
+            alone = fit_run(single, values[places], (free | self.start_unknowns)[places])
             told = values.copy()
             told[places] = alone.values
             found.append(told)
@@ -240,15 +258,21 @@ class AroundMotion:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
-    """The best of the minima reached from (P,) start values, the likeliest of which comes first.
+def best_fit(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
+    """Fit whole simulated runs from several start values and return the best fit.
 
-    At most `others` further starts are tried. A fit that ends at the noise, or near it where `others` is 0, is in the
-    right minimum: then the kicks need not be shrunk step by step.
+    Further start values are computed and tried only where the fit is far above the noise.
+
+    Args:
+        problem: model, runs and noise.
+        free: (P,) bool, unknowns that are fitted.
+        starts: (P,) start values, the likeliest first.
+        others: largest number of start values that are tried after the first two; 0 for a quick fit that only ranks a
+            set of effects.
     """
     values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
+    if found[0].chi2_per_sample > (MAX_CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
     others = min(others, MAX_PREDICTED_SAMPLES // (problem.samples * (3 * SKETCH_STEPS + MAX_FIT_STEPS)))
@@ -258,7 +282,7 @@ def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray
         sketched = sorted((_bounded_fit(problem, free, v, SKETCH_STEPS) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MAX_FIT_STEPS) for one in sketched[:others]]
     best = min(found, key=lambda one: one.cost)
-    return converged(best) if steps == MAX_FIT_STEPS else best
+    return continue_fit(best) if steps == MAX_FIT_STEPS else best
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
@@ -271,10 +295,16 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
-    """Fit a single run: its start and the unknowns (P,) `free`, from its measured motion; the others are fixed."""
+    """Fit a single simulated run, with start values from its measured motion.
+
+    Args:
+        single: problem of one run.
+        values: (P,) values of the unknowns.
+        free: (P,) bool, unknowns that are fitted; the others are fixed.
+    """
     model = as_simulated_model(single.model)
     swing = model.oscillation_period(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
-    own = free & ~single.of(model.start_names)
-    point = box.settled(own, box.begin(values))
-    return best_minimum(single, free, box.starts(own, point))
+    own = free & ~single.unknowns_of(model.start_names)
+    point = box.optimise(own, box.initial_point(values))
+    return best_fit(single, free, box.start_values(own, point))

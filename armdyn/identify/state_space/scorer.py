@@ -1,4 +1,4 @@
-"""Score sets of effects around the measured motion: for models that simulate, with process noise."""
+"""Score sets of effects of a model that simulates a motion, by their evidence with process noise."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import combinations
@@ -7,79 +7,79 @@ from math import log
 import numpy as np
 
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.problem import transferred
+from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
-from armdyn.identify.state_space.grey_box import CONVERGED_NATS, NoiseAndMotion
+from armdyn.identify.state_space.grey_box import CONVERGED_NATS, LinearisationPoint
 from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE
-from armdyn.identify.state_space.noise_evidence import Tables, everywhere
+from armdyn.identify.state_space.noise_evidence import RunNoiseTables, evaluate_all_noises
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 
 SCORED_SETS = 16
-"""Changes of a set that are scored in full, those with the best score at a few noises."""
+"""Number of changed sets, those with the best score at a few noise settings, that are scored in full."""
 VERIFIED_SETS = 4
-"""Changes of a set, the best of their kind, that are optimised before one of them is taken."""
+"""Number of changed sets, those with the best score, that are optimised before one of them is chosen."""
 COMPARED_STEPS = 3
-"""Candidates for the next step of a path, the best ones, that are compared by their residual."""
+"""Number of effects, those with the best score, whose residuals are compared to choose the next step of a path."""
 PAIRED_EFFECTS = 36
-"""Effects, the best ones alone, of which pairs are added: more than any catalogue has for a model."""
+"""Number of effects, those with the best score alone, of which pairs are added."""
 MAX_SET_FOR_PAIRS = 3
-"""Largest set to which pairs of effects are added: two effects may be what one imitates."""
+"""Largest number of effects in a set to which pairs of effects are added, because one effect may imitate two."""
 
 POSSIBLE_TIE_NATS = 12.0
-"""Difference of log evidence, nats, below which a set may turn out to be tied when it is optimised itself."""
-MAX_LACKING_SHARE = 0.5
-"""Share of an effect's evidence that a rival may lack and still be optimised itself and compared by its residual:
-seen from the point of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own
-point."""
+"""Difference of log evidence, nats, below which a set is optimised to test whether the runs can tell it apart."""
+MAX_MISSING_EVIDENCE_SHARE = 0.5
+"""Share of an effect's evidence that a rival may lack and still be optimised and compared by its residual: linearised
+at the optimum of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own optimum.
+"""
 CACHED_SETS = 4
-"""Optimised sets whose tables are kept, the last ones: two that are compared in turn, and the set they came from."""
+"""Number of optimised sets whose tables are cached, the most recent ones."""
 
 
 class StateSpaceScorer(SetScorer):
-    """Scores sets by their evidence, each at the noise that suits it best.
+    """Scores sets of effects by their evidence, each at its most likely process and sensor noise.
 
     Args:
         study: model, runs and catalogue.
     """
 
-    most_named = 5
+    max_ranked_effects = 5
 
     def __init__(self, study: StateSpaceStudy) -> None:
         self._study, self._motion = study, study.motion
         problem = self._motion.problem
-        seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
+        seen = [c for c in study.candidates if np.any(problem.unknowns_of(c.names) & self._motion.influential)]
         atoms = tuple(atom for c in seen for atom in c.split_by_joint())
         super().__init__(problem, atoms, catalogue_size=study.catalogue_size)
-        self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
+        self._columns = {c: problem.unknowns_of(c.names) & self._motion.influential for c in self.candidates}
         self._always = self._motion.base
-        self._tables: dict[frozenset[Candidate], tuple[NoiseAndMotion, Tables]] = {}
+        self._tables: dict[frozenset[Candidate], tuple[LinearisationPoint, RunNoiseTables]] = {}
         self._settled = set[frozenset[Candidate]]()
-        self._verified: dict[frozenset[Candidate], tuple[NoiseAndMotion, SetScore]] = {}
-        self.settle(())
+        self._verified: dict[frozenset[Candidate], tuple[LinearisationPoint, SetScore]] = {}
+        self.optimise(())
 
-    def settle(self, effects: Iterable[Candidate]) -> SetScore:
-        """Optimise a set at its own motion and noise; others are scored from there until the next one is optimised."""
+    def optimise(self, effects: Iterable[Candidate]) -> SetScore:
+        """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
         self._at = frozenset(effects)
-        point = self._motion.settled(self._free(self._at))
+        point = self._motion.optimise(self._free(self._at))
         kept = self._tables.pop(self._at, None)
         if kept is None or kept[0] is not point:
             box = self._motion.box
-            kept = point, box.tables(box.around(point), point, everywhere)
+            kept = point, box.evaluate_noises(box.linearise(point), point, evaluate_all_noises)
         self._tables[self._at] = kept
         if len(self._tables) > CACHED_SETS:
             del self._tables[next(iter(self._tables))]
         # Scores from another point are computed again; those of optimised sets stay.
         self._settled.add(self._at)
         self._known = {key: one for key, one in self._known.items() if key in self._settled and key != self._at}
-        return self.of(self._at)
+        return self.evaluate(self._at)
 
     def _verify(self, effects: tuple[Candidate, ...]) -> SetScore:
         """Score of a set at its own motion and noise; linearising by its own unknowns alone is faster."""
         key, free, box = frozenset(effects), self._free(effects), self._motion.box
-        point = self._motion.settled(free)
+        point = self._motion.optimise(free)
         if key not in self._verified or self._verified[key][0] is not point:
-            own = box.tables(box.around(point, free), point, everywhere)
+            own = box.evaluate_noises(box.linearise(point, free), point, evaluate_all_noises)
             self._verified[key] = point, self._score_by(own, effects)
         return self._verified[key][1]
 
@@ -91,24 +91,24 @@ class StateSpaceScorer(SetScorer):
         return free
 
     @property
-    def _here(self) -> Tables:
+    def _here(self) -> RunNoiseTables:
         return self._tables[self._at][1]
 
     def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
         return self._score_by(self._here, effects)
 
-    def _score_by(self, tables: Tables, effects: tuple[Candidate, ...]) -> SetScore:
+    def _score_by(self, tables: RunNoiseTables, effects: tuple[Candidate, ...]) -> SetScore:
         free = self._free(effects)
         found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price = self.complexity_penalty(effects)
-        worth = found.value + found.predicted - price if found.inside else -np.inf
+        worth = found.value + found.predicted - price if found.within_bounds else -np.inf
         return SetScore(
             effects=effects,
             score=worth,
-            likelihood=found.value + found.occam,
+            likelihood=found.value + found.freedom_penalty,
             log_predictive=found.predicted,
-            freedom=found.occam,
+            freedom_penalty=found.freedom_penalty,
             values=float(free.sum() - self._always.sum()),
             columns=columns,
             change=found.change[columns],
@@ -116,15 +116,20 @@ class StateSpaceScorer(SetScorer):
         )
 
     def best_set(self, say: Callable[[str], None]) -> SetScore:
-        """The set with the best score: changed by one or two effects more, one exchanged for one or two, or one less.
+        """Search for the set with the best score, starting without effects.
 
-        A change is predicted from the present set; it is taken where it holds at its own motion and noise.
+        In each round one or two effects are added, one is exchanged for one or two, or one is removed. A change is
+        first scored by linearisation at the present set; it is accepted if the changed set is better at its own optimum
+        too.
+
+        Args:
+            say: called with a text on the progress.
         """
-        now, refused = self.settle(()), {frozenset[Candidate]()}
+        now, refused = self.optimise(()), {frozenset[Candidate]()}
         while True:
             say(f"{len(now.effects)} effects chosen")
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
-            promised = [self.of(one) for one in self._looked_at(changed)]
+            promised = [self.evaluate(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.score > now.score + CONVERGED_NATS), key=lambda o: -o.score)
             options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED_SETS]
             refused |= {frozenset(option) for option in options}
@@ -135,18 +140,23 @@ class StateSpaceScorer(SetScorer):
             better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
             following = next((one for one in better if one.score > self._again(now, one).score + CONVERGED_NATS), None)
             if following is None:
-                return self.settle(now.effects)
-            now = self.settle(following.effects)
+                return self.optimise(now.effects)
+            now = self.optimise(following.effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """Whether the runs cannot distinguish two sets, by their evidence, each from the other's point, or residual.
+        """Whether the runs cannot tell two sets apart, by their evidence or by their residuals.
 
-        Where the residual is above the noise, another effect is missing too, and an exchange that changes the error by
-        little may be due to it.
+        Where the residual is above the noise, another effect is missing too, so sets whose residuals differ by little
+        count as equal.
+
+        Args:
+            whole: the better set.
+            other: the set that is compared with it.
+            without: the set of the effects that both share.
         """
         standing = self.schwarz_score(whole)
         gap = standing - self.schwarz_score(other)
-        near = gap <= MAX_LACKING_SHARE * (standing - self.schwarz_score(without))
+        near = gap <= MAX_MISSING_EVIDENCE_SHARE * (standing - self.schwarz_score(without))
         if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_score(self._again(other, whole)) < TIE_NATS:
             return True
         study = self._study
@@ -161,7 +171,7 @@ class StateSpaceScorer(SetScorer):
 
     def _again(self, now: SetScore, better: SetScore) -> SetScore:
         """The score of a set, optimised from the point of a better one as well: its noise may be better there."""
-        self._motion.settled(self._free(now.effects), self._free(better.effects))
+        self._motion.optimise(self._free(now.effects), self._free(better.effects))
         return self._verify(now.effects)
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
@@ -170,14 +180,14 @@ class StateSpaceScorer(SetScorer):
         ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
         return list(dict.fromkeys([*ranked[:SCORED_SETS], *_unlike(ranked, self._at)[:SCORED_SETS]]))
 
-    def _coarse(self) -> Tables:
+    def _coarse(self) -> RunNoiseTables:
         """Sums at few noises, those near the one that suits the present set."""
         here = self._here
-        return here.coarse(here.evidence(self._free(self._at)))
+        return here.coarsened(here.evidence(self._free(self._at)))
 
-    def _promised(self, coarse: Tables, one: tuple[Candidate, ...]) -> float:
+    def _promised(self, coarse: RunNoiseTables, one: tuple[Candidate, ...]) -> float:
         found = coarse.evidence(self._free(one))
-        return found.value + found.predicted - self.complexity_penalty(one) if found.inside else -np.inf
+        return found.value + found.predicted - self.complexity_penalty(one) if found.within_bounds else -np.inf
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from a set by a small change."""
@@ -192,15 +202,15 @@ class StateSpaceScorer(SetScorer):
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """The set to report next: the one with the smallest output error among those with the best scores.
+        """Of the sets with one of the options added, the one that a report should name first.
 
-        A reader compares errors: an offset of the camera may be more certain than the drag that it hides.
+        It has the smallest error of whole runs among those with the best scores.
         """
-        self.settle(now.effects)
-        promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.score)
+        self.optimise(now.effects)
+        promised = sorted((self.evaluate((*now.effects, *one)) for one in options), key=lambda one: -one.score)
         compared = promised if not now.effects else promised[:COMPARED_STEPS]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
-        return self.settle(best.effects)
+        return self.optimise(best.effects)
 
     def values(self, one: SetScore) -> np.ndarray:
         """(P,) values of all unknowns at a set's optimum."""
@@ -218,7 +228,7 @@ class StateSpaceScorer(SetScorer):
         held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
         return fit.rmse(), channel_rmse(held_out)
 
-    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set's output-error fit, and (P,) their standard deviations."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))
@@ -227,7 +237,7 @@ class StateSpaceScorer(SetScorer):
         information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
         spread = np.linalg.pinv(np.eye(len(T)) / LINEAR_PRIOR_SIZE**2 + information, hermitian=True)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
-        return transferred(fit.values, fit.problem, self.problem), deviations
+        return transfer_values(fit.values, fit.problem, self.problem), deviations
 
 
 def _unlike(sets: Iterable[tuple[Candidate, ...]], now: Collection[Candidate]) -> list[tuple[Candidate, ...]]:

@@ -1,4 +1,4 @@
-"""Start values for a model whose values are guesses: the likeliest ones within the bounds.
+"""Search for start values of a fit, for a model whose given values are only guesses.
 
 A motion simulated in short pieces, each started at the measurement, is nearly linear in all values: the cost has few
 minima there, and they lie near the minimum of the whole recording.
@@ -8,31 +8,34 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armdyn.identify.fit import first_part
-from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.fit import first_seconds
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.state_space.grey_box import GreyBox
-from armdyn.identify.state_space.noise_evidence import at_every_kick
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
 from armdyn.physics.simulated import as_simulated_model
 
 TRIED_STARTS, KEPT_STARTS = 24, 3
-"""Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
+"""Number of start values that are tried, and largest number of different results that are returned."""
 START_SPREAD_FACTOR = 3.0
-"""Largest factor between a tried value and the model's value, up or down; where that is 0, in typical sizes."""
+"""Largest ratio of a tried value to the model's value, or of the model's value to a tried one. Where the model's value
+is 0: largest tried value, in typical sizes."""
 SHORT_PIECE_PERIODS = 1.0 / 8.0
-"""Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
-oscillation."""
+"""Length of the short pieces of the motion, in periods of the swing: in half a swing, a stiffness four times too large
+is already another oscillation."""
 START_SEARCH_PERIODS = 8.0
-"""Length of the part of every run in which values are tried, in periods of the swing."""
+"""Length of the first part of every run that is used for the search, in periods of the swing."""
 START_ROUNDS = 4
-"""Rounds in which a start is optimised in short pieces."""
+"""Number of rounds in which values are optimised in short pieces."""
 REPEATED_BEST_STARTS = 3
-"""Number of starts that end at the best optimum found, after which no more are tried."""
+"""Number of start values that lead to the best optimum so far, after which the search ends."""
 SAME_START_SHARE = 0.05
-"""Relative difference up to which two results are the same."""
+"""Relative difference up to which two results are the same optimum."""
 
 
-def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-    """(P,) start values for a fit, the likeliest first; an empty list where no value is a guess, or all diverge.
+def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+    """Find (P,) start values for a fit, the likeliest first.
+
+    The list is empty if no value is a guess, or if all simulations diverge.
 
     Args:
         problem: model and runs; the fitted runs come first.
@@ -41,34 +44,34 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         values: (P,) values of the model.
     """
     model = as_simulated_model(problem.model)
-    guessed = wanted & problem.of(model.first_guesses) & ~problem.per_run
+    guessed = wanted & problem.unknowns_of(model.guessed_parameters) & ~problem.per_run
     if not guessed.any():
         return []
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
+        first_seconds(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
-    cut = Problem(model.with_only(needed), runs, problem.noise)
-    free = transferred_mask(wanted, problem, cut)
+    cut = Problem(model.with_only_effects(needed), runs, problem.noise)
+    free = transfer_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):
-        evidence, end = _settled(cut, free, transferred(tried, problem, cut))
+        evidence, end = _settled(cut, free, transfer_values(tried, problem, cut))
         if np.isfinite(evidence):
-            ends.append((evidence, transferred(end, cut, problem)))
+            ends.append((evidence, transfer_values(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
-            if sum(alike(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
+            if sum(nearly_equal(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
                 break
     told = list[np.ndarray]()
     for _, end in sorted(ends, key=lambda one: -one[0]):
-        if len(told) < KEPT_STARTS and not any(alike(end, other, guessed) for other in told):
+        if len(told) < KEPT_STARTS and not any(nearly_equal(end, other, guessed) for other in told):
             told.append(end)
     return told
 
 
-def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
-    """Whether two (P,) values are nearly equal in the unknowns `where`, (P,) bool."""
+def nearly_equal(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
+    """Whether two vectors (P,) of values are nearly equal for the unknowns `where`, (P,) bool."""
     return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
 
 
@@ -78,8 +81,8 @@ def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float,
     swings = [model.oscillation_period(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
-        point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)
-    return point.evidence, box.with_starts(point)
+        point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * START_ROUNDS)
+    return point.evidence, box.values_with_start_states(point)
 
 
 def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:

@@ -8,16 +8,16 @@ from itertools import chain, tee
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
-from armdyn.identify.holdout import predictions
-from armdyn.identify.lost import left_of_spread
-from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.failed_fit import residual_variance_ratio
+from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit
+from armdyn.identify.holdout import predict_runs
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
-from armdyn.identify.state_space.motion_start import initial_values, start_of
-from armdyn.identify.state_space.output_error import OTHER_STARTS, AroundMotion, best_minimum, fit_run, shows_motion
+from armdyn.identify.state_space.motion_start import find_start_state, find_start_states
+from armdyn.identify.state_space.output_error import OTHER_STARTS, EffectSetOptimiser, best_fit, fit_run, shows_motion
 from armdyn.identify.study import CHANCE_DEVIATES, SURE_DEVIATES, Study
-from armdyn.identify.together import Together, moving_together
+from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
@@ -34,20 +34,20 @@ class StateSpaceStudy(Study):
     ignored_chi2 = NOISE_POWER_RATIO
 
     @cached_property
-    def motion(self) -> AroundMotion:
+    def motion(self) -> EffectSetOptimiser:
         """All runs linearised around their motion.
 
         Where the motion was not measured, the start of each run is searched first.
         """
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
-        present = everything.of(self.present_names)
-        options = [everything.start()]
+        present = everything.unknowns_of(self.present_names)
+        options = [everything.start_values()]
         if not shows_motion(everything):
             alone = Problem(self.model, everything.runs, self.noise)
-            found = reversed(initial_values(alone, alone.start()))
-            options = [transferred(values, alone, everything) for values in found]
-        motion = AroundMotion(everything, len(self.runs), present, options)
-        self.problem.place(motion.names_of_places)
+            found = reversed(find_start_states(alone, alone.start_values()))
+            options = [transfer_values(values, alone, everything) for values in found]
+        motion = EffectSetOptimiser(everything, len(self.runs), present, options)
+        self.problem.set_thresholds(motion.threshold_values)
         return motion
 
     @cached_property
@@ -78,25 +78,25 @@ class StateSpaceStudy(Study):
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
-        """The fit of these effects from the measured motion; see `best_minimum` for `others`."""
+        """The fit of these effects from the measured motion; see `best_fit` for `others`."""
         motion, names = self.motion, {name for c in effects for name in c.names}
         key = frozenset(names), others
         if key in self._fits:
             return self._fits[key]
-        own = motion.problem.of(self.present_names)
-        fitted = motion.problem.of(list(names)) & ~(own & ~motion.problem.fitted)
-        free = (motion.base & ~own | fitted) & motion.seen
+        own = motion.problem.unknowns_of(self.present_names)
+        fitted = motion.problem.unknowns_of(list(names)) & ~(own & ~motion.problem.fitted)
+        free = (motion.base & ~own | fitted) & motion.influential
         if key[0] not in self._starts:
-            (self._starts[key[0]],) = tee(motion.starts(free), 1)
-        starts, point = self._starts[key[0]], motion.settled_point(free)
-        places = chain(copy(starts), motion.elsewhere(free, copy(starts)))
-        fitted = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
-        found = best_minimum(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
-        if others and found.chi2_per_sample > CHI2_NEAR_NOISE and (likely := motion.likeliest(free)):
-            other = best_minimum(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
+            (self._starts[key[0]],) = tee(motion.start_values(free), 1)
+        starts, point = self._starts[key[0]], motion.optimised_point(free)
+        places = chain(copy(starts), motion.rescaled_start_values(free, copy(starts)))
+        fitted = transfer_mask(free | motion.start_unknowns, motion.problem, self.problem)
+        found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
+        if others and found.chi2_per_sample > MAX_CHI2_NEAR_NOISE and (likely := motion.likeliest_start_values(free)):
+            other = best_fit(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
             found = min(found, other, key=lambda one: one.cost)
         if point is not None:
-            found = replace(found, settled=self.own(point.values, motion.problem))
+            found = replace(found, process_noise_values=self.own(point.values, motion.problem))
         self._started[found] = starts
         self._fits[key] = found
         return found
@@ -126,27 +126,27 @@ class StateSpaceStudy(Study):
 
         There, evidence with process noise has told coloured noise from what is missing.
         """
-        return 1.0 if self.motion.measured else super().model_error_weight(fit)
+        return 1.0 if self.motion.motion_measured else super().model_error_weight(fit)
 
-    def unidentified(self, fit: Fit) -> tuple[Together, ...]:
-        """Combinations of values that the runs do not identify; see `moving_together`."""
-        return moving_together(fit)
+    def unidentified(self, fit: Fit) -> tuple[UnidentifiedCombination, ...]:
+        """Combinations of values that the runs do not identify; see `find_unidentified_combinations`."""
+        return find_unidentified_combinations(fit)
 
     def is_lost(self, fit: Fit) -> bool:
-        """Whether the residual varies more than the signals, in training or held-out runs; see `left_of_spread`.
+        """Whether the residual varies more than the signals, in some runs; see `residual_variance_ratio`.
 
         A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise.
         """
-        if fit.chi2_per_sample < CHI2_NEAR_NOISE:
+        if fit.chi2_per_sample < MAX_CHI2_NEAR_NOISE:
             return False
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
-        return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
+        return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)
 
     def describe_glitches(self, fit: Fit) -> list[str]:
         """Sentences on suspected glitches, which had little weight in choosing; see `Study.describe_glitches`."""
         motion, found = self.motion, list[str]()
-        free = transferred_mask(fit.free, fit.problem, motion.problem)
-        for run, weights in zip(motion.box.runs, motion.believed(free & ~motion.of_starts), strict=True):
+        free = transfer_mask(fit.free, fit.problem, motion.problem)
+        for run, weights in zip(motion.box.runs, motion.sample_weights(free & ~motion.start_unknowns), strict=True):
             for channel, weight in zip(run.channels, weights, strict=True):
                 when = run.run.channels[channel].time[weight > 1.0]
                 if len(when):
@@ -165,14 +165,14 @@ class StateSpaceStudy(Study):
         problem, starts = self.motion.problem, self._started[found]
 
         def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
-            each = (np.where(own, transferred(v, problem, alone), start) for v in copy(starts))
-            return best_minimum(alone, free, each)
+            each = (np.where(own, transfer_values(v, problem, alone), start) for v in copy(starts))
+            return best_fit(alone, free, each)
 
-        return predictions(found, self.held_out, fit_own)
+        return predict_runs(found, self.held_out, fit_own)
 
     def _predictions(self, found: Fit, runs: Sequence[Run]) -> list[Fit]:
         def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
             del own
-            return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free)
+            return fit_run(alone, start if shows_motion(alone) else find_start_state(alone, start, free), free)
 
-        return predictions(found, runs, fit_own)
+        return predict_runs(found, runs, fit_own)

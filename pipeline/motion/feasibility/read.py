@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import UnivariateSpline, make_interp_spline
 
 import urdf
-from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
 from armdyn.recording.noise import noise_std_from_differences
@@ -72,7 +72,7 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
         InputError: names the file, what is wrong and what to do.
     """
     path = Path(path)
-    with at(path):
+    with error_location(path):
         if is_line_csv(path):
             return _line(read_csv(path, UNITS), ("s", "v", "a"))
         channels = read_run(path).channels

@@ -39,7 +39,7 @@ def recorded(name, seed=0):
 
 
 def forces(model, run):
-    prepared = model.prepared(run)
+    prepared = model.prepare_run(run)
     found = model.predict(prepared, model.theta())
     return {name: found.values[rows] for name, rows in found.slices.items()}
 
@@ -52,7 +52,7 @@ def test_predictions_count_small_values_in_as_named_ones(arm):
     for name, ours in small.items():
         np.testing.assert_array_equal(ours, named[name])
         assert np.ptp(ours - bare[name]) > 1.0
-    np.testing.assert_array_equal(forces(with_small(arm).named_only(), run)["tau.across"], bare["tau.across"])
+    np.testing.assert_array_equal(forces(with_small(arm).without_background(), run)["tau.across"], bare["tau.across"])
 
 
 def test_the_background_is_held_and_has_no_names(arm):
@@ -60,7 +60,7 @@ def test_the_background_is_held_and_has_no_names(arm):
     assert [effect.label for effect in model.named_effects] == ["joint_viscous_friction:along"]
     assert "joint_viscous_friction:along, background of 1 small value" in str(model)
     assert [p.fitted for p in model.parameters.values()] == [True, False]
-    assert model.named_only().names == (f"{FRICTION}[along]",)
+    assert model.without_background().names == (f"{FRICTION}[along]",)
     table = model.to_dataframe("background")
     assert list(table["joint"]) == ["across"]
     assert list(table["typical_sizes"] * model.parameters[f"{FRICTION}[across]"].typical) == [pytest.approx(1.5)]
@@ -75,7 +75,7 @@ def test_an_effect_that_gets_a_name_leaves_the_background(arm):
     assert [effect.label for effect in named.named_effects] == ["joint_viscous_friction:across"]
     rest = model.without_effect("joint_viscous_friction").without_effect("torque_offset")
     assert (rest.background, rest.effects) == (None, ())
-    assert model.with_only(["torque_offset"]).background.names == ("torque_offset.torque[across]",)
+    assert model.with_only_effects(["torque_offset"]).background.names == ("torque_offset.torque[across]",)
 
 
 def test_a_new_background_replaces_the_old_one(arm):

@@ -68,7 +68,7 @@ def test_a_joint_that_the_description_lacks_is_told(tmp_path):
 
 def test_effects_of_a_joint_that_is_carried_are_not_asked_for(tmp_path):
     run = recorded(tmp_path)
-    model = arm_model(tmp_path / "a.urdf", joints=NAMES[:2]).following([run])
+    model = arm_model(tmp_path / "a.urdf", joints=NAMES[:2]).adapted_to([run])
     assert model.arm.joints == NAMES
     assert model.joints == NAMES[:2]
     for reach in ("every", "turning", "coupled", "last"):

@@ -10,7 +10,7 @@ from worlds.generated_arm import generate
 from armdyn.arm.drive import drive_low_passes
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import NOISE_FREQUENCIES, recorded_torques
-from armdyn.readout import LowPassed
+from armdyn.readout import LowPassSampler
 
 robot_of = cache(generate)
 
@@ -37,7 +37,7 @@ def test_the_cut_off_and_the_noise_below_it_are_found():
 def test_short_recordings_show_together_what_none_shows_alone():
     robot, model, runs, found = drives_of(16, (12.0, 6))
     assert [one.cutoff for one in found.values()] == pytest.approx([robot.worlds[0].drive.smoothing] * 7, rel=0.1)
-    cutoffs = [done.cutoff for run in runs for done in model.prepared(run, runs).processing.values()]
+    cutoffs = [done.cutoff for run in runs for done in model.prepare_run(run, runs).processing.values()]
     assert max(cutoffs) <= 0.55 * robot.worlds[0].drive.smoothing
 
 
@@ -64,7 +64,7 @@ def test_what_steps_is_predicted_as_the_drive_smoothed_it():
     at, everything = np.arange(1.0, 19.0, 0.1), np.ones(len(time), dtype=bool)
 
     def sampled(signal, below):
-        low = LowPassed(time, 0.5 * cutoff, at, everything, below)
+        low = LowPassSampler(time, 0.5 * cutoff, at, everything, below)
         return low.matrix(0.0) @ low.coefficients(signal)
 
     measured = sampled(recorded, None)

@@ -14,7 +14,7 @@ from derivatives import assert_jacobian
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.rollout import roll_outs
 from armdyn.checked_study import CheckedStudy
-from armdyn.codegen import compiler
+from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.run import Run
 from pipeline.exports.functions import c_text, exported_functions, python_text
@@ -99,9 +99,9 @@ def plain(recorded) -> Run:
 
 @pytest.mark.parametrize("name", DRIVE)
 def test_an_effect_of_a_drive_is_absent_at_null_and_has_exact_derivatives(arm, plain, name):
-    model = with_friction(driven(arm)).following([plain])
+    model = with_friction(driven(arm)).adapted_to([plain])
     more = model.with_effect(find(name))
-    run = model.prepared(model.reading(plain))
+    run = model.prepare_run(model.with_estimated_channels(plain))
     assert np.array_equal(model.predict(run, model.theta()).values, more.predict(run, more.theta()).values)
     theta = np.array(
         [p.value + 0.3 * (p.typical if p.null != p.typical else -p.typical) for p in more.parameters.values()]
@@ -138,12 +138,12 @@ def test_what_a_drive_does_is_found_in_recordings_and_moves_the_model_as_it_move
 def test_what_is_made_of_the_reading_itself_is_named_by_repair_on_its_joints_with_its_size(arm, recorded):
     truth, law = LAWS["dead_band"]
     found = CheckedStudy.of(driven(arm), [recorded(law, seed) for seed in (1, 2)], [recorded(law, 3)]).repair()
-    assert found.named.value("dead_band.torque[swing]") == pytest.approx(truth["torque"], rel=0.05)
+    assert found.model_without_background.value("dead_band.torque[swing]") == pytest.approx(truth["torque"], rel=0.05)
 
 
 def test_where_drives_saturate_is_found_and_only_where_they_do(arm, recorded, plain):
     limited = [recorded(LAWS["torque_limit"][1], seed) for seed in (1, 2, 3)]
-    assert driven(arm).following([plain]).drives["servo"].full_at == np.inf
+    assert driven(arm).adapted_to([plain]).drives["servo"].full_at == np.inf
     found = CheckedStudy.of(driven(arm), limited[:2], limited[2:]).repair()
     assert found.model.drives["servo"].full_at == pytest.approx(LAWS["torque_limit"][0]["torque"] / GAIN, rel=0.01)
     assert max(r.rms for r in found.after.rollout if r.role == "held_out") < 1.5e-3
@@ -161,7 +161,7 @@ def test_an_exported_function_holds_what_a_drive_does(arm, name):
     assert scope["servo_torque"](q, v, np.zeros(2), v_cmd) == pytest.approx(expected)
 
 
-@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
 def test_the_c_function_gives_the_torque_of_the_python_one_with_all_that_its_drives_do(arm, tmp_path):
     named = ("dead_band", "starting_duty", "torque_limit", "servo_gain", "servo_damping")
     model = driven(arm, limit="6 N m")
@@ -172,7 +172,7 @@ def test_the_c_function_gives_the_torque_of_the_python_one_with_all_that_its_dri
     functions, scope = exported_functions(model)[0], dict[str, Any]()
     exec(python_text(functions, ["test"]), scope)
     (tmp_path / "m.c").write_text(c_text(functions, ["test"]))
-    subprocess.run([compiler(), "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=tmp_path)
+    subprocess.run([find_compiler(), "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=tmp_path)
     servo_torque, double = ctypes.CDLL(str(tmp_path / "m.so")).armdyn_servo_torque, ctypes.c_double * 2
     random = np.random.default_rng(1)
     for state in random.uniform(-1.0, 1.0, (200, 4, 2)) * [[[0.4], [2.0], [0.4], [2.0]]]:
@@ -184,11 +184,11 @@ def test_the_c_function_gives_the_torque_of_the_python_one_with_all_that_its_dri
 def test_a_command_that_is_followed_no_faster_than_the_drives_rate_is_read_and_moved_as_it_was(arm):
     run = moved(arm, lambda R, **_: R, 4, rate=1.5)
     slow, fast = (with_friction(driven(arm, **entry)) for entry in ({"rate": "1.5 rad/s"}, {}))
-    assert slow.described(Path())["drives"]["servo"]["rate"] == "1.5 rad/s"
+    assert slow.file_entries(Path())["drives"]["servo"]["rate"] == "1.5 rad/s"
     moving = [np.mean([r.rms for r in roll_outs(model, [(run, "exam")])]) for model in (slow, fast)]
     assert moving[0] < 2e-3
     assert moving[1] > 10.0 * moving[0]
-    left = [total_rmse(model, model.prepared(model.reading(run))) for model in (slow, fast)]
+    left = [total_rmse(model, model.prepare_run(model.with_estimated_channels(run))) for model in (slow, fast)]
     assert left[0] < 0.1 * left[1]
 
 
@@ -203,9 +203,9 @@ def test_a_command_that_acts_later_on_one_joint_is_found_to_first_order_and_ends
 
 def test_what_is_looked_for_of_a_kind_of_drives_is_no_joints_own_unless_it_is_asked_for(arm, plain):
     told, looked_for = driven(arm), arm.with_drives({"servo": {"joints": list(JOINTS), "supply": "12 V"}})
-    assert looked_for.told_beside - told.told_beside == {"servo_gain", "command_delay", "supply_voltage"}
+    assert looked_for.excluded_effects - told.excluded_effects == {"servo_gain", "command_delay", "supply_voltage"}
     candidates = {c.effect for c in CheckedStudy.of(looked_for, [plain]).study.candidates}
     assert "joint_coulomb_friction" in candidates
-    assert not candidates & looked_for.told_beside
+    assert not candidates & looked_for.excluded_effects
     by_hand = CheckedStudy.of(looked_for, [plain], adding="servo_gain").study.candidates
     assert "servo_gain" in {c.effect for c in by_hand}

@@ -20,7 +20,7 @@ from .conftest import JOINT_EFFECTS, chi2_per_sample, fitted, residuals
 def short(baxter):
     """A short run, as recorded and prepared."""
     run = generate(None, 1.0, 0, duration=4.0)
-    return {"as recorded": run, "prepared": baxter.prepared(run)}
+    return {"as recorded": run, "prepared": baxter.prepare_run(run)}
 
 
 def moved(model, seed=0):
@@ -107,7 +107,7 @@ def test_torques_are_those_of_the_generator(baxter, name):
 
 @pytest.mark.parametrize("name", JOINT_EFFECTS)
 def test_a_hidden_effect_is_recovered_from_noisy_runs(baxter, name):
-    runs = [baxter.prepared(generate(name, 1.0, 7, recording=k)) for k in range(3)]
+    runs = [baxter.prepare_run(generate(name, 1.0, 7, recording=k)) for k in range(3)]
     model, estimate = fitted(baxter.with_effect(find(name)), runs[:2], tolerance=0.05)
     assert chi2_per_sample(model, runs[2]) - 1.0 < 0.02 * (chi2_per_sample(baxter, runs[2]) - 1.0)
     assert chi2_per_sample(model, runs[2]) < 1.15
@@ -118,7 +118,7 @@ def test_a_hidden_effect_is_recovered_from_noisy_runs(baxter, name):
 
 def test_friction_is_never_negative(baxter):
     run = generate("joint_viscous_friction", -1.0, 0)  # a drive that pushes
-    model, estimate = fitted(baxter.with_effect(find("joint_viscous_friction")), [baxter.prepared(run)])
+    model, estimate = fitted(baxter.with_effect(find("joint_viscous_friction")), [baxter.prepare_run(run)])
     assert all(model.value(name) >= 0.0 for name in model.names)
     assert set(estimate.at_bound) == set(model.names)
 
@@ -195,8 +195,8 @@ def test_turning_an_upright_base_about_the_vertical_is_none_of_its_angles(baxter
 
 def test_the_base_is_no_joint(baxter, complains):
     model = baxter.with_effect(find("base_tilt"))
-    assert dict(model.parts("base_tilt")) == {"": model.names}
-    assert not model.lacks(find("base_tilt"))
+    assert dict(model.parameter_names_by_joint("base_tilt")) == {"": model.names}
+    assert not model.can_add_effect(find("base_tilt"))
     assert model.without_effect("base_tilt").names == ()
     with complains(InputError):
         baxter.with_effect(find("base_tilt:right_s0"))
@@ -206,7 +206,7 @@ def test_the_base_is_no_joint(baxter, complains):
 
 @pytest.mark.parametrize(("hidden", "other"), [("gravity_spring", "link_inertia"), ("link_inertia", "gravity_spring")])
 def test_springs_and_links_cannot_swallow_each_other(baxter, hidden, other):
-    runs = [baxter.prepared(generate(hidden, 1.0, 5, recording=k)) for k in range(2)]
+    runs = [baxter.prepare_run(generate(hidden, 1.0, 5, recording=k)) for k in range(2)]
     samples = sum(len(runs[1].channels[name]) for name in baxter.predicted_channels(runs[1]))
 
     def left(name):

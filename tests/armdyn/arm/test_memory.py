@@ -65,7 +65,7 @@ def test_it_changes_nothing_on_other_joints_and_nothing_at_null():
     recorded = generate(None, 1.0, 0, duration=3.0)
     bare = arm_model(robot="baxter")
     with_it = bare.with_effect(bristle_friction.on("right_w0"))
-    prepared = bare.prepared(recorded)
+    prepared = bare.prepare_run(recorded)
     predicted, expected = (m.predict(prepared, m.theta()).values for m in (with_it, bare))
     assert np.array_equal(predicted, expected)
 
@@ -93,7 +93,7 @@ def test_a_torque_sensor_lags_with_exact_derivatives(prepared):
     rng = np.random.default_rng(2)
     slow = slow.with_values({n: p.value + 0.2 * p.typical * rng.uniform(0.5, 1) for n, p in slow.parameters.items()})
     recorded = generate("joint_viscous_friction", 1.0, 0, duration=3.0)
-    recorded = slow.prepared(recorded) if prepared else recorded
+    recorded = slow.prepare_run(recorded) if prepared else recorded
     steps = np.array([1e-3 * p.typical for p in slow.parameters.values()])
     exact = slow.predict(recorded, slow.theta()).sensitivities
     assert_jacobian(lambda theta: slow.predict(recorded, theta).values, slow.theta(), exact, steps, 1e-4)

@@ -37,7 +37,7 @@ def test_a_slide_is_identified(tmp_path):
     model = urdfs.arm(tmp_path, urdfs.SLIDE)
     for name in ("rotor_inertia", "joint_viscous_friction", "joint_coulomb_friction", "torque_offset"):
         model = model.with_effect(find(name))
-    found, _ = fitted(model, [model.prepared(run)])
+    found, _ = fitted(model, [model.prepare_run(run)])
     assert list(found.theta()) == pytest.approx([3.0, 30.0, 4.0, -1.0], rel=2e-3)  # the URDF has 2 kg of the 5
 
 
@@ -67,9 +67,9 @@ def test_locked_joints_stay_at_zero(tmp_path):
 def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter, complains):
     model = baxter.with_effect(find("joint_viscous_friction:right_s1,right_w0"))
     assert model.effects[0].label == "joint_viscous_friction:right_s1,right_w0"
-    assert tuple(model.parts("joint_viscous_friction")) == ("right_s1", "right_w0")
-    assert model.lacks(find("joint_viscous_friction"))
-    assert not model.lacks(find("joint_viscous_friction:right_s1"))
+    assert tuple(model.parameter_names_by_joint("joint_viscous_friction")) == ("right_s1", "right_w0")
+    assert model.can_add_effect(find("joint_viscous_friction"))
+    assert not model.can_add_effect(find("joint_viscous_friction:right_s1"))
     whole = model.with_effect(find("joint_viscous_friction"))
     assert whole.effects[0].label == "joint_viscous_friction"
     assert len(whole.names) == 7
@@ -139,7 +139,7 @@ def test_a_users_own_effect_takes_ten_lines(baxter):
         return joint.with_torque(sine * ca.sin(angle) + cosine * ca.cos(angle))
 
     assert "cogging" in OUTSIDE
-    runs = [baxter.prepared(generate("cogging", 1.0, 3, recording=k)) for k in range(2)]
+    runs = [baxter.prepare_run(generate("cogging", 1.0, 3, recording=k)) for k in range(2)]
     found, _ = fitted(baxter.with_effect(cogging), runs)
     assert chi2_per_sample(found, runs[1]) < 0.05 * chi2_per_sample(baxter, runs[1])
     amplitude = np.hypot(found.value("cogging.sine[right_s0]"), found.value("cogging.cosine[right_s0]"))
@@ -183,13 +183,13 @@ def with_torque(change):
 )
 def test_runs_that_cannot_be_compared_are_refused(baxter, change, complains):
     with complains(InputError):
-        baxter.prepared(change(generate(None, 1.0, 0, duration=2.0)))
+        baxter.prepare_run(change(generate(None, 1.0, 0, duration=2.0)))
 
 
 def test_a_position_in_the_wrong_unit_is_refused(tmp_path, complains):
     run = urdfs.recorded(["slide"], ["rad"], lambda a, **_: a)
     with complains(InputError):
-        urdfs.arm(tmp_path, urdfs.SLIDE).prepared(run)
+        urdfs.arm(tmp_path, urdfs.SLIDE).prepare_run(run)
 
 
 def test_a_missing_torque_channel_leaves_the_others(baxter):
@@ -205,14 +205,14 @@ def test_a_missing_torque_channel_leaves_the_others(baxter):
     "recorded", [{"stated": False}, {}, {"seed": 2}, {"rate": 12.0}, {"rate": 30.0}, {"rate": 250.0}]
 )
 def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, recorded):
-    run = baxter.prepared(generate(None, 1.0, **{"seed": 1, **recorded}))
+    run = baxter.prepare_run(generate(None, 1.0, **{"seed": 1, **recorded}))
     samples = sum(len(run.channels[c]) for c in baxter.predicted_channels(run))
     assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
 
 
 def test_what_was_done_to_a_torque_is_told(baxter):
     raw = generate(None, 1.0, 0, rate=250.0)
-    ready = baxter.prepared(raw)
+    ready = baxter.prepare_run(raw)
     done = ready.preparations["tau.right_s0"]
     assert done.cutoff == pytest.approx(10.0)
     assert (done.recorded, done.recorded_rate) == (len(raw.channels["tau.right_s0"]), pytest.approx(250.0))
@@ -234,7 +234,7 @@ def low_passed(run, cutoff):
 @pytest.mark.parametrize("cutoff", [3.0, 10.0])
 def test_a_torque_that_was_smoothed_before_it_was_stored_is_compared(baxter, cutoff):
     model = baxter.with_effect(find("joint_viscous_friction"))
-    run = model.prepared(low_passed(generate("joint_viscous_friction", 1.0, 0), cutoff))
+    run = model.prepare_run(low_passed(generate("joint_viscous_friction", 1.0, 0), cutoff))
     for name, done in run.preparations.items():
         assert done.cutoff >= min(cutoff, 10.0 if done.smoothed is None else COMPARED_CUTOFF_SHARE * done.smoothed), (
             name
@@ -251,7 +251,7 @@ def test_what_noisy_positions_bring_in_is_counted_as_noise(baxter):
         for j in JOINTS
         for c in [run.channels[f"q.{j}"]]
     }
-    quiet, noisy = (baxter.prepared(r) for r in (run, replace(run, channels={**run.channels, **shaken})))
+    quiet, noisy = (baxter.prepare_run(r) for r in (run, replace(run, channels={**run.channels, **shaken})))
     assert noisy.preparations["tau.right_s1"].position_cutoff < quiet.preparations["tau.right_s1"].position_cutoff
     assert noisy.noise["tau.right_s1"] > 3.0 * quiet.noise["tau.right_s1"]
     samples = sum(len(noisy.channels[c]) for c in baxter.predicted_channels(noisy))
@@ -264,7 +264,7 @@ def test_uneven_stamps_and_a_gap_change_little(baxter):
     time = run.channels["q.right_s0"].time
     kept = (time < 5.0) | (time > 5.4)
     gappy = replace(run, channels={n: Channel(c.time[kept], c.value[kept], c.unit) for n, c in run.channels.items()})
-    ready = model.prepared(gappy)
+    ready = model.prepare_run(gappy)
     found, _ = fitted(model, [ready])
     assert found.value("joint_viscous_friction.coefficient[right_s0]") == pytest.approx(2.0, rel=0.01)
     assert chi2_per_sample(found, ready) < 1.6
@@ -273,7 +273,7 @@ def test_uneven_stamps_and_a_gap_change_little(baxter):
 def test_recorded_velocities_improve_the_smoothed_ones(baxter):
     errors = []
     for rates in (True, False):
-        run = baxter.prepared(generate(None, 1.0, 6, rates=rates))
+        run = baxter.prepare_run(generate(None, 1.0, 6, rates=rates))
         v = run.channels["v.right_s0"]
         inside = (v.time > 1.0) & (v.time < 14.0)
         errors.append(np.std((v.value - motion(6).at(v.time)[1][:, 0])[inside]))
@@ -282,20 +282,20 @@ def test_recorded_velocities_improve_the_smoothed_ones(baxter):
 
 def test_preparing_twice_is_preparing_once(baxter):
     run = generate(None, 1.0, 0, duration=3.0)
-    once = baxter.prepared(run)
-    assert baxter.prepared(once) is once
-    assert baxter.prepared(run) is once
+    once = baxter.prepare_run(run)
+    assert baxter.prepare_run(once) is once
+    assert baxter.prepare_run(run) is once
 
 
 def test_a_renamed_or_copied_prepared_run_is_predicted_alike(baxter):
-    run = baxter.prepared(generate(None, 1.0, 0, duration=3.0))
+    run = baxter.prepare_run(generate(None, 1.0, 0, duration=3.0))
     expected = baxter.predict(run, baxter.theta()).values
     for other in (replace(run, name="other"), pickle.loads(pickle.dumps(run))):
         assert np.array_equal(baxter.predict(other, baxter.theta()).values, expected)
 
 
 def test_part_of_a_prepared_run_is_predicted_as_in_the_whole(baxter):
-    run = baxter.prepared(generate(None, 1.0, 0, duration=4.0))
+    run = baxter.prepare_run(generate(None, 1.0, 0, duration=4.0))
     whole = baxter.predict(run, baxter.theta())
     cut = {n: Channel(c.time[5:15], c.value[5:15], c.unit) for n, c in run.channels.items() if n.startswith("tau.")}
     part = baxter.predict(replace(run, channels={**run.channels, **cut}), baxter.theta())

@@ -61,7 +61,7 @@ def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_doe
 
 def test_before_a_rest_at_the_end_a_smoothed_torque_is_left_out_as_at_the_end_of_a_recording(baxter):
     resting, channel = _held(generate(None, 1.0, 0), "right_e0", 0.8, 1.0), "tau.right_e0"
-    ready, recorded = baxter.prepared(resting), resting.channels[channel].time
+    ready, recorded = baxter.prepare_run(resting), resting.channels[channel].time
     cutoff = ready.preparations[channel].cutoff
     known = samples_with_known_direction(measured_motion(resting, JOINTS), JOINTS.index("right_e0"), recorded, cutoff)
     assert 0.5 / cutoff <= recorded[known][-1] - ready.channels[channel].time[-1] < 1.5 / cutoff

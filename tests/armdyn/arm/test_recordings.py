@@ -22,14 +22,14 @@ def with_effects(model, *names):
 @pytest.fixture(scope="module")
 def emps():
     model = arm_model(urdf=RECORDINGS / "emps/emps.urdf")
-    return model, *(model.prepared(read_run(RECORDINGS / f"emps/emps_{n}.csv")) for n in ("reference", "pulses"))
+    return model, *(model.prepare_run(read_run(RECORDINGS / f"emps/emps_{n}.csv")) for n in ("reference", "pulses"))
 
 
 @pytest.fixture(scope="module")
 def ur10e():
     model = arm_model(urdf=RECORDINGS / "ur10e/ur10e.urdf")
     names = ("20_02_10-30sec_12harm", "20_02_12-50sec_12harm", "20_02_06-20sec_5harm")
-    return model, *(model.prepared(read_run(RECORDINGS / f"ur10e/ur-{n}.csv")) for n in names)
+    return model, *(model.prepare_run(read_run(RECORDINGS / f"ur10e/ur-{n}.csv")) for n in names)
 
 
 def test_emps_gives_the_published_parameters(emps):

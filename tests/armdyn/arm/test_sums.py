@@ -7,7 +7,7 @@ from worlds.baxter import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.selection.linear_scorer import LinearScorer, misfit_of
+from armdyn.identify.selection.linear_scorer import LinearScorer, misfit_per_sample
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 
@@ -42,14 +42,14 @@ def on(scorer, *labels):
     ],
 )
 def test_errors_by_sums_are_those_of_the_model_at_the_foretold_values(study, scorer, labels):
-    one = scorer.of(on(scorer, *labels))
+    one = scorer.evaluate(on(scorer, *labels))
     foretold = scorer.sums.errors(one.columns, one.change, np.arange(4))
     blocks = study.problem.blocks(study.own_values(scorer, one))
     assert foretold == pytest.approx([float(np.mean(b.misfit**2)) for b in blocks[:4]], rel=1e-6)
 
 
 def test_a_fit_to_samples_finds_no_better_minimum_than_one_on_sums(study, scorer):
-    one = scorer.of(on(scorer, "joint_coulomb_friction:right_s0", "joint_coulomb_friction:right_s1"))
+    one = scorer.evaluate(on(scorer, "joint_coulomb_friction:right_s0", "joint_coulomb_friction:right_s1"))
     errors = scorer.sums.errors(one.columns, one.change, np.arange(len(scorer.sums.count)))
     fitted = study.fit_with([c.on(["right_s0", "right_s1"]) for c in study.candidates
                              if c.effect == "joint_coulomb_friction"], study.first())  # fmt: skip
@@ -58,24 +58,24 @@ def test_a_fit_to_samples_finds_no_better_minimum_than_one_on_sums(study, scorer
 
 def test_likelihood_goes_over_from_noise_to_model_error_without_a_step():
     ratio = np.array([1.0 - 1e-6, 1.0 + 1e-6])
-    below, above = misfit_of(ratio)
+    below, above = misfit_per_sample(ratio)
     assert above - below == pytest.approx(2e-6, rel=1e-3)
-    assert misfit_of(np.array(0.5)) == pytest.approx(-0.5)
-    assert misfit_of(np.array(np.e**3)) == pytest.approx(3.0)
+    assert misfit_per_sample(np.array(0.5)) == pytest.approx(-0.5)
+    assert misfit_per_sample(np.array(np.e**3)) == pytest.approx(3.0)
 
 
 def test_what_ends_on_a_bound_explains_nothing():
     study = study_of("torque_gain", size=-9.0)  # 0.72 of the reading is missing: another motor
     scorer = study.scorer(study.first())
-    assert scorer.of(on(scorer, "torque_gain:right_s0")).score == -np.inf
+    assert scorer.evaluate(on(scorer, "torque_gain:right_s0")).score == -np.inf
 
 
 def test_the_order_of_questions_changes_no_answer(study):
     one = study.scorer(study.first())
     other = LinearScorer(one.sums, study.problem.fitted & ~study.problem.is_effect, one.candidates)
     labels = ("payload:right_w2", "joint_coulomb_friction:right_s1")
-    other.of(on(other, "gravity_spring:right_s1"))
-    assert one.of(on(one, *labels)).score == other.of(on(other, *reversed(labels))).score
+    other.evaluate(on(other, "gravity_spring:right_s1"))
+    assert one.evaluate(on(one, *labels)).score == other.evaluate(on(other, *reversed(labels))).score
 
 
 def test_a_base_on_the_wall_is_no_matter_of_inertias():
@@ -100,10 +100,10 @@ def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
 
 def test_foretold_sets_are_those_that_are_scored(scorer):
     """Of effects without bounds nearby: the ranking by foretold errors is the ranking by fits."""
-    now = scorer.of(on(scorer, "joint_coulomb_friction:right_s1"))
+    now = scorer.evaluate(on(scorer, "joint_coulomb_friction:right_s1"))
     options = [(c,) for c in on(scorer, "torque_offset:right_e0", "torque_offset:right_s1", "link_inertia:right_e1")]
-    scored = [scorer.of((*now.effects, *come)) for come in options]
+    scored = [scorer.evaluate((*now.effects, *come)) for come in options]
     assert scorer.first_order_score(now, options) == pytest.approx([one.score for one in scored], rel=2e-4)
     assert scorer.first_order_cost(now, options) == pytest.approx(
-        [scorer.reading_cost(one) for one in scored], abs=1e-3
+        [scorer.reporting_cost(one) for one in scored], abs=1e-3
     )

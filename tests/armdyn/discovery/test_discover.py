@@ -8,16 +8,16 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_terms
-from armdyn.discovery.discover import concluded, discover, predicts_better
+from armdyn.discovery.discover import describe_discovery, discover, predicts_better
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
-from armdyn.effects.user import available
+from armdyn.effects.user import available_effects
 from armdyn.identify.repair import add
-from armdyn.identify.residual.missing_force import between
-from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.residual.missing_force import compare_missing_forces
+from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
-from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
 from armdyn.identify.thresholds import PLACE_RANGE_SIZES
@@ -32,7 +32,7 @@ def test_what_stands_still_shows_no_law():
     time, noise = np.arange(0.0, 8.0, 0.02), 1e-3 * np.random.default_rng(1).standard_normal(400)
     run = Run("still", {"swing_angle": Channel(time, noise, "rad")}, {}, {"swing_angle": 1e-3})
     found = discover(Study.of(pendulum_model(0.368, 0.08), [run], [], []))
-    assert found.still
+    assert found.nothing_moves
     assert "record a motion" in found.sentence
 
 
@@ -47,8 +47,8 @@ def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
 
     study = Study.of(model, given.runs[:1], [], [drag])
     first, fit = study.first(), add(study, [drag]).steps[-1].fit
-    (curve,) = (c for c in between(first, fit, law=True) if c.against == "speed")
-    (k,) = fit.values[study.problem.of(("drag.k",))]
+    (curve,) = (c for c in compare_missing_forces(first, fit, law=True) if c.against == "speed")
+    (k,) = fit.values[study.problem.unknowns_of(("drag.k",))]
     torque = -k * curve.x**3 / (given.mass * given.length**2)
     drawn, measured = (np.sqrt(np.mean((y - torque) ** 2)) for y in (curve.law, curve.as_given))
     assert drawn < 0.3 * measured
@@ -113,15 +113,18 @@ def test_a_joint_may_have_a_long_name(tmp_path):
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
     """Viscous friction of a shoulder, then of an elbow, was once found and not told."""
-    run, viscous = world("cogging", 0).runs[0], next(e for e in available(model) if e.name == "joint_viscous_friction")
+    run, viscous = (
+        world("cogging", 0).runs[0],
+        next(e for e in available_effects(model) if e.name == "joint_viscous_friction"),
+    )
     study = Study.of(model, [run], [], [viscous])
     (both,) = study.candidates
-    steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
+    steps, effects = [SearchStep((), (), (), study.first(), residual_tests(study.first(), []))], ()
     for one in both.split_by_joint():
         effects = group_by_effect((*effects, one))
         fit = study.fit_with(effects, steps[-1].fit)
-        steps.append(Step((one,), (), effects, fit, residual_tests(fit, [])))
-    found = concluded(study, Search(tuple(steps)), {}, {viscous.name: viscous})
+        steps.append(SearchStep((one,), (), effects, fit, residual_tests(fit, [])))
+    found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
     (law,) = found.findings
     assert law.joints == ("shoulder", "elbow")
     assert law.explains == pytest.approx(found.explains)
@@ -132,7 +135,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
 def test_a_law_of_a_joint_is_discovered_beside_friction(model, kind, seed):
     """Seen from the model as given, the cable explained 0.3 % of what frictions do."""
     given = world(kind, seed)
-    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
+    found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
     (law,) = found.new
     assert (law.kind, law.joints) == (kind, ("elbow",))
     assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}

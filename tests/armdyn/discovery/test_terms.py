@@ -7,23 +7,25 @@ import numpy as np
 import pytest
 
 from armdyn.discovery import shapes
-from armdyn.discovery.source import effects_of_terms, file_text
-from armdyn.discovery.term import Site, Variable, check_same_units, named_terms, recorded_variables
-from armdyn.discovery.units import over
+from armdyn.discovery.source import effects_file_text, effects_of_terms
+from armdyn.discovery.term import TermLocation, TermVariable, check_same_units, named_terms, recorded_variables
+from armdyn.discovery.units import divide_units
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
 
-DRY = Site("string", "N m", "string.with_dry_torque({})", 0.005)
-STRING = Site("string", "N m", "string.with_torque({})", 0.005, dry=DRY)
-ANGLE = Variable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
-SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
+DRY = TermLocation("string", "N m", "string.with_dry_torque({})", 0.005)
+STRING = TermLocation("string", "N m", "string.with_torque({})", 0.005, dry_friction_site=DRY)
+ANGLE = TermVariable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
+SPEED = TermVariable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
 CHANGES = np.linspace(0.0, 1.0, 200)
 
 
 def recorded(name, unit, samples):
-    return Variable(f"extra_{name}", "", unit, samples, RecordedColumn(f"extra.{name}", unit, float(samples.mean())))
+    return TermVariable(
+        f"extra_{name}", "", unit, samples, RecordedColumn(f"extra.{name}", unit, float(samples.mean()))
+    )
 
 
 TEMPERATURE, OPENING = recorded("temperature", "K", 290.0 + 10.0 * CHANGES), recorded("opening", "1", CHANGES)
@@ -47,51 +49,51 @@ TEMPERATURE, OPENING = recorded("temperature", "K", 290.0 + 10.0 * CHANGES), rec
     ],
 )
 def test_the_unit_of_a_size_is_that_of_the_force_over_its_variables(unit, others, expected):
-    assert over(unit, *others) == expected
+    assert divide_units(unit, *others) == expected
 
 
 def test_every_shape_is_an_effect_that_vanishes_at_null():
     terms = [
-        shapes.power(STRING, SPEED, 3, "cubic drag", "drag"),
-        *shapes.stops(STRING, ANGLE),
-        *shapes.one_sided(STRING, ANGLE, SPEED),
+        shapes.power_term(STRING, SPEED, 3, "cubic drag", "drag"),
+        *shapes.stop_terms(STRING, ANGLE),
+        *shapes.one_sided_friction_terms(STRING, ANGLE, SPEED),
         shapes.magnet(STRING, ANGLE),
-        *shapes.growing(STRING, ANGLE),
-        *shapes.waves(STRING, ANGLE, [0.1]),
-        shapes.curve(STRING, ANGLE),
-        *shapes.recorded_frictions(STRING, TEMPERATURE, SPEED),
-        *shapes.recorded_frictions(STRING, OPENING, SPEED),
-        *shapes.recorded_torques(STRING, TEMPERATURE),
-        *shapes.recorded_torques(STRING, OPENING),
-        shapes.curve(STRING, TEMPERATURE),
-        shapes.curve(STRING, OPENING, SPEED),
+        *shapes.cable_terms(STRING, ANGLE),
+        *shapes.cogging_terms(STRING, ANGLE, [0.1]),
+        shapes.curve_term(STRING, ANGLE),
+        *shapes.recorded_friction_terms(STRING, TEMPERATURE, SPEED),
+        *shapes.recorded_friction_terms(STRING, OPENING, SPEED),
+        *shapes.recorded_torque_terms(STRING, TEMPERATURE),
+        *shapes.recorded_torque_terms(STRING, OPENING),
+        shapes.curve_term(STRING, TEMPERATURE),
+        shapes.curve_term(STRING, OPENING, SPEED),
     ]
     named = named_terms(terms)
     assert [e.name for e in effects_of_terms(list(named.values()))] == list(named)
 
 
 def test_a_formula_is_read_as_it_is_computed(tmp_path):
-    stop = replace(next(shapes.stops(STRING, ANGLE)), name="my_stop")
+    stop = replace(next(shapes.stop_terms(STRING, ANGLE)), name="my_stop")
     assert stop.formula == "-stiffness * max(0, angle - place)"
     path = tmp_path / "effect.py"
-    path.write_text(file_text("A stop.", [stop], {"my_stop": "    As seen."}))
+    path.write_text(effects_file_text("A stop.", [stop], {"my_stop": "    As seen."}))
     (effect,) = load_effects(path)
     assert effect.name == "my_stop"
     assert effect.quantities["place"].null == pytest.approx(stop.constants["place"].value)
 
 
 def test_a_recorded_quantity_is_declared_as_it_was_recorded():
-    friction = replace(next(shapes.recorded_frictions(STRING, TEMPERATURE, SPEED)), name="oil")
+    friction = replace(next(shapes.recorded_friction_terms(STRING, TEMPERATURE, SPEED)), name="oil")
     assert friction.formula == "-coefficient * speed * exp(-(extra_temperature - 295.0) / width)"
     assert (list(friction.shapes), friction.size.unit) == (["coefficient"], "N m s/rad")
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
-    stop = replace(next(shapes.stops(STRING, ANGLE)), name="stop")
-    assert "import effect, quantity" in file_text("No column.", [stop])
+    stop = replace(next(shapes.stop_terms(STRING, ANGLE)), name="stop")
+    assert "import effect, quantity" in effects_file_text("No column.", [stop])
 
 
 def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
-    opening, temperature = (list(shapes.recorded_torques(STRING, v)) for v in (OPENING, TEMPERATURE))
+    opening, temperature = (list(shapes.recorded_torque_terms(STRING, v)) for v in (OPENING, TEMPERATURE))
     assert [term.formula for term in opening] == ["k * extra_opening", "k * extra_opening^2"]
     assert [term.formula for term in temperature] == ["k * (extra_temperature - place)"]
     assert [term.size.unit for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
@@ -113,7 +115,7 @@ def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed(complains)
 
 
 def test_a_curve_follows_any_smooth_function():
-    curve = shapes.curve(STRING, ANGLE)
+    curve = shapes.curve_term(STRING, ANGLE)
     x = np.linspace(ANGLE.low, ANGLE.high, 100)
     names = {"ca": ca, "angle": ca.DM(x)}
     exec("\n".join(curve.lines), names)

@@ -8,7 +8,7 @@ def virtual_machine():
     """Two dozen formulations on short runs: compiling them would take longer than running them."""
     patch = pytest.MonkeyPatch()
     patch.setenv(codegen.COMPILE_VARIABLE, "0")
-    codegen.compiler.cache_clear()
+    codegen.find_compiler.cache_clear()
     yield
     patch.undo()
-    codegen.compiler.cache_clear()
+    codegen.find_compiler.cache_clear()

@@ -78,7 +78,7 @@ def test_what_a_column_says_acts_as_the_same_function_of_time():
 
 def test_a_column_is_held_before_its_first_and_after_its_last_sample():
     short = Channel(TEMPERATURE.time[10:30], TEMPERATURE.value[10:30], "K")
-    values = column("extra.temperature", "K", usual=0.0).over({"extra.temperature": short}, TEMPERATURE.time)
+    values = column("extra.temperature", "K", usual=0.0).interpolate({"extra.temperature": short}, TEMPERATURE.time)
     np.testing.assert_array_equal(values[:10], short.value[0])
     np.testing.assert_array_equal(values[30:], short.value[-1])
 
@@ -127,16 +127,16 @@ def test_the_friction_of_a_joint_follows_a_column_with_exact_derivatives(tmp_pat
     (tmp_path / "two.urdf").write_text(URDF)
     given = world("joint friction by temperature", 0).runs[0]
     model = arm_model(urdf=tmp_path / "two.urdf", effects=[gear_oil.on("elbow")])
-    run = model.prepared(given)
+    run = model.prepare_run(given)
     theta = np.array([0.6, 7.0])
     prediction = model.predict(run, theta)
     elbow = prediction.slices["tau.elbow"]
     assert_jacobian(
         lambda at: model.predict(run, at).values[elbow], theta, prediction.sensitivities[elbow], 1e-3 * theta
     )
-    without = model.prepared(replace(given, extra={}))
+    without = model.prepare_run(replace(given, extra={}))
     colder = replace(given.extra["extra.temperature"], value=0.0 * given.extra["extra.temperature"].value + 295.0)
-    usual = model.prepared(replace(given, extra={"extra.temperature": colder}))
+    usual = model.prepare_run(replace(given, extra={"extra.temperature": colder}))
     np.testing.assert_array_equal(model.predict(without, theta).values, model.predict(usual, theta).values)
     assert np.ptp(model.predict(without, theta).values - prediction.values) > 0.1
 

@@ -58,7 +58,7 @@ def test_effects_that_no_motion_can_tell_apart_are_refused_with_the_reason(shoul
     with complains(InputError):
         goal_to_separate(shoulder, coulomb, coulomb, 100.0)
     with complains(TaskFailedError):
-        goal_to_separate(shoulder.with_only([]), find("payload"), find("payload_twin", [_twin()]), 100.0)
+        goal_to_separate(shoulder.with_only_effects([]), find("payload"), find("payload_twin", [_twin()]), 100.0)
 
 
 def _twin():

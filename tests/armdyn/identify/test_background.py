@@ -11,7 +11,7 @@ from worlds.imperfect_arm import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, add, repair, with_background
-from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
+from armdyn.identify.selection.background import find_background, fit_all_effects
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
@@ -19,13 +19,13 @@ JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on 
 
 
 @cache
-def story() -> tuple[Study, Repair, FullModel]:
+def story() -> tuple[Study, Repair, AllEffectsFit]:
     """The effect that dominates, as a search would name it, and all effects beside it."""
     case = generate("ur5", "coulomb", 3, duration=10.0)
     study = Study.of(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS, exam=case.exam)
     told = add(study, [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth])
     last = told.steps[-1]
-    return study, told, fit_full_model(study, last.effects, last.fit, lambda _: None)
+    return study, told, fit_all_effects(study, last.effects, last.fit, lambda _: None)
 
 
 @cache
@@ -46,8 +46,8 @@ def test_an_arm_that_is_wrong_everywhere_gets_small_values_that_predict_an_exam_
     assert total(whole.held_out_rmse) < 0.8 * total(told.held_out_rmse)
     assert total(whole.exam_rmse) < 0.8 * total(told.exam_rmse)
     assert "background" in found.sentence
-    assert found.named.background is None
-    assert [e.label for e in found.named.effects] == [e.label for e in found.model.named_effects]
+    assert found.model_without_background.background is None
+    assert [e.label for e in found.model_without_background.effects] == [e.label for e in found.model.named_effects]
 
 
 def test_the_written_model_predicts_what_the_last_step_says(tmp_path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from worlds.pendulum import Setup, record, weighed
 
-from armdyn.identify.bands import bands
+from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
@@ -24,7 +24,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
     for seed in range(12):
         one, two, three, exam = recordings(seed, 4)
         found = compare(Study.of(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
-        covered += list(found.bands.covered.values())
+        covered += list(found.bands.coverage.values())
     # 800 samples that hardly repeat themselves in each run: a standard deviation of 0.008 for one, 0.003 for all.
     assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
 
@@ -36,7 +36,7 @@ def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> N
     covariance = uncertainty(study, fit).covariance
     growth = []
     for factor in (0.0, 1e4):
-        width = bands(study, fit, factor * covariance).half_width[exam.name, "load_force"]
+        width = prediction_bands(study, fit, factor * covariance).half_width[exam.name, "load_force"]
         growth.append(width.max() / width.min())
     assert growth[0] == pytest.approx(1.0)
     assert growth[1] > 1.2

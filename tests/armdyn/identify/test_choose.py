@@ -7,8 +7,8 @@ import pytest
 
 from armdyn.experiments.rivals import tied_sets
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.path import Step
-from armdyn.identify.selection.search import Search, without_little
+from armdyn.identify.selection.path import SearchStep
+from armdyn.identify.selection.search import Search, drop_small_steps
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_the_way_ends_where_each_further_value_lowers_the_error_by_little(left, 
         Plain(added=a, fit=Plain(left=x, free=np.ones(k))) for k, (a, x) in enumerate(zip(added, left, strict=True))
     ]
     study = Plain(asked=asked, squared_error=lambda fit: fit.left, is_at_noise=lambda fit: fit.left < 0.2)
-    assert without_little(study, steps) == steps[:kept]
+    assert drop_small_steps(study, steps) == steps[:kept]
 
 
 def on(effect, *joints):
@@ -40,11 +40,11 @@ def found():
     ends = [(), (dry[0],), (dry[0], on("offset", "elbow")), group_by_effect(dry)]
     added = [(), (dry[0],), (on("offset", "elbow"),), (dry[1],)]
     ties = [(), (on("viscous", "shoulder"),), (on("drift", "elbow"),), (on("viscous", "elbow"), on("dry", "shoulder"))]
-    return Search(tuple(Step(a, t, e, None, None) for a, t, e in zip(added, ties, ends, strict=True)))
+    return Search(tuple(SearchStep(a, t, e, None, None) for a, t, e in zip(added, ties, ends, strict=True)))
 
 
 def test_ties_of_joints_that_came_one_after_the_other_are_kept(found):
-    assert set(found.tied) == {on("viscous", "shoulder"), on("viscous", "elbow")}
+    assert set(found.all_ties) == {on("viscous", "shoulder"), on("viscous", "elbow")}
 
 
 def test_a_rival_takes_the_place_of_what_it_is_tied_with_on_its_joint_only(found):

@@ -17,7 +17,7 @@ from armdyn.identify.noise import (
     autoregression,
     likeliest_autoregression,
     ljung_box,
-    whitened,
+    whiten,
 )
 from armdyn.identify.problem import Block
 from armdyn.identify.repair import repair
@@ -92,24 +92,24 @@ def test_whitening_makes_an_autoregression_white():
     for i in range(1, len(e)):
         e[i] += 0.8 * e[i - 1]
     assert ljung_box(e) < 1e-10
-    assert ljung_box(whitened(e, autoregression([e]))) > 1e-3
+    assert ljung_box(whiten(e, autoregression([e]))) > 1e-3
 
 
 def test_a_set_of_which_one_effect_is_wrong_is_promised_the_right_exchange():
     study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
     by_name = {c.effect: c for c in study.candidates}
     scorer = StateSpaceScorer(study)
-    wrong = scorer.settle([by_name["sensor_bias"], by_name["string_creep"]])
+    wrong = scorer.optimise([by_name["sensor_bias"], by_name["string_creep"]])
     exchanged = [(by_name["sensor_bias"], c) for c in scorer.candidates if c not in wrong.effects]
-    found = max((scorer.of(one) for one in exchanged), key=lambda one: one.score)
+    found = max((scorer.evaluate(one) for one in exchanged), key=lambda one: one.score)
     assert set(found.effects) == {by_name["sensor_bias"], by_name["sensor_drift"]}
-    assert scorer.settle(found.effects).score > wrong.score
+    assert scorer.optimise(found.effects).score > wrong.score
 
 
 def test_effects_at_null_are_left_out_without_a_trace():
     study = study_of(recordings())
     problem, first = study.problem, study.first()
-    base = problem.of(["length", "mass", "initial_angle", "initial_rate"])
+    base = problem.unknowns_of(["length", "mass", "initial_angle", "initial_rate"])
     lean, whole = problem.blocks(first.values, base), study_of(study.runs).problem.blocks(first.values)
     for block, other in zip(lean, whole, strict=True):
         assert block.residual == pytest.approx(other.residual, abs=1e-6)

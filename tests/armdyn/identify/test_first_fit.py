@@ -9,7 +9,7 @@ from worlds import situations
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.problem import Problem, chi2_of
+from armdyn.identify.problem import Problem, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
@@ -74,7 +74,7 @@ def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
 def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     truth = recorded("pull_and_release", seed=2)
     first = Study.of(model_for("pull_and_release"), truth.runs, [], []).first()
-    angles = first.values[first.problem.of(["initial_angle"])]
+    angles = first.values[first.problem.unknowns_of(["initial_angle"])]
     assert np.all(angles > 0)
     assert any(start[0] < 0 for start in truth.starts)
 
@@ -83,7 +83,7 @@ def test_weak_priors_make_a_new_problem():
     truth = recorded("pull_and_release")
     problem = Problem(model_for("pull_and_release"), truth.runs, {(f"r{k}.csv", "load_force"): 3e-3 for k in range(2)})
     weights = problem.prior_weight.copy()
-    held = problem.with_weak_priors(problem.start())
+    held = problem.with_weak_priors(problem.start_values())
     assert np.all(held.prior_weight > 0)
     assert np.array_equal(problem.prior_weight, weights)
 
@@ -92,12 +92,12 @@ def test_a_held_out_run_keeps_the_mass_that_was_weighed_for_it():
     runs = recorded("several_masses").runs
     study = Study.of(model_for("several_masses"), runs[:1], runs[1:], [])
     blocks = study.held_out_blocks(study.first())
-    assert chi2_of(blocks) < 1.2 * sum(len(block.residual) for block in blocks)
+    assert chi2_sum(blocks) < 1.2 * sum(len(block.residual) for block in blocks)
 
 
 def test_where_the_gripper_moved_unseen_a_run_is_cut_and_time_goes_on():
     run = recorded("gap_and_jitter").runs[0]
-    first, second = model_for("gap_and_jitter").pieces(run)
+    first, second = model_for("gap_and_jitter").split_into_pieces(run)
     assert second.began == 0.0
     assert "while no position was recorded" in first.warnings[0]
     assert second.channels["load_force"].time[0] > first.channels["load_force"].time[-1] + 1.9
@@ -107,7 +107,7 @@ def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
     time = np.delete(np.arange(0.0, 4.0, 0.01), slice(100, 300))
     still = Channel(time, np.full(len(time), 0.1), "m")
     run = Run("a.csv", {"gripper_x": still, "load_force": Channel(time, np.cos(time), "N")})
-    assert model_for("plain").pieces(run) == (run,)
+    assert model_for("plain").split_into_pieces(run) == (run,)
 
 
 def test_what_was_left_out_is_said():

@@ -9,8 +9,15 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import add
 from armdyn.identify.state_space.grey_box import GreyBox
-from armdyn.identify.state_space.grey_run import Noise
-from armdyn.identify.state_space.innovations import Colour, combined, filtered, smoothed, square_root, updated
+from armdyn.identify.state_space.grey_run import RunNoise
+from armdyn.identify.state_space.innovations import (
+    ColouredNoise,
+    add_channels,
+    filter_run,
+    kalman_update,
+    semidefinite_cholesky,
+    smooth_run,
+)
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import MotionPieces
@@ -72,11 +79,11 @@ def test_derivatives_of_a_motion_in_pieces_are_those_of_finite_differences():
         assert np.allclose(by_theta, found.by_theta[:, :, j], rtol=1e-4, atol=1e-5 * np.abs(by_theta).max() + 1e-12)
 
 
-@pytest.mark.parametrize("colour", [Colour(), Colour(9.0, 0.2)])
+@pytest.mark.parametrize("colour", [ColouredNoise(), ColouredNoise(9.0, 0.2)])
 def test_the_filter_gives_the_likelihood_of_the_dense_covariance(colour):
     box, problem = box_of(swing(0.6, 3.0))
-    (around,) = box.around(box.begin(problem.start()))
-    noise = Noise(0.05, (1.3,), (colour,))
+    (around,) = box.linearise(box.initial_point(problem.start_values()))
+    noise = RunNoise(0.05, (1.3,), (colour,))
     found = around.innovations([noise], np.array([noise.kick]))
     residual, X, covariance = dense(around, noise, len(problem.columns))
     inverse = np.linalg.inv(covariance)
@@ -88,10 +95,10 @@ def test_the_filter_gives_the_likelihood_of_the_dense_covariance(colour):
 
 def test_the_smoother_gives_the_mean_of_the_dense_posterior():
     box, problem = box_of(swing(0.6, 3.0))
-    (around,) = box.around(box.begin(problem.start()))
-    noise = Noise(0.05, (1.0,), (Colour(),))
-    sums = combined([around.gram(0, Colour())], noise.level)[0]
-    states, _ = smoothed(sums, around.chain, noise.kick, np.zeros(len(problem.columns)))
+    (around,) = box.linearise(box.initial_point(problem.start_values()))
+    noise = RunNoise(0.05, (1.0,), (ColouredNoise(),))
+    sums = add_channels([around.whitened_sums(0, ColouredNoise())], noise.level)[0]
+    states, _ = smooth_run(sums, around.chain, noise.kick, np.zeros(len(problem.columns)))
     residual, _, covariance, of_states, mean = dense(around, noise, len(problem.columns), states=True)
     posterior = mean + of_states @ np.linalg.solve(covariance, residual)
     assert np.allclose(states.ravel(), posterior, rtol=1e-5, atol=1e-8)
@@ -101,7 +108,7 @@ def test_variances_after_a_measurement_are_those_of_the_dense_formula():
     rng = np.random.default_rng(3)
     factors, told = rng.normal(size=(2, 6, 4, 4))
     variance, information = (x @ np.swapaxes(x, 1, 2) for x in (factors, told * [3.0, 1.0, 0.1, 0.0]))
-    after, size = updated(variance, square_root(information))
+    after, size = kalman_update(variance, semidefinite_cholesky(information))
     assert np.allclose(after, np.linalg.inv(np.linalg.inv(variance) + information), rtol=1e-6, atol=1e-9)
     assert np.allclose(size, np.linalg.slogdet(np.eye(4) + variance @ information)[1], rtol=1e-9)
 
@@ -109,28 +116,28 @@ def test_variances_after_a_measurement_are_those_of_the_dense_formula():
 def test_states_that_were_not_known_at_all_are_known_to_all_digits_after_a_measurement():
     factors = np.random.default_rng(3).normal(size=(6, 4, 4))
     information = factors @ np.swapaxes(factors, 1, 2) + np.eye(4)
-    after, _ = updated(1e12 * np.eye(4), square_root(information))
+    after, _ = kalman_update(1e12 * np.eye(4), semidefinite_cholesky(information))
     assert np.allclose(after, np.linalg.inv(information + 1e-12 * np.eye(4)), rtol=1e-9, atol=1e-9)
 
 
 def test_what_a_divergence_tells_ends_in_no_singular_matrix():
     exploded = 1e39 * np.ones((4, 1)) @ np.ones((1, 4))
-    after, size = updated(np.eye(4), square_root(exploded @ exploded.T))
+    after, size = kalman_update(np.eye(4), semidefinite_cholesky(exploded @ exploded.T))
     assert np.isfinite(after).all()
     assert size == pytest.approx(np.log(16e78))
-    assert np.isnan(updated(np.eye(4), square_root(np.full((4, 4), np.nan)))[1])
+    assert np.isnan(kalman_update(np.eye(4), semidefinite_cholesky(np.full((4, 4), np.nan)))[1])
 
 
 def test_a_motion_goes_on_where_a_piece_is_cut():
     box, problem = box_of(swing(0.6, 3.0))
-    point = box.begin(problem.start())
-    before = box.around(point)[0]
+    point = box.initial_point(problem.start_values())
+    before = box.linearise(point)[0]
     assert box.runs[0].pieces.cut_in_two(np.arange(len(point.states[0])) == 1)
-    after = box.around(point)[0]
+    after = box.linearise(point)[0]
     kept = np.arange(len(after.states)) != 2
     assert np.array_equal(after.states[kept], before.states)
     assert np.allclose(after.chain.gap[1], 0.0, atol=1e-9)
-    assert np.isfinite(box.settled(box.determined(point, problem.of(["length"])), point).evidence)
+    assert np.isfinite(box.optimise(box.identifiable(point, problem.unknowns_of(["length"])), point).evidence)
 
 
 def dense(around, noise, unknowns, *, states=False):
@@ -168,8 +175,8 @@ def dense(around, noise, unknowns, *, states=False):
 def test_an_angle_tells_nothing_of_a_mass_whatever_is_lacking(reach):
     """Kicks are of rates: a heavier load is kicked as far, and is as far after it."""
     box, problem = box_of(swing(0.8, 10.0, quadratic=0.05, reach=reach), effects=())
-    (around,) = box.around(box.begin(problem.start()))
-    found = around.innovations([Noise(0.3, (1.0,), (Colour(),))], np.array([0.3]))
+    (around,) = box.linearise(box.initial_point(problem.start_values()))
+    found = around.innovations([RunNoise(0.3, (1.0,), (ColouredNoise(),))], np.array([0.3]))
     length, mass = (next(i for i, c in enumerate(problem.columns) if c.parameter.name == n) for n in ("length", "mass"))
     assert found.gram[0, mass, mass] < 1e-18 * found.gram[0, length, length]
 
@@ -221,20 +228,23 @@ def test_a_glitch_is_not_believed():
     spoilt = Run("a.csv", {"swing_angle": Channel(run.channels["swing_angle"].time, angle, "rad")})
     box, problem = box_of(spoilt)
     free = np.array([c.parameter.name in ("length", "quadratic_drag.coefficient") for c in problem.columns])
-    believed = box.settled(free, box.begin(problem.start())).weights[0][0] == 1.0
+    believed = box.optimise(free, box.initial_point(problem.start_values())).weights[0][0] == 1.0
     assert not believed[500:503].any()
     assert believed.mean() > 0.97
 
 
 def test_innovations_at_many_noises_are_those_at_each():
     box, problem = box_of(swing(0.6, 3.0))
-    (around,) = box.around(box.begin(problem.start()))
-    noises, kicks = [Noise(1.0, (1.0,), (c,)) for c in (Colour(), Colour(4.0, 0.1))], np.array([1e-3, 0.1])
+    (around,) = box.linearise(box.initial_point(problem.start_values()))
+    noises, kicks = (
+        [RunNoise(1.0, (1.0,), (c,)) for c in (ColouredNoise(), ColouredNoise(4.0, 0.1))],
+        np.array([1e-3, 0.1]),
+    )
     together = around.innovations(noises, kicks)
     for c, noise in enumerate(noises):
-        sums, logs, rows = combined([around.gram(0, noise.colour[0])], noise.level)
+        sums, logs, rows = add_channels([around.whitened_sums(0, noise.colour[0])], noise.level)
         for k, kick in enumerate(kicks):
-            alone = filtered([(sums[None], np.array([logs]), rows)], around.chain, np.array([kick]))
+            alone = filter_run([(sums[None], np.array([logs]), rows)], around.chain, np.array([kick]))
             assert together.square[2 * c + k] == pytest.approx(alone.square[0], rel=1e-9)
 
 

@@ -79,10 +79,10 @@ def test_a_training_run_is_no_exam_and_a_copy_neither(complains):
 
 def test_who_judged_is_said():
     runs = recordings()
-    assert study_of(runs).holdout_kinds == (HoldoutKind.IN_TURN,)
+    assert study_of(runs).holdout_kinds == (HoldoutKind.LEAVE_ONE_OUT,)
     assert study_of(runs[:1]).holdout_kinds == (HoldoutKind.TRAINING,)
     assert study_of(runs[:1], runs[1:]).holdout_kinds == (HoldoutKind.HELD_OUT,)
-    assert study_of(runs, exam=recordings(seed=8)[:1]).holdout_kinds == (HoldoutKind.EXAM, HoldoutKind.IN_TURN)
+    assert study_of(runs, exam=recordings(seed=8)[:1]).holdout_kinds == (HoldoutKind.EXAM, HoldoutKind.LEAVE_ONE_OUT)
     assert np.all([c.exam_rmse is None for c in compare(study_of(runs)).channels.values()])
 
 
@@ -106,7 +106,7 @@ def errors(hidden, extra, seed):
 
 def test_noise_alone_changes_no_interval():
     known, whitened, ours = errors("rotor_inertia", (), 0)
-    assert known.widened == 1.0
+    assert known.std_inflation == 1.0
     np.testing.assert_array_equal(whitened, ours)
 
 
@@ -114,7 +114,7 @@ def test_noise_alone_changes_no_interval():
 def test_a_model_error_that_the_catalogue_lacks_is_counted_in(seed):
     # The measured coverage is in docs/repair.md.
     known, whitened, ours = errors("rotor_inertia", ("backlash_spring",), seed)
-    assert known.widened > 10.0
+    assert known.std_inflation > 10.0
     assert np.mean(whitened < 3.0) < 0.5
     assert np.mean(ours < 3.0) > 0.8
 

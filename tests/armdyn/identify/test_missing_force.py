@@ -9,8 +9,14 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
-from armdyn.identify.residual.force_law import SQUARE_SHAPE, STEP_SHAPE, VISCOUS_SHAPE, law
-from armdyn.identify.residual.missing_force import MIN_INDEPENDENT_SAMPLES, Unexplained, between, curves, pooled
+from armdyn.identify.residual.force_law import SQUARE_SHAPE, STEP_SHAPE, VISCOUS_SHAPE, find_force_law
+from armdyn.identify.residual.missing_force import (
+    MIN_INDEPENDENT_SAMPLES,
+    MissingForce,
+    compare_missing_forces,
+    force_curves,
+    pool_curves,
+)
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 
@@ -41,7 +47,7 @@ def repaired(study):
 
 
 def of(found, joint, against):
-    (curve,) = (c for c in pooled(found) if (c.joint, c.against) == (joint, against))
+    (curve,) = (c for c in pool_curves(found) if (c.joint, c.against) == (joint, against))
     return curve
 
 
@@ -74,19 +80,19 @@ def test_the_sentence_tells_the_law_and_its_size(study, answer):
 
 def test_a_friction_that_drives_is_called_none():
     given = [
-        Unexplained(u.run, u.joint, u.unit, u.time, -u.value, u.against) for u in map(_samples, range(2), [1.0, 1.0])
+        MissingForce(u.run, u.joint, u.unit, u.time, -u.value, u.against) for u in map(_samples, range(2), [1.0, 1.0])
     ]
-    assert law(curves(given)).sentence.endswith("which drives the motion and is no friction")
+    assert find_force_law(force_curves(given)).sentence.endswith("which drives the motion and is no friction")
 
 
 def test_what_slows_one_of_several_speeds_is_friction():
     """An acceleration of one state of a base of one's own, which is named as a joint is."""
     rng, time = np.random.default_rng(0), np.arange(0.0, 20.0, 0.02)
     speed = np.sin(2.0 * time)
-    slowed = Unexplained(
+    slowed = MissingForce(
         "a", "lower_rate", "rad/s^2", time, -speed + 0.1 * rng.normal(size=1000), {"speed": (speed, "rad/s")}
     )
-    told = law(curves([slowed])).sentence
+    told = find_force_law(force_curves([slowed])).sentence
     assert told.startswith("the missing acceleration of lower_rate grows in proportion to the speed, by 1 rad/s²")
     assert told.endswith(": viscous friction")
 
@@ -94,9 +100,9 @@ def test_what_slows_one_of_several_speeds_is_friction():
 def test_beside_a_drag_less_viscous_friction_than_was_fitted_is_no_drive():
     given = [_samples(seed, 0.0, 0.4) for seed in range(2)]
     less = [
-        Unexplained(u.run, u.joint, u.unit, u.time, u.value - 0.6 * u.against["speed"][0], u.against) for u in given
+        MissingForce(u.run, u.joint, u.unit, u.time, u.value - 0.6 * u.against["speed"][0], u.against) for u in given
     ]
-    sentence = law(curves(less)).sentence
+    sentence = find_force_law(force_curves(less)).sentence
     assert "falls in proportion to the speed" in sentence
     assert sentence.endswith(": drag")
 
@@ -106,7 +112,7 @@ def _samples(seed, friction, drag=0.0, noise=0.2):
     rng, time = np.random.default_rng(seed), np.arange(0.0, 40.0, 0.05)
     speed = (1.0 + 2.0 * np.exp(-time / 20.0)) * np.sin(5.0 * time)
     value = friction * np.sign(speed) + drag * speed * np.abs(speed) + noise * rng.standard_normal(len(time))
-    return Unexplained(f"{seed}.csv", "a", "N m", time, value, {"speed": (speed, "rad/s")})
+    return MissingForce(f"{seed}.csv", "a", "N m", time, value, {"speed": (speed, "rad/s")})
 
 
 @pytest.mark.parametrize(
@@ -114,7 +120,7 @@ def _samples(seed, friction, drag=0.0, noise=0.2):
     [(0.5, 0.0, [STEP_SHAPE]), (0.0, 0.2, [SQUARE_SHAPE]), (0.5, 0.2, [STEP_SHAPE, SQUARE_SHAPE])],
 )
 def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
-    terms = law(curves([_samples(0, friction, drag), _samples(1, friction, drag)])).terms
+    terms = find_force_law(force_curves([_samples(0, friction, drag), _samples(1, friction, drag)])).terms
     assert [term.shape for term in terms] == shapes
     sizes = {STEP_SHAPE: 2 * friction, SQUARE_SHAPE: drag}
     assert [term.size for term in terms] == pytest.approx([sizes[shape] for shape in shapes], rel=0.15)
@@ -129,22 +135,22 @@ def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
 )
 def test_a_swing_is_slowed_in_words_of_a_swing(drag, more):
     slowed = _samples(0, -0.17, drag, noise=0.01)
-    swing = Unexplained("a.csv", None, "rad/s^2", slowed.time, slowed.value, slowed.against)
+    swing = MissingForce("a.csv", None, "rad/s^2", slowed.time, slowed.value, slowed.against)
     expected = f"the missing acceleration steps by 0.34 rad/s² where the swing turns round{more}"
-    assert law(curves([swing])).sentence == expected
+    assert find_force_law(force_curves([swing])).sentence == expected
 
 
 def test_recordings_with_a_sample_for_each_bin_have_errors():
     short = [
-        Unexplained(u.run, u.joint, u.unit, u.time[:9], u.value[:9], {"speed": (u.against["speed"][0][:9], "rad/s")})
+        MissingForce(u.run, u.joint, u.unit, u.time[:9], u.value[:9], {"speed": (u.against["speed"][0][:9], "rad/s")})
         for u in (_samples(0, 1.0), _samples(1, 1.0))
     ]
-    assert all(np.all(curve.std > 0.0) for curve in pooled(curves(short)))
+    assert all(np.all(curve.std > 0.0) for curve in pool_curves(force_curves(short)))
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_follows_no_law(seed):
-    assert law(curves([_samples(seed, 0.0)])) is None
+    assert find_force_law(force_curves([_samples(seed, 0.0)])) is None
 
 
 def test_too_little_is_left_untold():
@@ -153,7 +159,9 @@ def test_too_little_is_left_untold():
     rng = np.random.default_rng(3)
     speed = np.sin(5.0 * time)
     value = 0.05 * speed + 0.2 * rng.standard_normal(len(time))
-    assert law(curves([Unexplained("a", "a", "N m", time, value, {"speed": (speed, "rad/s")})])) is None
+    assert (
+        find_force_law(force_curves([MissingForce("a", "a", "N m", time, value, {"speed": (speed, "rad/s")})])) is None
+    )
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.8])
@@ -167,7 +175,7 @@ def test_standard_errors_hold_for_white_and_coloured_noise(colour):
         value = rng.standard_normal(len(time))
         for k in range(1, len(value)):
             value[k] += colour * value[k - 1]
-        (slow,) = curves([Unexplained("a", "a", "N", time, value, {})])
+        (slow,) = force_curves([MissingForce("a", "a", "N", time, value, {})])
         outside += (np.abs(slow.as_given) > slow.std).tolist()
     assert 0.25 < np.mean(outside) < (0.42 if colour else 0.36)
 
@@ -177,7 +185,7 @@ def test_bins_hold_equally_many_samples_and_enough_of_them():
     for samples in (9, 70, 300, 5000):
         x = rng.standard_normal(samples)
         time = np.arange(float(samples))
-        found = curves([Unexplained("a", "a", "N", time, rng.standard_normal(samples), {"speed": (x, "m/s")})])
+        found = force_curves([MissingForce("a", "a", "N", time, rng.standard_normal(samples), {"speed": (x, "m/s")})])
         for curve in found:
             assert 8 <= len(curve.x) <= 32
             assert np.all(np.diff(curve.x) > 0.0)
@@ -186,15 +194,15 @@ def test_bins_hold_equally_many_samples_and_enough_of_them():
 
 def test_nothing_is_drawn_against_what_stands_still():
     time = np.arange(100.0)
-    still = Unexplained("a", "a", "N m", time, np.sin(time), {"speed": (np.zeros(100), "rad/s")})
-    assert {curve.against for curve in curves([still])} == {"time"}
+    still = MissingForce("a", "a", "N m", time, np.sin(time), {"speed": (np.zeros(100), "rad/s")})
+    assert {curve.against for curve in force_curves([still])} == {"time"}
 
 
 def test_what_an_effect_explains_is_its_law_without_the_noise(study):
     """Dry friction by sampled positions turns round where the speed does; the noise is 0.3 N m of the torque."""
     first = study.first()
     (candidate,) = (c for c in study.candidates if c.effect == "joint_coulomb_friction")
-    curve = of(between(first, study.fit_with([candidate], first), law=True), JOINT, "speed")
+    curve = of(compare_missing_forces(first, study.fit_with([candidate], first), law=True), JOINT, "speed")
     moving = np.abs(curve.x) > 0.2
     given, drawn = (np.abs(y - FRICTION * np.sign(curve.x))[moving].max() for y in (curve.as_given, curve.law))
     assert drawn < 0.02 < given
@@ -212,7 +220,7 @@ def test_a_data_frame_holds_every_point(study, repaired):
 def test_viscous_friction_is_a_straight_line():
     run = generate("joint_viscous_friction", 1.0, 2)
     found = compare(Study.of(arm_model(robot="baxter"), [run], [], []))
-    told = law(found.missing_force)
+    told = find_force_law(found.missing_force)
     assert [term.shape for term in told.terms] == [VISCOUS_SHAPE]
     assert told.terms[0].size == pytest.approx(2.0, rel=0.05)
-    assert len(told.alike) == 6
+    assert len(told.similar_joints) == 6

@@ -62,7 +62,7 @@ def all_are_there(monkeypatch):
 
 def chosen(left, evidence, *effects):
     runs = Runs(left, {LOAD: 0.0, DRY: 0.0, DRAG: 0.0, BIAS: 0.0, **evidence})
-    return set(whole_runs.improved(runs, runs, runs.of(effects), lambda _: None).effects)
+    return set(whole_runs.improve_by_whole_runs(runs, runs, runs.of(effects), lambda _: None).effects)
 
 
 EVIDENCE = {LOAD: 50.0, DRY: 40.0}

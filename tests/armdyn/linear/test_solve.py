@@ -25,7 +25,7 @@ def drawn(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 def broken(A: np.ndarray, b: np.ndarray, found: BoundedSolution) -> float:
     """By how much a solution breaks the conditions of Karush, Kuhn and Tucker, in units of the unknowns' own pull."""
     size = np.sqrt(np.diagonal(A, axis1=-2, axis2=-1))
-    wrong = np.where(found.held == 0, np.abs(found.gradient), found.held * found.gradient) / size
+    wrong = np.where(found.on_bound == 0, np.abs(found.gradient), found.on_bound * found.gradient) / size
     return float(np.max(np.maximum(wrong, 0.0) / (1.0 + np.linalg.norm(b / size, axis=-1, keepdims=True))))
 
 
@@ -47,7 +47,7 @@ def test_an_unknown_that_was_put_on_its_bound_is_released_where_the_others_need_
     found = solve_bounded(A, b, np.zeros(2), np.full(2, np.inf))
     np.testing.assert_allclose(solve_positive(A, b), [-1.0, -0.5])
     np.testing.assert_allclose(found.x, [0.0, 0.4])
-    assert found.held.tolist() == [-1, 0]
+    assert found.on_bound.tolist() == [-1, 0]
 
 
 def test_a_matrix_that_rounding_has_made_indefinite_has_a_minimum_as_well() -> None:
@@ -75,7 +75,7 @@ def test_problems_solved_at_once_have_the_minima_of_each_alone() -> None:
     lower, upper = np.full(6, -0.1), np.full(6, 0.1)
     together = solve_bounded(A, b, lower, upper)
     alone = [solve_bounded(*one, lower, upper).x for one in zip(A, b, strict=True)]
-    assert (together.held != 0).any(axis=1).sum() > 40
+    assert (together.on_bound != 0).any(axis=1).sum() > 40
     np.testing.assert_allclose(together.x, alone, atol=1e-12)
 
 

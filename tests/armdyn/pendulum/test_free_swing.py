@@ -83,5 +83,5 @@ def test_a_load_below_a_gripper_may_rest_at_first():
     run = recorded(0.5, 20.0, held=2.0)
     moved = Run("b.csv", {**run.channels, "gripper_x": Channel(np.arange(0.0, 22.0, 0.1), np.zeros(220), "m")})
     model = pendulum_model(LENGTH, 0.1)
-    assert model.pieces(moved) == (moved,)
-    assert span(model.pieces(run)[0])[0] >= 2.0
+    assert model.split_into_pieces(moved) == (moved,)
+    assert span(model.split_into_pieces(run)[0])[0] >= 2.0

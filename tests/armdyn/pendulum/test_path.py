@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, OnlinePathSmoother, RunInProgress, fixed_pivot_path, gripper_path
-from armdyn.readout import Interpolated, Sensor, lagged
+from armdyn.readout import InterpolatingSampler, SensorReadout, first_order_lag
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import first_and_second_derivatives, smoothed_motion
@@ -116,19 +116,19 @@ def test_lag_is_the_solution_of_its_differential_equation(tau):
         lambda t, z: (np.interp(t, GRID, SIGNAL) - z) / tau, (0, GRID[-1]), SIGNAL[:1], "RK45", GRID, max_step=DT / 4,
         rtol=1e-10, atol=1e-12,
     )  # fmt: skip
-    assert np.abs(lagged(SIGNAL[:, None], tau, DT)[0][:, 0] - exact.y[0]).max() < 1e-6
+    assert np.abs(first_order_lag(SIGNAL[:, None], tau, DT)[0][:, 0] - exact.y[0]).max() < 1e-6
 
 
 def test_no_lag_changes_nothing():
-    assert np.array_equal(lagged(SIGNAL[:, None], 0.0, DT)[0][:, 0], SIGNAL)
+    assert np.array_equal(first_order_lag(SIGNAL[:, None], 0.0, DT)[0][:, 0], SIGNAL)
 
 
 @pytest.mark.parametrize("tau", [0.0, 1e-3, 0.02, 0.3])
 def test_lag_derivative_matches_finite_differences(tau):
     h = 1e-7
-    above, below = (lagged(SIGNAL[:, None], max(tau + s, 0.0), DT)[0][:, 0] for s in (h, -h))
+    above, below = (first_order_lag(SIGNAL[:, None], max(tau + s, 0.0), DT)[0][:, 0] for s in (h, -h))
     measured = (above - below) / (2 * h if tau > h else h)
-    assert np.abs(lagged(SIGNAL[:, None], tau, DT)[1] - measured).max() < 2e-4 * np.abs(measured).max()
+    assert np.abs(first_order_lag(SIGNAL[:, None], tau, DT)[1] - measured).max() < 2e-4 * np.abs(measured).max()
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.3])
@@ -136,14 +136,14 @@ def test_lag_of_uneven_samples_is_that_of_the_same_polygon(uneven):
     stamps = GRID + uneven * DT * np.sin(37 * GRID)
     fine = np.unique(np.concatenate([stamps, 0.5 * (stamps[1:] + stamps[:-1])]))
     polygon = np.interp(fine, stamps, SIGNAL)
-    finer = lagged(polygon[:, None], 0.04, np.diff(fine))[0][:, 0]
-    coarse = lagged(SIGNAL[:, None], 0.04, np.diff(stamps))[0][:, 0]
+    finer = first_order_lag(polygon[:, None], 0.04, np.diff(fine))[0][:, 0]
+    coarse = first_order_lag(SIGNAL[:, None], 0.04, np.diff(stamps))[0][:, 0]
     assert np.abs(coarse - finer[np.searchsorted(fine, stamps)]).max() < 1e-12
 
 
 def read(stamps, delay=0.0, derivative=0):
     """The signal at other times."""
-    return Interpolated(GRID, stamps).matrix(delay, derivative) @ SIGNAL
+    return InterpolatingSampler(GRID, stamps).matrix(delay, derivative) @ SIGNAL
 
 
 def test_delay_is_interpolated_to_fourth_order():
@@ -167,16 +167,16 @@ LATE, SLOW = 0.37 * DT, 4 * DT
 
 def test_what_a_late_or_slow_sensor_shows_first_was_there_before_the_start():
     theta = ca.SX.sym("theta", 2)
-    sampler, signal = Interpolated(GRID, GRID), SIGNAL[:, None]
-    late = Sensor(theta[:0], delay=LATE).read(signal, sampler, np.zeros(0))[:, 0]
+    sampler, signal = InterpolatingSampler(GRID, GRID), SIGNAL[:, None]
+    late = SensorReadout(theta[:0], delay=LATE).read(signal, sampler, np.zeros(0))[:, 0]
     assert np.abs(late - np.sin(6 * (GRID - LATE)) - 0.3 * np.cos(11 * (GRID - LATE))).max() < 3e-3
-    slow = Sensor(theta[:0], lag=SLOW).read(signal, sampler, np.zeros(0))[:, 0]
+    slow = SensorReadout(theta[:0], lag=SLOW).read(signal, sampler, np.zeros(0))[:, 0]
     steady = sum(part / (1 + 1j * w * SLOW) * np.exp(1j * w * GRID) for w, part in ((6, -1j), (11, 0.3))).real
     assert np.abs(slow - steady).max() < 0.3 * np.abs(SIGNAL[0] - steady[0])
 
 
 def test_the_adjoint_of_a_sensor_gives_the_same_sum():
-    sensor, sampler = Sensor(ca.SX(0, 1), lag=SLOW, delay=LATE), Interpolated(GRID, GRID)
+    sensor, sampler = SensorReadout(ca.SX(0, 1), lag=SLOW, delay=LATE), InterpolatingSampler(GRID, GRID)
     weights, signal = np.random.default_rng(0).normal(size=(2, len(GRID)))
     seen = sensor.read(signal[:, None], sampler, np.zeros(0))[:, 0]
     assert sensor.adjoint(weights, sampler, np.zeros(0)) @ signal == pytest.approx(weights @ seen, rel=1e-12)

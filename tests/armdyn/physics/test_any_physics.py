@@ -13,10 +13,10 @@ from worlds.own_bases.slow import BATTERY, OVEN, TANKS, VESSEL
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.effect import effect
-from armdyn.effects.user import available, load_effects
+from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
-from armdyn.identify.prepare import noise_of_runs
+from armdyn.identify.prepare import run_noise
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.parameter import quantity
@@ -96,14 +96,14 @@ def test_a_slow_recording_is_refused_with_what_to_write(complains):
 def test_noise_is_not_told_across_the_steps_of_a_held_command(tmp_path):
     drawn = case(BATTERY, 3)
     model = drawn.model(tmp_path)
-    prepared = [model.prepared(run) for run in drawn.runs()]
-    for told in noise_of_runs(model, prepared).values():
+    prepared = [model.prepare_run(run) for run in drawn.runs()]
+    for told in run_noise(model, prepared).values():
         assert told == pytest.approx(BATTERY.noise["extra.voltage"], rel=0.1)
 
 
 def test_what_a_base_calls_a_load_is_none_of_the_catalogue(tmp_path):
     model = case(GEARED, 0).model(tmp_path)
-    names = {item.name for item in available(model) if model.lacks(item)}
+    names = {item.name for item in available_effects(model) if model.can_add_effect(item)}
     assert names == {"backlash", "load_drag", "load_friction"}
 
 
@@ -135,10 +135,10 @@ def test_no_threshold_is_named_where_there_is_none(tmp_path, family):
 
 def test_values_that_move_together_have_no_standard_deviation_and_a_sentence(tmp_path):
     found = study_of(FILTER, 10, tmp_path, "").compare()
-    (one,) = found.together
+    (one,) = found.unidentified_combinations
     changes = [one.changes[name] for name in ("inductance", "capacity", "resistance")]
     assert changes == pytest.approx([1.0, -1.0, 1.0], rel=0.02)
-    assert one.settled_by == ("current [A]",)
+    assert one.identifying_states == ("current [A]",)
     assert f"{one.sentence}." in found.remarks
     assert all(found.parameters[name].std is None for name in ("inductance", "capacity", "resistance"))
 
@@ -148,7 +148,7 @@ def test_a_prior_settles_what_moves_together(tmp_path):
     true = drawn["inductance"]
     model = drawn.model(tmp_path).with_prior("inductance", true, 0.01 * true)
     found = CheckedStudy.of(model, drawn.runs()[:2], effects=()).compare()
-    assert found.together == ()
+    assert found.unidentified_combinations == ()
     for name in ("inductance", "capacity", "resistance"):
         p = found.parameters[name]
         assert 0.001 * drawn[name] < p.std < 0.02 * drawn[name]
@@ -163,12 +163,12 @@ def visitor(rate, heat=quantity("K/s", typical=0.01)):
 
 def test_an_effect_may_act_on_the_rate_of_any_state():
     model = physics_model(kettle, own_effects=[visitor])
-    assert model.reachable(visitor) == ("water",)
+    assert model.possible_joints(visitor) == ("water",)
     run = boiled(5.0)
     given = model.with_effect(visitor).with_values({"visitor.heat[water]": 0.02, "loss": 0.003, "power": 2.5e-4})
-    told = given.predict(given.prepared(run), given.theta()).values[-1]
+    told = given.predict(given.prepare_run(run), given.theta()).values[-1]
     plain = model.with_values({"loss": 0.003, "power": 2.5e-4})
-    told -= plain.predict(plain.prepared(run), plain.theta()).values[-1]
+    told -= plain.predict(plain.prepare_run(run), plain.theta()).values[-1]
     assert told == pytest.approx(0.02 / 0.003 * (1.0 - np.exp(-0.003 * 1195.0)), rel=1e-4)
 
 
@@ -229,7 +229,7 @@ def test_steps_are_short_enough_for_friction_that_turns_round_abruptly():
     model = physics_model(slide, own_effects=[rubbing])
     assert len(model.input_path(run).time) <= len(time)
     stiff = model.with_effect(rubbing).with_values({"rubbing.force": 1.2})
-    assert stiff.predict(stiff.prepared(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)
+    assert stiff.predict(stiff.prepare_run(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)
 
 
 @effect(summary="A film of oil.", source="Newton 1687")
@@ -254,4 +254,4 @@ def test_steps_follow_a_value_that_a_fit_makes_many_times_its_typical_size():
     assert abs(drag.value - 600.0) < 3.0 * drag.std
     exact = found.with_values({"mass": 1.0, "spring": 20.0, "oil.drag": 600.0})
     assert exact.input_path(run).dt == pytest.approx(0.01)
-    assert exact.predict(exact.prepared(run), exact.theta()).values == pytest.approx(place, abs=1e-7)
+    assert exact.predict(exact.prepare_run(run), exact.theta()).values == pytest.approx(place, abs=1e-7)

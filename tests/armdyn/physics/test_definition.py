@@ -100,7 +100,7 @@ def test_absent_effects_change_nothing(run):
 def test_a_spring_in_vacuum_keeps_its_frequency(run):
     model = physics_model(oscillator()).with_values({"initial_stretch": 0.2})
     still = Channel(run.channels["gripper_x"].time, np.zeros(300), "m")
-    still = model.prepared(replace(run, channels={**run.channels, "gripper_x": still}))
+    still = model.prepare_run(replace(run, channels={**run.channels, "gripper_x": still}))
     predicted = model.predict(still, model.theta())
     time = predicted.time - predicted.time[0]
     assert np.allclose(predicted.values, 0.2 * np.cos(np.sqrt(10.0) * time), atol=1e-6)
@@ -117,13 +117,13 @@ def test_effects_act_joint_by_joint(complains):
 
 def test_what_changes_nothing_is_refused(complains):
     model = physics_model(oscillator())
-    assert not model.lacks(idle)
+    assert not model.can_add_effect(idle)
     with complains(InputError):
         model.with_effect(idle)
 
 
 def test_a_measured_state_and_its_rate_are_guessed(run):
-    guess = physics_model(oscillator()).guess_start(run)
+    guess = physics_model(oscillator()).guess_start_state(run)
     assert guess["initial_stretch"] == pytest.approx(0.2 * np.cos(0.21), abs=1e-3)
     assert guess["initial_speed"] == pytest.approx(-0.6 * np.sin(0.21), abs=0.01)
 

@@ -17,7 +17,7 @@ from command import called
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
-from armdyn.codegen import compiler
+from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError
@@ -76,7 +76,7 @@ def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
         assert float(dynamics.get("friction")) > 0.0
         assert back.arm.slides[i] == model.arm.slides[i]
     rigid = inverse_dynamics_function(back)
-    links_alone = model.with_only(["link_inertia", "payload", "base_tilt"])
+    links_alone = model.with_only_effects(["link_inertia", "payload", "base_tilt"])
     given = states(model, 50)
     found = [np.array(rigid(*state))[:, 0] for state in zip(*given, strict=True)]
     np.testing.assert_allclose(found, by_formulas(links_alone, *given), atol=1e-9)
@@ -132,7 +132,7 @@ def test_gain_and_offset_of_a_drive_go_with_its_command(bare_arm, tmp_path):
 @pytest.fixture(scope="module")
 def in_c(bare_arm, tmp_path_factory):
     """An arm with many effects, and the library of its exported C file, which compiles without a warning."""
-    if compiler() is None:
+    if find_compiler() is None:
         pytest.skip("needs a C compiler")
     folder = tmp_path_factory.mktemp("c")
     model = with_effects(bare_arm, IN_FUNCTIONS)
@@ -141,7 +141,7 @@ def in_c(bare_arm, tmp_path_factory):
     assert called("export", folder / "m.toml", "--output", folder / "m.c")[0] == 0
     assert "malloc" not in (folder / "m.c").read_text()
     strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
-    subprocess.run([compiler(), *strict, "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=folder)
+    subprocess.run([find_compiler(), *strict, "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=folder)
     return model, ctypes.CDLL(str(folder / "m.so"))
 
 
@@ -239,7 +239,7 @@ def test_what_a_format_cannot_hold_is_named(bare_arm):
     assert all(
         "belongs to the torque sensor" in notes[0] for notes in (exported_functions(late)[1], mujoco_text(late)[1])
     )
-    alone = model.with_only(["joint_asymmetric_friction"])
+    alone = model.with_only_effects(["joint_asymmetric_friction"])
     given = states(alone, 5)
     both = [
         [alone.value(f"joint_asymmetric_friction.{s}[{j}]") for j in alone.joints] for s in ("positive", "negative")
@@ -266,7 +266,7 @@ def with_background(arm, named, small, own=()):
     for one in (*(CATALOGUE[name] for name in small), *own):
         whole = whole.with_effect(one)
     values = {p.name: 0.02 * p.typical for p in whole.parameters.values() if p.effect not in named}
-    bare = whole.with_only(named)
+    bare = whole.with_only_effects(named)
     return bare.with_background(0.1, values, [*CATALOGUE.values(), *own]), whole.with_values(values)
 
 

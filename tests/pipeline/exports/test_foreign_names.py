@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from worlds.baxter import generate
 
 from armdyn.arm.model import arm_model
-from armdyn.codegen import compiler
+from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, base_pendulum, model_text, read_model_file, write_model_file
@@ -95,12 +95,12 @@ def test_generated_files_of_any_joint_name_hold_it_and_nothing_else(name):
         assert f"joint_stribeck_friction.torque[{name}]" in table["parameters"]
 
 
-@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
 @pytest.mark.parametrize("name", [name for name in ATTACKS if name.isprintable()])
 def test_the_c_file_compiles_for_any_joint_name_and_defines_nothing_else(name, tmp_path):
     functions, _ = exported_functions(arm(name, tmp_path))
     (tmp_path / "m.c").write_text(c_text(functions, [f"of {name}", name]), encoding="utf-8")
-    subprocess.run([compiler(), "-std=c99", "-trigraphs", "-Wall", "-Werror", "-Wno-unused-function", "-c", "m.c"],
+    subprocess.run([find_compiler(), "-std=c99", "-trigraphs", "-Wall", "-Werror", "-Wno-unused-function", "-c", "m.c"],
                    check=True, cwd=tmp_path)  # fmt: skip
     assert b"evil" not in (tmp_path / "m.o").read_bytes()
 
@@ -177,7 +177,7 @@ def test_what_an_offset_does_is_the_offset():
     model = arm_model(robot="baxter").with_effect(CATALOGUE["torque_offset"])
     fit = Study.of(model, [generate("torque_offset", 1.0, 3)], [], []).first()
     for channel, value in fit.contribution(["torque_offset"]).items():
-        offset = fit.values[list(fit.problem.of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
+        offset = fit.values[list(fit.problem.unknowns_of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
 
 

@@ -67,7 +67,7 @@ def bag(request, bags, tmp_path):
 
 def run_in(bag):
     (foreign,) = read_foreign(bag)
-    return imported(foreign, known_columns(foreign)).run
+    return run_from_recording(foreign, known_columns(foreign)).run
 
 
 def test_joint_states_become_a_run_and_what_else_was_sent_is_mapped(bag, joints):

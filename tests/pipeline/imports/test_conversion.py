@@ -107,6 +107,6 @@ IMPOSSIBLE = [
 @pytest.mark.parametrize(("entry", "count"), IMPOSSIBLE)
 def test_a_line_that_cannot_be_is_told(entry, count, complains):
     value = ForeignColumn(np.where(np.arange(20) < count, 1.0, np.nan))
-    foreign = Foreign("a", {"t": ForeignColumn(np.arange(20.0)), "x": value})
+    foreign = ForeignRecording("a", {"t": ForeignColumn(np.arange(20.0)), "x": value})
     with complains(InputError):
         run_from_recording(foreign, ColumnMap({"x": entry}, "t"))

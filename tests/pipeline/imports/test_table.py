@@ -165,7 +165,7 @@ BROKEN = ["", "a;b\n", "a,b\n1,2\n3\n", "a,b\nx,y\n", "a,b\n1,2\n3,4..5\n5,6\n",
 def test_a_broken_table_says_what_is_wrong(text, tmp_path, complains):
     (tmp_path / "a.csv").write_text(text)
     with complains(InputError):
-        _ = [imported(foreign, known_columns(foreign)) for foreign in read_foreign(tmp_path / "a.csv")]
+        _ = [run_from_recording(foreign, known_columns(foreign)) for foreign in read_foreign(tmp_path / "a.csv")]
 
 
 def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):

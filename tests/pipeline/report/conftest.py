@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from armdyn.document import Document, KeyFigure, Level
+from armdyn.document import Document, KeyFigure, ResultLevel
 from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.learning import LengthEstimate, Outcome
@@ -84,7 +84,7 @@ def trial_report(trial):
             limit_margin_section(t.margins),
             timing_section(nodes),
         ],
-        Level.GOOD,
+        ResultLevel.GOOD,
         key_figures=[KeyFigure("Planning", "31 ms", "8 iterations")],
         notes=["load_force: 3 samples were left out (repeated time stamps)."],
     )

@@ -110,7 +110,7 @@ def test_a_diagnosis_shows_what_its_effects_would_change(reports):
     overlay, evidence = reports["diagnose"].sections[1:3]
     columns = {column.name: column for column in evidence.tables[0].columns}
     assert columns["effect"].values[0] == HIDDEN
-    assert 0.0 < columns["error"].shares[0] < 1.0
+    assert 0.0 < columns["error"].bar_lengths[0] < 1.0
     assert len(overlay.widget.data["steps"]) > 1
 
 

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
-from armdyn.document import MAX_CARD_ROWS, Column, Document, Level, NextStep, Section, Table
+from armdyn.document import MAX_CARD_ROWS, Column, Document, NextStep, ResultLevel, Section, Table
 from armdyn.errors import UnknownNameError
-from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.explained_share import ChannelScale, RepairStep
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
-from armdyn.identify.tables import fall_sentence, link_section, step_table
-from armdyn.notebook import card, frame
+from armdyn.identify.tables import error_fall_sentence, link_section, step_table
+from armdyn.notebook import data_frame, html_card
 from pipeline.answers import link_answer
 from pipeline.console.screen import finish, show
 from pipeline.report.page import page_html
@@ -32,16 +32,16 @@ def link(mass, determined):
 @pytest.mark.parametrize(
     ("verdict", "explained", "widened", "level"),
     [
-        (Verdict.EXPLAINED, 0.99, 1.0, Level.GOOD),
-        (Verdict.EXPLAINED, 0.99, 12.0, Level.IMPROVED),  # without structure, and far above the noise
-        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, Level.IMPROVED),
-        (Verdict.EFFECT_MISSING, 0.6, 12.0, Level.IMPROVED),
-        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, Level.CAUTION),
-        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, Level.BAD),
+        (Verdict.EXPLAINED, 0.99, 1.0, ResultLevel.GOOD),
+        (Verdict.EXPLAINED, 0.99, 12.0, ResultLevel.IMPROVED),  # without structure, and far above the noise
+        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, ResultLevel.IMPROVED),
+        (Verdict.EFFECT_MISSING, 0.6, 12.0, ResultLevel.IMPROVED),
+        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, ResultLevel.CAUTION),
+        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, ResultLevel.BAD),
     ],
 )
 def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
-    found = SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened))
+    found = SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(std_inflation=widened))
     assert Repair.level.fget(found) is level
 
 
@@ -63,24 +63,24 @@ def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
 def test_the_repair_path_tells_total_errors_and_the_exams():
     given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
-    path, scale = [given, better], Scale({"tau.a": "N m", "tau.b": "N m"}, {})
+    path, scale = [given, better], ChannelScale({"tau.a": "N m", "tau.b": "N m"}, {})
     table = step_table(path, scale, (HoldoutKind.EXAM, HoldoutKind.HELD_OUT), {"payload": "A mass at the tool."})
     columns = {column.heading: column for column in table.columns}
     assert list(columns)[1:5] == ["fitted [N m]", "held out [N m]", "exam [N m]", "χ² per sample"]
     rows = list(zip(*(column.texts for column in table.columns), strict=True))
     assert rows[0][:5] == ("as given", "5", "10", "7", "9")
     assert (*rows[1][:4], rows[1][-1]) == ("+ payload", "0.5", "–", "–", "A mass at the tool.")
-    assert columns["fitted [N m]"].shares == pytest.approx([1.0, 0.1])
-    assert fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."
+    assert columns["fitted [N m]"].bar_lengths == pytest.approx([1.0, 0.1])
+    assert error_fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."
 
 
 TABLE = Table(
     [
         Column("effect", ["linear_drag", "<wind>", "path_tilt"]),
-        Column("rmse_now", [0.0123456, None, 7.0], ".3g", missing="none"),
+        Column("rmse_now", [0.0123456, None, 7.0], ".3g", missing_text="none"),
         Column("joints", [(), (), ()]),
-        Column("what it is", ["air", "more air", "a tilt"], wide=True),
-        Column("bars", [1, 2, 3], shares=[0.1, 0.5, 1.0]),
+        Column("what it is", ["air", "more air", "a tilt"], dropped_when_narrow=True),
+        Column("bars", [1, 2, 3], bar_lengths=[0.1, 0.5, 1.0]),
     ],
     "Less is better.",
     "effects",
@@ -91,7 +91,7 @@ DOCUMENT = Document(
     "A result",
     "it is <so>",
     [Section("Evidence", "Three were tried.", tables=[TABLE])],
-    Level.GOOD,
+    ResultLevel.GOOD,
     notes=["look out"],
     next_steps=[NextStep("add it", "armdyn add m.toml")],
 )
@@ -107,7 +107,7 @@ def on_a_page(_):
 
 
 def in_a_notebook(_):
-    return unescape(re.sub(r"<[^>]+>", " ", card(DOCUMENT)))
+    return unescape(re.sub(r"<[^>]+>", " ", html_card(DOCUMENT)))
 
 
 @pytest.mark.parametrize("shown", [on_a_terminal, on_a_page, in_a_notebook])
@@ -122,11 +122,11 @@ def test_the_verdict_and_every_cell_are_shown(shown, capsys):
 
 def test_a_data_frame_holds_the_values_and_not_their_texts(complains):
     pytest.importorskip("pandas", reason="data frames need pandas: pip install 'armdyn[notebook]'")
-    made = frame(DOCUMENT, "effects")
+    made = data_frame(DOCUMENT, "effects")
     assert list(made.columns) == ["effect", "rmse_now", "joints", "what it is", "bars"]
     assert made["rmse_now"].iloc[0] == 0.0123456
     with complains(UnknownNameError):
-        frame(DOCUMENT, "effect")
+        data_frame(DOCUMENT, "effect")
 
 
 def test_a_long_table_says_how_much_of_it_is_left_out(capsys):

@@ -12,7 +12,7 @@ from browser import Browser
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
-from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.errors import InputError
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
@@ -67,7 +67,7 @@ NASTY_SECTION = Section(
     f"Title {NASTY}",
     NASTY,
     [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
-    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], shares=[0.5])], NASTY, folded=NASTY)],
+    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], bar_lengths=[0.5])], NASTY, fold_label=NASTY)],
     {NASTY: NASTY, "other": "other"},
 )
 
@@ -101,7 +101,7 @@ def test_every_axis_has_a_name_and_a_unit(report):
 
 
 def test_text_of_users_cannot_become_markup():
-    report = Document(NASTY, NASTY, [NASTY_SECTION], Level.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
+    report = Document(NASTY, NASTY, [NASTY_SECTION], ResultLevel.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
                       [NextStep(NASTY, NASTY)], NASTY)  # fmt: skip
     page = Page(report)
     assert page.text.count(NASTY) >= 16
@@ -111,7 +111,7 @@ def test_text_of_users_cannot_become_markup():
     assert json.loads(gzip.decompress(base64.b64decode(data)))["figures"][0]["data"][0]["name"] == NASTY
 
 
-@pytest.mark.parametrize("level", Level)
+@pytest.mark.parametrize("level", ResultLevel)
 def test_banner_says_the_verdict_in_words_and_colour(level):
     page = Page(Document("A", "what happened", [], level))
     classes = [attributes["class"] for _, attributes in page.elements if attributes.get("role") == "status"]
@@ -171,7 +171,8 @@ def test_table_report_says_that_the_box_was_chosen(table):
 
 
 @pytest.mark.parametrize(
-    ("estimation", "succeeding", "level"), [(True, 20, Level.GOOD), (True, 4, Level.BAD), (False, 18, Level.CAUTION)]
+    ("estimation", "succeeding", "level"),
+    [(True, 20, ResultLevel.GOOD), (True, 4, ResultLevel.BAD), (False, 18, ResultLevel.CAUTION)],
 )
 def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, estimation, succeeding, level):
     succeeded = table.succeeded.copy()

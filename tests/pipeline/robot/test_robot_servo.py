@@ -106,7 +106,7 @@ def test_reference_extrapolates_then_brakes_within_the_limits_and_stays(moving):
     once = moving.at(1.3)
     moving.stop(1.05)  # changes nothing
     np.testing.assert_array_equal(moving.at(1.3), once)
-    before = Reference(np.array([0.3, 0.4]), LIMITS, 0.1).at(100.0)
+    before = CommandedMotion(np.array([0.3, 0.4]), LIMITS, 0.1).at(100.0)
     np.testing.assert_array_equal(before, [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]])
 
 

@@ -55,7 +55,7 @@ MISSES = [(0.308, False), *(pytest.param(guess, False, marks=pytest.mark.slow) f
 
 @pytest.mark.parametrize(("guess", "lands"), [(0.368, True), *MISSES])
 def test_without_estimation_only_a_right_guess_lands(guess, lands, off_target):
-    trial = simulate(TrialSettings(length_guess=guess, estimate=False, seed=2))
+    trial = simulate_trial(TrialSettings(length_guess=guess, estimate=False, seed=2))
     assert trial.result.success == lands
     assert off_target(trial) < 0.04 if lands else off_target(trial) > 0.15  # 0.014 to 0.017 on six seeds
 

@@ -61,7 +61,7 @@ def is_in(sent):
 
 
 def test_the_token_of_the_address_opens_page_and_socket_and_its_cookie_all_that_follows(guard):
-    assert guard.token != Guard(reached, 8080, []).token
+    assert guard.token != AccessGuard(reached, 8080, []).token
     assert len(guard.token) >= 32
     first = asked(guard, {"host": OWN}, f"token={guard.token}")
     assert is_in(first)

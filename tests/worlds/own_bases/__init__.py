@@ -75,7 +75,7 @@ class Case:
     def shows(self) -> float:
         """Root mean square of what the hidden effect changes in the first recording, over its noise."""
         one, other = (case._run(0) for case in (self, replace(self, hidden="")))
-        off = [(c.value - other.everything[n].value) / self.family.noise[n] for n, c in one.everything.items()
+        off = [(c.value - other.all_channels[n].value) / self.family.noise[n] for n, c in one.all_channels.items()
                if n in self.family.noise]  # fmt: skip
         return float(np.sqrt(np.mean(np.square(off))))
 

@@ -1,4 +1,4 @@
-"""Where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
+"""Find where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,27 +6,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, samples_of
+from armdyn.identify.problem import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
 LOCATION_BINS = 16
+"""Number of bins over a signal such as an angle, each with equally many samples."""
 TIME_BINS = 30
-SIGNIFICANT_DEVIATES = 5.0
+"""Number of equally wide bins over the time of a run."""
+SIGNIFICANT_STDS = 5.0
 """Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
 MAX_PLACES = 12
+"""Largest number of ranges that are reported."""
 MIN_CHI2_RATIO = 1.5
-"""Ratio of the chi2 per sample of a range to that of the whole run from which on the range is named."""
+"""Ratio of the chi2 per sample of a range to that of the channel from which on the range is reported."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """A range in which the model fails.
+class FailingRange:
+    """A range of time, or of another quantity, in which a model predicts a channel badly.
 
     Attributes:
-        channel: the channel of the residual.
-        run: name of the run; ``""`` where all runs are taken together.
-        against: quantity of the range: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        channel: the channel.
+        run: name of the run; ``""`` where the range holds for all runs together.
+        against: quantity of the range, such as ``"time"`` or ``"swing_angle"``; ``"run"`` for a whole run.
         start: lower end of the range.
         end: upper end of the range.
         unit: unit of both ends.
@@ -50,13 +53,13 @@ class Place:
         return f"{text} in {self.run}" if self.run else text
 
 
-def localise(fit: Fit) -> tuple[Place, ...]:
-    """Find where a fit fails, the worst place first; empty where no place stands out of the noise."""
-    covariates, places = fit.covariates(), list[Place]()
-    for channel, blocks in by_channel(fit.blocks).items():
-        total, samples = chi2_of(blocks), samples_of(blocks)
+def find_failing_ranges(fit: Fit) -> tuple[FailingRange, ...]:
+    """Find the ranges in which the residual of a fit is far above the noise and above its average, the worst first."""
+    covariates, places = fit.covariates(), list[FailingRange]()
+    for channel, blocks in blocks_by_channel(fit.blocks).items():
+        total, samples = chi2_sum(blocks), sample_count(blocks)
         overall = total / samples
-        if deviates(total, samples) < SIGNIFICANT_DEVIATES:
+        if chi2_z_value(total, samples) < SIGNIFICANT_STDS:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
@@ -73,7 +76,7 @@ def localise(fit: Fit) -> tuple[Place, ...]:
     return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_PLACES])
 
 
-def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
+def _against(channel: str, name: str, pairs: Sequence[tuple[ResidualBlock, Channel]]) -> list[FailingRange]:
     at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
@@ -85,7 +88,9 @@ def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) ->
         if min(means) > 0 and max(means) > 2 * min(means):
             worse = int(np.argmax(means))
             bounds = (float(at.min()), 0.0) if worse == 0 else (0.0, float(at.max()))
-            found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], float(sides[worse].sum())))
+            found.append(
+                FailingRange(channel, "", f"sign of {name}", *bounds, unit, means[worse], float(sides[worse].sum()))
+            )
     return found
 
 
@@ -93,10 +98,12 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
+def _over_runs(blocks: Sequence[ResidualBlock], overall: float) -> list[FailingRange]:
     squares = [float(b.residual @ b.residual) for b in blocks]
     return [
-        Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square)
+        FailingRange(
+            b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square
+        )
         for b, square in zip(blocks, squares, strict=True)
         if square / len(b.residual) > MIN_CHI2_RATIO * overall
     ]
@@ -104,7 +111,7 @@ def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
 
 def _bins(
     channel: str, run: str, against: str, unit: str, at: np.ndarray, square: np.ndarray, bins: int, *, even: bool
-) -> list[Place]:
+) -> list[FailingRange]:
     """Ranges of neighbouring bins that stand out; bins are equally wide, or hold equally many samples."""
     if np.ptp(at) <= 0:
         return []
@@ -118,7 +125,7 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > SIGNIFICANT_DEVIATES * np.sqrt(2 * np.maximum(counts, 1))) & (
+    failing = (sums - counts > SIGNIFICANT_STDS * np.sqrt(2 * np.maximum(counts, 1))) & (
         mean > MIN_CHI2_RATIO * overall
     )
     places, first = [], None
@@ -128,7 +135,7 @@ def _bins(
         elif not fails and first is not None:
             level = float(sums[first:i].sum() / counts[first:i].sum())
             # a sum of squares here; the caller divides it by the channel's sum
-            places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
+            places.append(FailingRange(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
                                 float(sums[first:i].sum())))  # fmt: skip
             first = None
     return places

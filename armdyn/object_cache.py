@@ -1,4 +1,4 @@
-"""Cache results with the object from which they were computed; they are deleted with the object."""
+"""Cache results in the object from which they were computed, so that they are deleted together with it."""
 
 from collections.abc import Callable, Hashable
 from functools import wraps
@@ -12,7 +12,7 @@ Found = TypeVar("Found")
 def cached_with_first_argument(
     function: Callable[Concatenate[First, Others], Found],
 ) -> Callable[Concatenate[First, Others], Found]:
-    """Decorate a function so that its results are cached with its first argument, as long as that exists.
+    """Decorator: cache a function's results in the object that is its first argument, as long as that object exists.
 
     The motion of an arm at the stamps of one recording is 100 MB: a cache that outlives the recordings would fill the
     memory where hundreds of them are read one after the other.

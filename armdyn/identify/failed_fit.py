@@ -1,8 +1,7 @@
-"""Detect a failed ("lost") fit: it is worse than no model at all, so nothing may be concluded from it.
+"""Detect a failed ("lost") fit: its residual varies more than the signal itself, so nothing may be concluded from it.
 
-A simulation from wrong values ends in another motion, and a descent in a minimum that is unrelated to the recording.
-The residual then varies more than the signal itself. Predictions that are linear in the fitted values have one minimum
-and are never lost.
+A simulation from wrong values ends in another motion, and the fit in a minimum that has nothing to do with the
+recording. Predictions that are linear in the fitted values have one minimum, so such fits are never lost.
 """
 
 from collections.abc import Sequence
@@ -10,20 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, Problem, by_channel
-from armdyn.identify.sentence import listed
+from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel
+from armdyn.identify.sentence import join_names
 
 MAX_NAMED_PARAMETERS = 3
-"""Number of parameters whose start values the sentence asks for."""
+"""Largest number of parameters that the sentence on a lost fit names."""
 
 
-def left_of_spread(blocks: Sequence[Block]) -> float:
-    """Variance of the residual over that of the signal, mean over channels: 0 is perfect, 1 as good as a constant.
+def residual_variance_ratio(blocks: Sequence[ResidualBlock]) -> float:
+    """Variance of the residual over the variance of the measured signal, as a mean over channels.
 
-    Both variances are about the mean of each run: a missing offset does not make another motion.
+    0 is a perfect prediction, 1 is as good as a constant. Both variances are about the mean of each run, because an
+    offset alone does not mean another motion.
     """
     shares = []
-    for mine in by_channel(blocks).values():
+    for mine in blocks_by_channel(blocks).values():
         left, spread = (
             sum(float(np.var(x) * len(x)) for x in parts)
             for parts in ([b.misfit for b in mine], [b.measured.value for b in mine])
@@ -32,10 +32,10 @@ def left_of_spread(blocks: Sequence[Block]) -> float:
     return float(np.mean(shares))
 
 
-def lost_sentence(fit: Fit) -> str:
-    """A sentence for a reader: the fit is lost, and which parameters need start values or priors."""
+def failed_fit_sentence(fit: Fit) -> str:
+    """Sentence for a reader that a fit is lost, and which parameters need start values or priors."""
     return (
-        f"lost: give start values or a prior for {listed(_asked(fit))}. The fit leaves more than the signal itself "
+        f"lost: give start values or a prior for {join_names(_asked(fit))}. The fit leaves more than the signal itself "
         "varies by, so it says nothing of what the model lacks."
     )
 

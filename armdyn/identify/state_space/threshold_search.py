@@ -1,26 +1,30 @@
-"""Thresholds of absent effects in runs that are linearised around their motion; see `thresholds`."""
+"""Search for start values of thresholds (see `identify.thresholds`) in runs that are linearised around their motion."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
-from armdyn.identify.state_space.noise_evidence import at_every_kick
-from armdyn.identify.thresholds import likeliest
+from armdyn.identify.state_space.grey_box import GreyBox, LinearisationPoint
+from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
+from armdyn.identify.thresholds import likeliest_thresholds
 
 
-def places(
-    box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray
+def find_thresholds(
+    box: GreyBox, point: LinearisationPoint, base: np.ndarray, seen: np.ndarray
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Find the likeliest threshold, by unknown, of every effect that has one, and of those with no other value.
+    """Find the likeliest value of every threshold: an unknown without influence while its effect is absent.
 
     A limit that no run reaches is an effect without a size: it is absent at its null value, and present elsewhere.
 
     Args:
-        box: all runs, linearised around their motion.
-        point: point at which the base is optimised.
-        base: (P,) bool, unknowns of the base that are fitted.
-        seen: (P,) bool, unknowns that change something while all effects are absent.
+        box: all runs, which can be linearised around their motion.
+        point: point at which the base model is optimised without effects.
+        base: (P,) bool, unknowns of the base model that are fitted.
+        seen: (P,) bool, unknowns that have an influence while all effects are absent.
+
+    Returns:
+        Thresholds by index of the unknown; those without any influence are left out. First those of effects that have
+        a size too, then those that are the only value of their effect.
     """
     problem, values = box.problem, point.values.copy()
     found, alone = dict[int, float](), dict[int, float]()
@@ -33,7 +37,7 @@ def places(
         sized = own.sum() > 1
         own[place] = not sized
         here = replace(point, values=values)
-        if not sized or not box.seen(here)[place]:
+        if not sized or not box.influential(here)[place]:
             at = _likeliest(box, here, base | own, place)
             if np.isfinite(at) and sized:
                 values[place] = found[place] = at
@@ -42,7 +46,7 @@ def places(
     return found, alone
 
 
-def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int) -> float:
+def _likeliest(box: GreyBox, point: LinearisationPoint, free: np.ndarray, place: int) -> float:
     """The likeliest threshold `place` with (P,) `free` unknowns; NaN where it has no influence."""
     problem, tried = box.problem, dict[float, float]()
 
@@ -51,11 +55,13 @@ def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int
             values = point.values.copy()
             values[place] = key
             there = replace(point, values=values)
-            arounds = box.around(there, free)
+            arounds = box.linearise(there, free)
             finite = all(around.finite for around in arounds)
-            worth = box.tables(arounds, there, at_every_kick).evidence(free).value if finite else -np.inf
+            worth = box.evaluate_noises(arounds, there, evaluate_all_kicks).evidence(free).value if finite else -np.inf
             tried[key] = worth if np.isfinite(worth) else -np.inf
         return np.array([tried[key]])
 
     k = [place]
-    return float(likeliest(evidence, point.values[k], problem.typical[k], problem.lower[k], problem.upper[k])[0])
+    return float(
+        likeliest_thresholds(evidence, point.values[k], problem.typical[k], problem.lower[k], problem.upper[k])[0]
+    )

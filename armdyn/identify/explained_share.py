@@ -1,7 +1,7 @@
-"""How much of the error a change of the model explains: the one meaning of "explained" in all texts and numbers.
+"""The share of the error that a change of the model explains, as all texts and numbers of armdyn define it.
 
-It is the share of the squared error above the noise that the change removes, on runs that no fit has seen where there
-are any, else on the training runs:
+It is the share of the squared error above the noise that the change removes, measured on runs that were not fitted
+where there are any, else on the training runs:
 
     share = 1 - sum_c w_c max(e_c'^2 - s_c^2, 0) / sum_c w_c max(e_c^2 - s_c^2, 0),
 
@@ -15,15 +15,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.identify.problem import Block, by_channel
+from armdyn.identify.problem import ResidualBlock, blocks_by_channel
 
 ERROR_RATIO_TO_EXPLAIN = 2.0
-"""An error of this many times the noise needs an explanation."""
+"""Ratio of error to noise above which a channel is compared with others for how little of its error is explained."""
 
 
 @dataclass(frozen=True)
 class RepairStep:
-    """One step of a repair, with its errors.
+    """One step of a repair: the effects that it added, and the errors of the model after it.
 
     Attributes:
         added: names of the effects that this step added; empty for the model as given.
@@ -51,19 +51,22 @@ class RepairStep:
 
     @property
     def errors(self) -> dict[str, dict[str, float]]:
-        """Errors by kind of run and channel; the most independent kind of run comes last."""
+        """Errors by kind of run (``"fitted"``, ``"held out"``, ``"exam"``) and channel, the most independent last."""
         kinds = {"fitted": self.rmse, "held out": self.held_out_rmse, "exam": self.exam_rmse}
         return {kind: errors for kind, errors in kinds.items() if errors}
 
-    def judged(self, scale: "Scale") -> dict[str, float]:
-        """Errors of the most independent kind of run, by channel, for the channels that training runs have as well."""
+    def independent_errors(self, scale: "ChannelScale") -> dict[str, float]:
+        """Errors, by channel, on the runs that were used least: exam runs if any, else held-out, else training runs.
+
+        Channels without a unit in `scale`, which no training run has, are left out.
+        """
         *_, found = self.errors.values()
         return {channel: error for channel, error in found.items() if channel in scale.units}
 
 
 @dataclass(frozen=True)
-class Scale:
-    """Units and noise of the channels, which make errors comparable.
+class ChannelScale:
+    """Units and noise of the channels, with which errors of different channels are compared.
 
     Attributes:
         units: SI unit by channel.
@@ -74,35 +77,37 @@ class Scale:
     noise: Mapping[str, float]
 
     @classmethod
-    def of(cls, blocks: Sequence[Block]) -> "Scale":
+    def of(cls, blocks: Sequence[ResidualBlock]) -> "ChannelScale":
         """Units and noise of some blocks' channels; the noise of several runs is the root of the mean variance."""
-        channels = by_channel(blocks)
+        channels = blocks_by_channel(blocks)
         noise = {c: float(np.sqrt(np.mean([block.noise**2 for block in mine]))) for c, mine in channels.items()}
         return cls({channel: mine[0].unit for channel, mine in channels.items()}, noise)
 
 
-def explained(before: RepairStep, after: RepairStep, scale: Scale) -> float:
-    """Share of the squared error that a change explains.
+def explained_share(before: RepairStep, after: RepairStep, scale: ChannelScale) -> float:
+    """Share of the squared error that a change of the model explains; the module defines it.
 
-    At most 1; negative where the error grew; 1 where there was no error above the noise.
+    It is at most 1, negative where the error grew, and 1 where there was no error above the noise.
 
     Args:
         before: errors of the model as given.
         after: errors of the changed model.
         scale: units and noise of the channels.
     """
-    return share_gone(before.judged(scale), after.judged(scale), scale)
+    return explained_error_share(before.independent_errors(scale), after.independent_errors(scale), scale)
 
 
-def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> float:
-    """Share of the squared error that is explained, from root mean square errors by channel."""
+def explained_error_share(before: Mapping[str, float], after: Mapping[str, float], scale: ChannelScale) -> float:
+    """Share of the squared error above the noise that is removed, from root mean square errors by channel."""
     first, last = (_above_noise(errors, scale) for errors in (before, after))
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0
     return 1.0 - last / first
 
 
-def least_explained(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> tuple[str, float] | None:
+def least_explained_channel(
+    before: Mapping[str, float], after: Mapping[str, float], scale: ChannelScale
+) -> tuple[str, float] | None:
     """The channel whose error is explained least, and the share explained; None where there is a single channel.
 
     Errors are root mean squares by channel; channels whose error was already at the noise are left out.
@@ -112,11 +117,11 @@ def least_explained(before: Mapping[str, float], after: Mapping[str, float], sca
         for channel in before
         if channel in after and before[channel] > ERROR_RATIO_TO_EXPLAIN * scale.noise[channel]
     ]
-    shares = {c: share_gone({c: before[c]}, {c: after[c]}, scale) for c in seen}
+    shares = {c: explained_error_share({c: before[c]}, {c: after[c]}, scale) for c in seen}
     return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None
 
 
-def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:
+def _above_noise(errors: Mapping[str, float], scale: ChannelScale) -> float:
     """Sum of the channels' squared errors above the noise."""
     one_unit = len({scale.units[channel] for channel in errors}) < 2
     total = 0.0
@@ -126,7 +131,7 @@ def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:
     return total
 
 
-def in_percent(share: float) -> str:
+def percent_text(share: float) -> str:
     """Format ``0.9994`` as ``99.9 %``, rounded down: 100 % means that no error is left."""
     if not math.isfinite(share):
         return "–"

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 
 class Displayable(ABC):
-    """Base class of everything that a notebook shows."""
+    """Base class of results that a notebook can show, plot and convert to a data frame."""
 
     @abstractmethod
     def document(self) -> "Document":
@@ -19,10 +19,10 @@ class Displayable(ABC):
         return f"{type(self).__name__}: {self.document().verdict}"
 
     def _repr_html_(self) -> str:
-        """A small card for a notebook, without scripts."""
-        from armdyn.notebook import card
+        """HTML without scripts, which a notebook shows for the result."""
+        from armdyn.notebook import html_card
 
-        return card(self.document())
+        return html_card(self.document())
 
     def plot(self) -> Any:
         """Plot measured and predicted channels over time as a plotly figure; of several runs one is visible at a time.
@@ -30,22 +30,22 @@ class Displayable(ABC):
         Raises:
             InputError: plotly is missing, or there is nothing to plot: compare a model with runs, and plot that.
         """
-        from armdyn.notebook import figure
+        from armdyn.notebook import plotly_figure
 
-        return figure(self.document())
+        return plotly_figure(self.document())
 
     def to_dataframe(self, what: str = "") -> Any:
-        """A table of the result as a pandas data frame.
+        """Convert a table of the result to a pandas data frame.
 
         Args:
-            what: ``"parameters"``, ``"channels"``, ``"samples"`` or ``"missing_force"``; of a diagnosis also
-                ``"candidates"``, of a repair also ``"steps"``, of a plan ``"experiments"``; a run has ``"samples"`` and
-                ``"channels"``, a model ``"parameters"``. The first of what there is when it is not given.
+            what: name of the table: ``"parameters"``, ``"channels"``, ``"samples"`` or ``"missing_force"``; for a
+                diagnosis also ``"candidates"``, for a repair also ``"steps"``, for a plan ``"experiments"``. A run has
+                ``"samples"`` and ``"channels"``, a model has ``"parameters"``. By default the first of them.
 
         Raises:
             InputError: pandas is missing.
             UnknownNameError: there is no such table.
         """
-        from armdyn.notebook import frame
+        from armdyn.notebook import data_frame
 
-        return frame(self.document(), what)
+        return data_frame(self.document(), what)

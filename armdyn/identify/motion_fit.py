@@ -1,11 +1,11 @@
-r"""Fit the values of an arm to its motion, where the recordings contain the drives' commands but no torques.
+r"""Fit the values of an arm's model to its motion, where the recordings contain the drives' commands but no torques.
 
-Which effects are missing is found from linear least squares on the drives' readings. The friction found in this way is
-too small by a quarter to a half, because readings of a sticking joint are left out, and a wrong gain has the same
-relative error everywhere. So the values of the effects, the gains and the delays are finally fitted by least squares to
-the positions that the closed loop simulates, in windows that grow from short pieces of the measured motion to whole
-recordings (multiple shooting first: Bock 1983): over a whole recording with a wrong start the gradient is useless. The
-motion of a joint depends on its own values; values that act through the links affect the motion of every joint.
+Which effects are missing is found by linear least squares on the torques that follow from the drives' control laws. The
+friction found in this way is too small by a quarter to a half, because samples of a sticking joint are left out. So the
+values of the effects, the gains and the delays are finally fitted by least squares to the positions of a closed-loop
+simulation. The windows of the simulation grow from short pieces of the measured motion to whole recordings (multiple
+shooting first: Bock 1983), because over a whole recording with a wrong start the gradient is useless. The motion of a
+joint depends on its own values; values that act through the links affect the motion of every joint.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,34 +32,35 @@ from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
-"""Lengths of the windows in turn, s; the second list is for drives without a position command, which pull nothing
-back."""
+"""Lengths of the windows of successive fits, s; the second list is for drives without a position command, whose
+simulation drifts away."""
 MAX_WINDOW_STEPS, MAX_COARSE_STEPS = 30, 6
-"""Largest number of steps at the end, and of steps that only lead near it."""
+"""Largest number of steps of the last fit, and of the earlier ones, which only lead near its solution."""
 MIN_DECREASE_NATS = 0.1
-"""Log likelihood that a step must gain to be followed by another one: less moves no value by half of its deviation."""
+"""Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
 DIFFERENCE_SHARE = 0.02
-"""Share of its typical size by which a value is changed in a difference quotient: friction steps in time are rounded
-there."""
+"""Change of a value in a difference quotient, as a share of its typical size; smaller changes are lost in the steps of
+friction."""
 TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
-"""Typical change of the logarithm of a gain, and of a delay, s."""
+"""Typical change of the logarithm of a drive's gain, and of its delay, s."""
 MAX_DELAY_SECONDS = 0.2
 """Largest delay of a drive, s; known drives are well below."""
 START_STD_FACTOR = 3.0
-"""Standard deviation of a window's start state, in standard deviations of the smoothed positions and velocities."""
+"""Prior standard deviation of a window's start state, in standard deviations of the smoothed measured motion."""
 START_DIFFERENCES = (1e-3, 1e-2)
 """Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
 INDEPENDENT_SECONDS = 2.0
-"""Length of a stretch of a recording, s, that is independent of the next one: far longer than the memory of a servo."""
+"""Length of a stretch of a recording, s, whose errors are independent of the next one's: servos react far faster."""
 ROBUST_ERROR_RATIO, OPEN_LOOP_ERROR_RATIO = 0.5, 20.0
-"""Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
-another way, a whole recording diverges; the short windows of an open loop do not. Errors up to an encoder's step are
-its rounding, and count with their square: counted with their size they bend torque offsets by eleven deviations."""
+"""Ratio of an error to the median error above which it counts with its size, not its square (in closed and open loop):
+after a collision a simulation of a whole recording diverges; the short windows of an open loop do not. Errors up to an
+encoder's step always count with their square: otherwise they would shift torque offsets by eleven standard deviations.
+"""
 MIN_MOTION_CORRELATION = 0.05
-"""Autocorrelation of the errors from which on it counts in their correlation time."""
+"""Autocorrelation below which the sum for the correlation time of the position errors ends."""
 
 LINK_EFFECTS = ("payload", "link_inertia")
-"""Effects that act on a joint and load every joint before it."""
+"""Effects that change a link, and thus the torques of every joint between the link and the base."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,15 @@ class _Unknown:
     prior: tuple[float, float]
 
 
-def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
-    """Fit the values of an arm model to closed-loop motion; without any, the model is returned unchanged.
+def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
+    """Fit an arm's model to the measured positions of runs by closed-loop simulation, and return it.
+
+    A model without drives, or runs without commands, leave the model unchanged.
 
     Args:
-        model: the model with its effects; values that are not free keep their value.
+        model: the model with its effects.
         runs: training runs.
-        given: the drives as the user declared them; their stated gains are priors. None means those of the model.
+        given: the drives as the user declared them, whose stated gains are priors; None means those of the model.
     """
     usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
