@@ -24,6 +24,7 @@ class LinearStudy(Study):
     """Fits of a model whose predictions are linear in most values; see `Study`."""
 
     later_ties = False
+    sums_predict = True
 
     @cached_property
     def _scorers(self) -> dict[Fit, LinearScorer]:

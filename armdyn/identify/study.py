@@ -48,6 +48,8 @@ class Study(ABC):
 
     later_ties: ClassVar[bool]
     """Whether a diagnosis is undecided where any step of the search has a tie, and not the first step only."""
+    sums_predict: ClassVar[bool] = False
+    """Whether sums at one fit predict the result of any set of effects, and of held-out runs."""
     ignored_chi2: ClassVar[float] = 0.0
     """Chi2 per sample that the errors of measured inputs cause in the predictions, and that is no missing effect."""
 
