@@ -24,7 +24,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import all_blocks, predict_runs
 from armdyn.identify.prepare import run_noise
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import Block, Problem, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.run import Run
 

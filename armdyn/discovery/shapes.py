@@ -168,7 +168,7 @@ def sticky_friction_terms(site: TermLocation, v: TermVariable, widths: Sequence[
 
 
 def cable_terms(site: TermLocation, v: TermVariable) -> Shapes:
-    """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1) and its mirror image."""
+    """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1), and mirrored."""
     toward = "" if site.resisting_sign else "-"
     where = {"place": position_parameter(v), "width": _width(v.unit, 0.4 * v.span, 0.05, 10.0)}
     for back, away in ((site.resisting_sign, f"{v.name} - place"), (toward, f"place - {v.name}")):

@@ -11,7 +11,7 @@ from worlds.imperfect_arm import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, add, repair, with_background
-from armdyn.identify.selection.background import find_background, fit_all_effects
+from armdyn.identify.selection.background import AllEffectsFit, find_background, fit_all_effects
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 

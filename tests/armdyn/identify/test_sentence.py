@@ -10,12 +10,13 @@ from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.selection.search import Search
-from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences, total_errors
+from armdyn.identify.sentence import RepairResidual as Rest
+from armdyn.identify.sentence import Verdict, repair_sentences, total_errors
 from armdyn.run import Channel
 
 ARM = ChannelScale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
 CELL = ChannelScale({"load_force": "N"}, {"load_force": 0.003})
-NOISE, HELD_OUT = RepairResidual(exceeds_noise=False), HoldoutKind.HELD_OUT
+NOISE, HELD_OUT = Rest(exceeds_noise=False), HoldoutKind.HELD_OUT
 
 
 def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
@@ -31,16 +32,16 @@ EXAM = [
 AT_NOISE, HALF = step({"tau.a": 0.5, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
 TIED = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
 REPAIRS = {
-    "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.IN_TURN, ARM, RepairResidual(True, "it depends on v.b")),
-    "one that explains a little": ([GIVEN, SPRING], HELD_OUT, ARM, RepairResidual(True, further="rotor_inertia on left_e0")),
+    "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.IN_TURN, ARM, Rest(True, "it depends on v.b")),
+    "one that explains a little": ([GIVEN, SPRING], HELD_OUT, ARM, Rest(True, further="rotor_inertia on left_e0")),
     "an exam": (EXAM, HoldoutKind.EXAM, ARM, NOISE),
-    "an effect that was asked for": ([GIVEN, SPRING], HELD_OUT, ARM, RepairResidual(True, searched=False)),
-    "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, RepairResidual(True)),
+    "an effect that was asked for": ([GIVEN, SPRING], HELD_OUT, ARM, Rest(True, searched=False)),
+    "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, Rest(True)),
     "several effects": ([GIVEN, SPRING, LAST], HELD_OUT, ARM, NOISE),
     "many effects": ([GIVEN, step(SPRING.rmse, [f"effect_{i}" for i in range(6)])], HELD_OUT, ARM, NOISE),
     "a joint with little explained": ([step({"tau.a": 1.0, "tau.b": 40.0}), HALF], HELD_OUT, ARM, NOISE),
     "a joint at the noise": ([AT_NOISE, HALF], HELD_OUT, ARM, NOISE),
-    "ties and warnings": (TIED, HELD_OUT, CELL, RepairResidual(False, warnings=["the link of b weighs 241 kg in the model"])),
+    "ties and warnings": (TIED, HELD_OUT, CELL, Rest(False, warnings=["the link of b weighs 241 kg in the model"])),
     "nothing": ([GIVEN], HoldoutKind.TRAINING, ARM, NOISE),
 }
 
