@@ -1,7 +1,7 @@
-"""One smooth branch of postures along a path, as the solution of a square system of equations.
+"""A smooth branch of postures along a path, as the solution of a square system of equations.
 
-An arm with more joints than the task has equations can hold the tool in a whole family of postures. The branch picks
-one of them by appending rows to the task,
+A posture is the vector of all joint positions. An arm with more than six joints can hold the tool at one pose in
+infinitely many postures. A branch selects one of them at each point of the path, by additional equations,
 
     tool(q) = target(s),    W q = h(s),
 
@@ -34,13 +34,13 @@ BRANCH_MAX_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no f
 
 @dataclass(frozen=True)
 class Branch:
-    """The equations that select one branch of postures and make the task square.
+    """The additional equations W q = h(s) that select one posture q of a redundant arm at each path coordinate s.
 
     Attributes:
-        weights: W, (r, n); r = n - 6 may be 0.
-        coefficients: Chebyshev coefficients of h, (r, degree + 1) [rad or m].
-        s_min: where h's interval starts [m].
-        s_max: where it ends [m].
+        weights: the matrix W, (r, n), for n joints; r = n - 6 may be 0.
+        coefficients: Chebyshev coefficients of the polynomial h, (r, degree + 1) [rad or m].
+        s_min: lower end of the interval of h [m].
+        s_max: upper end of the interval of h [m].
     """
 
     weights: Array
@@ -49,21 +49,28 @@ class Branch:
     s_max: float
 
     def basis(self, s: Array, derivative: int = 0) -> Array:
-        """Chebyshev polynomials at s, or one of their derivatives by s: (k, degree + 1)."""
+        """Chebyshev polynomials at path coordinates s (k,), or their derivatives of a given order: (k, degree + 1)."""
         terms = self.coefficients.shape[1]
         scale = 2.0 / (self.s_max - self.s_min)
         derived = chebyshev.chebder(np.eye(terms), derivative, axis=0)
         return scale**derivative * chebyshev.chebvander(scale * (s - self.s_min) - 1.0, len(derived) - 1) @ derived
 
     def height(self, s: Array, derivative: int = 0) -> Array:
-        """The polynomial h or one of its derivatives by s: (k, r)."""
+        """The polynomial h at path coordinates s (k,), or its derivative of a given order: (k, r)."""
         return self.basis(s, derivative) @ self.coefficients.T
 
     def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
-        """Newton's method on the square system, for all coordinates (k,) [m] at once, from guessed postures (k, n).
+        """Solve tool(q) = target(s) and W q = h(s) for the postures q by Newton's method.
+
+        Args:
+            chain: kinematics of the arm.
+            path: the tool's path.
+            s: path coordinates, (k,) [m].
+            guess: postures from which the iteration starts, (k, n) [rad or m].
 
         Returns:
-            Postures, (k, n) [rad or m], and the largest residual of each system's equations, (k,) [m or rad].
+            Postures, (k, n) [rad or m], and the largest remaining error of the equations at each coordinate, (k,)
+            [m or rad].
         """
         rotation, position = path.pose(s)
         height = self.height(s)
@@ -80,16 +87,22 @@ class Branch:
         return q, residual
 
     def matrix(self, jacobian: Array) -> Array:
-        """A = [J; W] for a Jacobian of shape (6, n, k): (k, n, n)."""
+        """Matrix A = [J; W] of the linearised equations, (k, n, n), from the tool's Jacobians J (6, n, k)."""
         batch = jacobian.shape[2]
         rows = np.broadcast_to(self.weights[:, :, None], (*self.weights.shape, batch))
         return np.concatenate((jacobian, rows)).transpose(2, 0, 1)
 
     def derivatives(self, chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
-        """Exact derivatives along the branch at coordinates (k,) [m] and postures on the branch, (k, n).
+        """First and second derivatives of the branch's postures with respect to the path coordinate.
+
+        Args:
+            chain: kinematics of the arm.
+            path: the tool's path.
+            s: path coordinates, (k,) [m].
+            q: postures of the branch at these coordinates, (k, n) [rad or m].
 
         Returns:
-            q' and q'', (k, n) each [rad/m, rad/m^2], and the Jacobians, (k, 6, n).
+            The derivatives q' and q'', (k, n) each [rad/m, rad/m^2], and the tool's Jacobians, (k, 6, n).
         """
         motion = chain.motion(q)
         jacobian = chain.jacobian(motion)
@@ -105,7 +118,7 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
-WANTED_JOINT_MARGIN = 0.53  # rad or m to keep from every joint limit
+WANTED_JOINT_MARGIN = 0.53  # rad or m; wanted distance from every joint limit
 MARGIN_WEIGHT = 10.0  # s of traverse time that a radian of missing margin is worth
 CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
 CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
@@ -115,13 +128,13 @@ FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may ch
 
 
 def in_core(path: Path, s: Array) -> Array:
-    """1 where coordinates (k,) [m] belong to the core of a path, else 0."""
+    """1 where path coordinates s (k,) [m] lie in the path's core, the part on which a speed is required; else 0."""
     low, high = path.core
     return ((s >= low - 1e-9) & (s <= high + 1e-9)).astype(np.float64)
 
 
 class _Candidate(NamedTuple):
-    """A branch, its postures (k, n) at the nodes with two derivatives, how h lifts them, (k, n, r), and its cost."""
+    """A branch with its postures, their derivatives q' and q'', the derivative dq/dh (k, n, r), and its cost [s]."""
 
     branch: Branch
     q: Array
@@ -132,17 +145,25 @@ class _Candidate(NamedTuple):
 
 
 def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
-    r"""Change the polynomial h so that the path can be travelled faster.
+    r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
-    Minimises the traverse time at full speed plus bending, missing speed on the core and missing joint margin,
+    Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and
+    of missing distance from the joint limits,
 
         \int \max_j |q_j'| / v_j  ds + CURVATURE/2 \int |q'' / v|^2 ds + penalties,
 
-    where each round linearises the branch in h, within a trust region. It starts from a branch and postures near it,
-    (k, n), at evenly spaced coordinates (k,) [m].
+    with v the joints' speed limits. Each round solves a quadratic program, linearised in h, within a trust region.
+
+    Args:
+        chain: kinematics of the arm.
+        limits: limits of the joints.
+        path: the tool's path.
+        branch: branch from which the optimisation starts.
+        s: evenly spaced path coordinates, (k,) [m].
+        q: postures near the branch at these coordinates, (k, n) [rad or m].
 
     Returns:
-        The branch and its postures at s, (k, n).
+        The optimised branch, and its postures at s, (k, n).
     """
     best = _assess(chain, limits, path, branch, s, q)
     if best is None or len(branch.weights) == 0:
@@ -164,7 +185,7 @@ def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q
 
 
 def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
-    """The branch solved from postures near it, with its cost; None where it cannot be solved."""
+    """Solve a branch from postures near it, and compute its cost; None where it cannot be solved."""
     q, residual = branch.solve(chain, path, s, q)
     if residual.max() > 1e-9:
         return None
@@ -182,7 +203,7 @@ def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, 
 
 
 def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: float) -> Array:
-    """Change of the coefficients, (r, degree + 1), that is best to first order within the trust region."""
+    """Change of the coefficients, (r, degree + 1), that minimises the linearised cost within the trust region."""
     rows, degree = now.branch.coefficients.shape
     nodes, joints = now.q.shape
     step = s[1] - s[0]

@@ -1,4 +1,4 @@
-"""Why an arm cannot hold its tool at a target: out of reach, a joint limit or a collision, and by how much."""
+"""Find the target poses that an arm cannot reach, and the reason: distance, a joint limit or a collision."""
 
 from dataclasses import dataclass
 
@@ -9,18 +9,19 @@ from ik.solver import Solver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-UNLIMITED_STARTS_PER_TARGET = 200  # starting postures that a search without joint limits may use
+UNLIMITED_STARTS_PER_TARGET = 200  # starting postures per target in the search without joint limits
 
 
 @dataclass(frozen=True)
 class Miss:
-    """A target that cannot be held.
+    """A target pose of the tool that the arm cannot reach.
 
     Attributes:
-        s: its path coordinate [m].
-        position: of the tool point, (3,) [m].
-        distance, angle: how far off the tool stays within the joint limits [m, rad]; 0 for a collision.
-        why: the reason, as the end of a sentence: beyond reach, or the joint or the links that forbid it.
+        s: path coordinate of the target [m].
+        position: target of the tool point, (3,) [m].
+        distance: smallest distance of the tool point from the target within the joint limits [m]; 0 for a collision.
+        angle: angle between the tool and its target at this distance [rad]; 0 for a collision.
+        why: the reason, as the end of a sentence: the arm's reach, a joint's limit, or two links that would collide.
     """
 
     s: float
@@ -31,14 +32,14 @@ class Miss:
 
     @property
     def sentence(self) -> str:
-        """The target, the distance by which it is missed, and the reason, as a sentence."""
+        """The target, its distance from the reachable poses, and the reason, as a sentence."""
         where = ", ".join(f"{value:.3f}" for value in self.position)
         off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
         return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
 
 
 def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
-    """The targets at path coordinates (k,) [m] that the arm cannot hold, in this order, each with the reason."""
+    """Find the poses on a path that an arm cannot reach, of those at path coordinates s (k,) [m], in this order."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T
     solver = Solver(robot)
@@ -62,7 +63,7 @@ def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) 
 
 
 def _joint_beyond_limit(robot: Robot, q: Array) -> str:
-    """Which joint of a posture is furthest beyond its limits, whole turns apart, and by how much."""
+    """Name the joint that is furthest beyond its limits, angles reduced by whole turns, as the end of a sentence."""
     middle = (robot.limits.lower + robot.limits.upper) / 2
     margin = robot.limits.margin(middle + np.remainder(q - middle + np.pi, 2 * np.pi) - np.pi)
     joint = int(margin.argmin())

@@ -1,4 +1,4 @@
-"""Paths as text: a path's own readable file, and its description in a table."""
+"""Read a path of the tool from a TOML file, or from the description that an IK table contains."""
 
 from pathlib import Path as File
 from typing import Any
@@ -17,17 +17,18 @@ PATH_KEYS = (
     "follow", "points", "tool_rpy", "rotation", "rotations",
 )  # fmt: skip
 MAX_COORDINATE = 100.0
-"""Largest coordinate, m; a larger one is in another unit."""
+"""Largest coordinate [m]; a larger number is probably in another unit."""
 MAX_SPLINE_POINTS = 1000
 """Largest number of points of a spline."""
 
 
 def read_path(file: str | File) -> Path:
-    """Read a path from a TOML file; positions in the robot's base frame, SI units.
+    """Read a path of the tool from a TOML file, in SI units and the robot's base frame.
 
-    ``kind = "line"``: ``origin``, ``direction``, ``range``. ``kind = "circle"``: ``centre``, ``radius``, ``normal``,
-    ``start`` (a direction from the centre), ``range_deg``, ``follow``. ``kind = "spline"``: ``points``. All of them:
-    ``tool_rpy``, three angles [rad], for a spline also one triple per point.
+    The entry ``kind`` selects the other entries. ``"line"``: ``origin``, ``direction``, ``range``. ``"circle"``:
+    ``centre``, ``radius``, ``normal``, ``start`` (direction from the centre), ``range_deg``, ``follow``. ``"spline"``:
+    ``points``. Every kind has ``tool_rpy``, the tool's roll, pitch and yaw [rad]; a spline may have one triple per
+    point.
 
     Raises:
         InputError: the file cannot be read, or an entry is missing or has the wrong form.
@@ -48,11 +49,11 @@ def read_path(file: str | File) -> Path:
 
 
 def path_of(content: dict[str, Any]) -> Path:
-    """The path that a file or `Path.describe` describes.
+    """Make a path from the entries of a path file, or from the result of `Path.describe`.
 
     Raises:
         KeyError: an entry is missing.
-        TypeError, ValueError: an entry is of the wrong kind or length.
+        TypeError, ValueError: an entry has the wrong type or length.
         InputError: the entries do not describe a valid path.
     """
     path = _path_of(content)

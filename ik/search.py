@@ -1,4 +1,4 @@
-"""Find a line for an arm: where it can move its tool fast, far from every limit, without touching anything."""
+"""Search for a straight line on which an arm can move its tool fast, far from joint limits and without collisions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,41 +18,53 @@ from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
-SEARCH_GRID = 0.1  # m between the targets of the first look
-REACHABLE_STARTS = 3  # per target of the first look
-PLANNED_ROWS = 8  # of the best rows that are planned
-STARTS_PER_LINE = 3  # different postures from which each of them is planned
-LINE_STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
+SEARCH_GRID = 0.1  # m between the targets of the coarse grid
+REACHABLE_STARTS = 3  # starting postures per target of the coarse grid
+PLANNED_ROWS = 8  # lines of the coarse grid that are planned: the best ones
+STARTS_PER_LINE = 3  # different postures from which each of these lines is planned
+LINE_STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
 WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
 WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
-CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s asked for while searching; a lower one is tried where a limit is broken
-KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
-LINE_TARGETS = 9  # targets on a line that must be reachable at all
+CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s required on the core in the search; the next is tried where a limit is violated
+KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires; the rest serves the joint margin
+LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
 
 
 class Found(NamedTuple):
-    """A line, with the speed, the margins and the score that it reaches."""
+    """A line that the arm can follow, with its speed, margins and score.
+
+    Attributes:
+        line: the line.
+        home: posture at s = 0 that selects the branch, (n,) [rad or m].
+        core_speed: smallest value on the core of the largest possible tool speed [m/s].
+        whole_speed: smallest value on the whole line of the largest possible tool speed [m/s].
+        joint_margin: smallest distance of a joint from its position limit [rad or m].
+        clearance: smallest distance of two links in the collision check [m]; nan until it is computed.
+        torque: largest share of a torque limit that holding still takes, without and with springs.
+        score: score that the search maximises.
+    """
 
     line: Line
-    home: Array  # (n,), the posture at s = 0 that picks the branch
-    core_speed: float  # m/s, least on the core
-    whole_speed: float  # m/s, least on the whole line
-    joint_margin: float  # rad or m
-    clearance: float  # m to whatever is closest; nan until it is measured
-    torque: tuple[float, float]  # largest share of a torque limit at rest, without and with springs
+    home: Array
+    core_speed: float
+    whole_speed: float
+    joint_margin: float
+    clearance: float
+    torque: tuple[float, float]
     score: float
 
 
 @dataclass(frozen=True)
 class Demand:
-    """Requirements on the line to find.
+    """Requirements on the line that `search_line` searches for.
 
     Attributes:
         direction: unit vector of growing s in the base frame, (3,).
-        rotation: orientation of the tool, (3, 3); None for the right-angled one nearest to that at home.
+        rotation: orientation of the tool, (3, 3); None for the orientation parallel to the base's axes that is nearest
+            to the tool's at home.
         s_min: first line coordinate [m].
         s_max: last line coordinate [m].
-        core: the stretch on which speed matters most [m].
+        core: first and last coordinate of the part on which speed matters most [m].
     """
 
     direction: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -69,17 +81,22 @@ class Demand:
 
 
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
-    """Find a line for an arm: vary distance, height and centre, and maximise usable speed and joint margin.
+    """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
-    The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
-    something, or on which some joint cannot hold the arm still, with or without springs, are rejected.
+    The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
+    collision are rejected, and lines on which a joint's torque does not suffice to hold the arm still.
 
-    Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
-    reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
-    of the best one. The robot's home posture is one of the starts. `progress` is called with a text on the progress.
+    Only lines on one side of the base are searched: to the right of a person at the base who looks along the direction.
+    A coarse grid of reachable targets gives the first candidates. The best ones are planned, from the home posture and
+    others; then the best line is moved in smaller and smaller steps.
+
+    Args:
+        robot: the arm.
+        demand: requirements on the line; by default those of `Demand()`.
+        progress: function that is called with a sentence about each step.
 
     Raises:
-        UnreachableError: no line of this length and direction can be followed.
+        UnreachableError: the arm can follow no line of this length and direction.
     """
     demand, say = demand or Demand(), progress or (lambda _: None)
     search = _Search(robot, demand)
@@ -110,7 +127,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
 
 
 def upright_rotation(rotation: Array) -> Array:
-    """The orientation with right angles to the base's axes that is nearest to a given one, (3, 3)."""
+    """The orientation (3, 3) with axes parallel to the base's axes that is nearest to a given orientation (3, 3)."""
     upright = np.round(Rotation.create_group("O").as_matrix()) + 0.0
     return np.asarray(upright[np.einsum("kij,ij->k", upright, rotation).argmax()])
 
@@ -132,7 +149,7 @@ class _Search:
         return Line(origin, self.direction, self.rotation, demand.s_min, demand.s_max, demand.core, core_speed)
 
     def shortlist(self) -> list[Array]:
-        """Origins of lines whose targets can all be reached, the fastest at a first look first."""
+        """Origins of the lines of the coarse grid whose targets are all reachable, the fastest first."""
         frame = self.frame
         postures = np.random.default_rng(0).uniform(
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
@@ -162,7 +179,7 @@ class _Search:
         return chosen
 
     def starts(self, origin: Array) -> list[Array]:
-        """Postures at s = 0 to plan from, as different as can be."""
+        """Postures at s = 0 from which a line is planned, as different from each other as possible."""
         found = self.solver.postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
@@ -197,7 +214,7 @@ class _Search:
         return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: Found) -> Found:
-        """Require slightly less than the best speed, and measure how close the arm comes to an obstacle."""
+        """Plan the best line again for a slightly lower speed, and compute its clearance."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
@@ -206,7 +223,7 @@ class _Search:
         return found._replace(home=home, clearance=clearance)
 
     def _first_look(self, position: Array) -> Array:
-        """Speed along the direction in some posture at each target, (k,) [m/s]; 0 where no posture was found."""
+        """Possible tool speed at each target in one posture, (k,) [m/s]; 0 where no posture was found."""
         rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
         answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
         jacobian = self.chain.jacobian(self.chain.motion(answers.q)).transpose(2, 0, 1)

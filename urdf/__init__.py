@@ -1,6 +1,6 @@
-"""Robots: find, validate and mend a URDF, and add the facts that a URDF cannot contain.
+"""Load robots: find, validate and mend a URDF, and add the properties that a URDF cannot contain.
 
-Everything is loaded when it is first asked for (PEP 562): a command that reads no robot does not wait for Pinocchio.
+Modules are imported at first use (PEP 562), so that a command that reads no robot does not wait for Pinocchio.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Settings for a robot without a settings file."""
+"""Choose the settings of a robot that has no settings file: its arm, its tool and a home posture."""
 
 import math
 from pathlib import Path
@@ -19,21 +19,30 @@ LIMITS_SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-RANDOM_POSTURES = 2000  # random postures among which a home is chosen
+RANDOM_POSTURES = 2000  # random postures among which the home posture is chosen
 GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
-"""Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
+"""Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 
 
 def infer(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
 ) -> tuple[Settings, tuple[str, ...]]:
-    """Choose an arm and its tool in a URDF, as far as its joints (from base to tool) and the tool's link are not given.
+    """Choose the arm and the tool of a robot in a URDF, where they are not given.
 
-    The arm is the chain with most moving joints from the root, without those of a gripper; its tool is the last link
-    that moves with it and carries no further joint.
+    The arm is the chain from the root with the most moving joints, without those of a gripper; its tool is the last
+    link that moves with it and carries no further joint.
+
+    Args:
+        root: root element of the URDF.
+        path: the URDF's file, for messages.
+        joints: names of the arm's joints from base to tool; None to choose them.
+        tool: name of the tool's link; None to choose it.
 
     Returns:
-        The settings, without home and limits, and a sentence per choice.
+        The settings, without home posture and limits, and a sentence per choice that was made.
+
+    Raises:
+        UrdfError: a given joint does not exist, does not move or mimics another joint.
     """
     moving = {
         str(joint.get("name")): joint
@@ -71,12 +80,16 @@ def infer(
 
 
 def is_gripper(name: str) -> bool:
-    """Whether a name is that of a part of a gripper."""
+    """Whether a joint's or link's name contains a usual word for a part of a gripper, such as "finger"."""
     return any(part in name.lower() for part in GRIPPER_NAME_PARTS)
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:
-    """A home posture (n,) of an arm, far from joint limits and singularities: the best of many random ones."""
+    """Choose a home posture (n,) [rad or m] far from joint limits and singularities, the best of many random ones.
+
+    The best one has the largest product of the Jacobian's smallest singular value and the smallest relative distance
+    to a joint limit. `tool_frame` is the index of the tool's frame in the model.
+    """
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
@@ -110,7 +123,7 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
 
 
 def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...]) -> str:
-    """The last link that moves with the last joint and with no further one."""
+    """The last link that is fixed to the link which the arm's last joint moves."""
     moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING_JOINT_TYPES}
     best: list[str] = []
     for chain, links in chains:

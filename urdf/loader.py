@@ -27,7 +27,7 @@ SETTINGS = Path(__file__).parent / "robots"
 
 
 def known_robots() -> tuple[str, ...]:
-    """Names that `load` knows."""
+    """Names of the robots that `load` finds without a file."""
     return tuple(sorted(path.stem for path in SETTINGS.glob("*.toml")))
 
 
@@ -42,12 +42,12 @@ def load(
 
     Args:
         name_or_path: a known robot's name, a URDF file, or a settings file (``.toml``) that names its URDF.
-        joints: the arm's joints from base to tool; those of the settings, else the longest chain, if not given.
-        tool: the link that carries the tool; that of the settings, else the last moving link, if not given.
-        meshes: whether every mesh must be there; without it, shapes whose mesh is missing are left out and listed.
+        joints: the arm's joints from base to tool; by default those of the settings, else the longest chain.
+        tool: the link that carries the tool; by default that of the settings, else the last moving link.
+        meshes: whether a missing mesh file is an error; if False, shapes whose mesh is missing are removed and listed.
 
     Returns:
-        The robot; its ``defects`` list what was wrong, and what was done about it.
+        The robot; its ``defects`` list the faults of the description and how each was repaired.
 
     Raises:
         UrdfError: the description is unknown or cannot be used.
@@ -82,9 +82,9 @@ def load(
 
 @dataclass(frozen=True)
 class _Description:
-    """A checked robot description as a URDF, and what MuJoCo made of it if it is an MJCF.
+    """A checked robot description as a URDF, with the compiled MJCF if it was one.
 
-    A user who makes a model must know its `notes`; `changed` are further sentences, about changes.
+    `notes` are sentences that a user who makes a model must know; `changed` are sentences about repairs.
     """
 
     path: Path
@@ -94,7 +94,7 @@ class _Description:
     mjcf: "Mjcf | None" = None
 
     def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
-        """Dynamics of an arm in the description that a URDF cannot contain."""
+        """Gravity, rotors, damping and springs of an arm."""
         if self.mjcf is None:
             return IN_A_URDF
         from urdf.mjcf_dynamics import arm_dynamics
@@ -153,7 +153,7 @@ def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
 
 
 def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None) -> Settings:
-    """Settings for some of an arm's joints, or another tool; a line holds for neither."""
+    """Settings for some of an arm's joints or for another tool, without a line, which would no longer be valid."""
     own = settings.arm.joints
     chosen = own if joints is None else tuple(joints)
     for name in chosen:
@@ -175,7 +175,10 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
 
 
 def _assemble(described: _Description, srdf: Path | None, settings: Settings, text: str, meshes: bool) -> Robot:
-    """The robot of a description, which is mended in place, and of settings, whose text is part of the fingerprint."""
+    """Build the robot from a description, which is mended in place, and its settings.
+
+    The settings' text is part of the robot's fingerprint.
+    """
     joints, root, path = settings.arm.joints, described.root, described.path
     validate.check_limits(root, path, joints)
     defects = [*described.changed, *complete_limits(root, joints)]
@@ -246,7 +249,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
 
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
-    """Model of the arm alone, with joints in order from base to tool and carried joints fixed."""
+    """Model of the arm alone, with all other joints fixed, and the names of the fixed joints that the arm carries."""
     with library_errors(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]

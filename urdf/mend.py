@@ -16,10 +16,11 @@ from urdf.settings import Frame
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
 ENDLESS_JOINT_TURN = 2 * math.pi
+"""Position limit to either side of a joint without limits [rad]."""
 
 
 def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
-    """Add massless links with fixed joints to a URDF, in place."""
+    """Add each frame to a URDF as a massless link with a fixed joint, in place."""
     for frame in frames:
         ET.SubElement(root, "link", name=frame.name)
         joint = ET.SubElement(root, "joint", name=f"{frame.name}_joint", type="fixed")
@@ -29,7 +30,11 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
 
 
 def tell_apart(root: ET.Element) -> list[str]:
-    """Rename links with the name of a joint, in place, as Pinocchio keeps both in one list; a sentence each."""
+    """Rename the links of a URDF that have the name of a joint, in place; Pinocchio needs different names.
+
+    Returns:
+        A sentence per renamed link.
+    """
     joints = {joint.get("name") for joint in root.findall("joint")}
     taken = joints | {link.get("name") for link in root.findall("link")}
     renamed = {}
@@ -45,9 +50,13 @@ def tell_apart(root: ET.Element) -> list[str]:
 
 
 def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give every joint a ``<limit>``, in place, as urdfdom reads no joint without one; zeros mean that it is not given.
+    """Give every moving joint of a URDF a ``<limit>`` element, in place; the parser urdfdom requires one.
 
-    The arm's endless joints get one turn to either side, so that each has one coordinate and a margin: a sentence each.
+    A limit of zero means that the limit is unknown. Joints of the arm (`joints`) that turn without end get limits of
+    one turn to either side, because Pinocchio describes such a joint by two coordinates.
+
+    Returns:
+        A sentence per joint of the arm that turns without end.
     """
     sentences = []
     for joint in root.findall("joint"):
@@ -84,9 +93,13 @@ Box = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Judged:
-    """Judgement of the inertia of a link that has a defect, in a sentence; whether a body can have the inertia.
+    """A fault of a link's inertia in a URDF.
 
-    Moments of inertia (3,) [kg m^2] from the shapes replace it where they are given.
+    Attributes:
+        link: name of the link.
+        sentence: the fault, and how it was repaired.
+        moments: moments of inertia of the link's collision shapes, (3,) [kg m^2], where they replace those of the file.
+        possible: whether a rigid body can have the inertia of the file.
     """
 
     link: str
@@ -96,15 +109,20 @@ class Judged:
 
 
 def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
-    """Compare every link's inertia with its mass and its collision shapes, and mend impossible ones in place.
+    """Compare every link's inertia with its mass and collision shapes, and replace impossible inertias in place.
 
-    The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
-    0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
-    too small is left alone, as it does little harm and an author may mean a point mass: it is listed. Meshes are found
-    from the path of the URDF and the directories that contain packages; without a path they are not measured.
+    The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers violate this:
+    0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such an inertia is replaced by that of a solid with the link's
+    collision shapes. An inertia that is far too small does little harm and may stand for a point mass: it is listed and
+    kept.
+
+    Args:
+        root: root element of the URDF.
+        path: file of the URDF, from which meshes are found; without it, meshes are not measured.
+        directories: directories that contain the packages of ``package://`` names.
 
     Returns:
-        A judgement per link with a defect.
+        The faults, at most one per link.
 
     Raises:
         UrdfError: a mesh cannot be read.
@@ -131,7 +149,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
 
 def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
-    """Judge one link's inertia; None where nothing is wrong."""
+    """Fault of one link's inertia; None without one."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= MIN_SHAPE_EXTENT and mass > 0 else None
     if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
@@ -157,9 +175,12 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
 
 
 def no_body(inertia: Array) -> str:
-    """Why no body can have an inertia about its centre, (3, 3) upper triangle [kg m^2]; empty where one can.
+    """Explain why no rigid body can have an inertia; empty where a body can have it.
 
-    A principal moment is a sum of squares over the body, and at most the sum of the two others.
+    Every principal moment of inertia must be positive, and at most the sum of the two others.
+
+    Args:
+        inertia: inertia about the centre of mass, (3, 3) [kg m^2]; only the upper triangle is read.
     """
     principal = np.linalg.eigvalsh(inertia, UPLO="U")
     slack = MOMENT_TOLERANCE_SHARE * max(principal[2], 0.0)
@@ -207,7 +228,7 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
 
 
 def _inertia_of_boxes(mass: float, boxes: list[Box]) -> Array:
-    """Moments (3,) [kg m^2] of boxes of one density about their common centre of mass."""
+    """Moments of inertia (3,) [kg m^2] of boxes of equal density about their common centre of mass."""
     volumes = np.array([np.prod(size) for _, size in boxes])
     shares = mass * volumes / volumes.sum()
     centre = sum((share * c for share, (c, _) in zip(shares, boxes, strict=True)), np.zeros(3)) / mass

@@ -1,7 +1,7 @@
 """Read a robot in MuJoCo's XML format, MJCF: MuJoCo compiles it, and the result is converted to a URDF.
 
-Defaults, includes, frames, orientations of every kind and the inertias of shapes are MuJoCo's work. Bodies and joints
-become a URDF here, from which everything else goes on; `urdf.mjcf_dynamics` has what a URDF cannot say.
+MuJoCo resolves defaults, includes, frames and orientations, and computes the inertias of shapes. This module converts
+the compiled bodies and joints to a URDF; `urdf.mjcf_dynamics` reads the properties that a URDF cannot contain.
 """
 
 import os
@@ -21,10 +21,13 @@ from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
 ASSUMED_SPEEDS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
-"""rad/s or m/s that are assumed: an MJCF has no speed limits; 0.25 m/s is the reduced speed of ISO 10218-1."""
+"""Speed limit that is assumed for each type of joint [rad/s or m/s], because an MJCF contains none.
+
+0.25 m/s is the reduced speed of ISO 10218-1.
+"""
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-"""Transmissions of actuators that drive one joint."""
+"""MuJoCo's types of actuator transmission that drive a single joint."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,8 @@ class Mjcf:
         model: compiled ``MjModel``.
         bodies: name of each body by index.
         joints: name of each joint by index; a joint without a name is named after its body.
-        root: bodies, hinges and slides as a URDF.
-        sentences: sentences on what was assumed or left out.
+        root: root element of a URDF with the bodies, hinges and slides.
+        sentences: a sentence per assumption that was made and per element that was left out.
     """
 
     path: Path
@@ -49,10 +52,10 @@ class Mjcf:
 
 
 def read_mjcf(path: Path) -> Mjcf:
-    """Let MuJoCo compile a file, and write its bodies and joints as a URDF.
+    """Compile an MJCF file with MuJoCo, and convert its bodies and joints to a URDF.
 
     Raises:
-        UrdfError: MuJoCo refuses the file, with its own words; or a number in the file is nan or infinite.
+        UrdfError: MuJoCo refuses the file, with MuJoCo's message; or a number in the file is nan or infinite.
     """
     model, noticed = _compiled(path)
     if any("NaN" in text for text in noticed):  # MuJoCo ignores this entry
@@ -72,7 +75,7 @@ def read_mjcf(path: Path) -> Mjcf:
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:
-    """The compiled model, and MuJoCo's warnings."""
+    """The compiled ``MjModel``, and MuJoCo's warnings."""
     noticed: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: noticed.append(f"MuJoCo warns: {' '.join(str(text).split())}"))
@@ -113,7 +116,7 @@ def _names(model: Any, kind: Any, count: int, otherwise: Callable[[int], str]) -
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """The name, made longer where it is in use; it counts as used from now on."""
+    """A name that is not in `taken`, made longer where needed; it is added to `taken`."""
     while name in taken:
         name += "_"
     taken.add(name)

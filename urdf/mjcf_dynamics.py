@@ -1,6 +1,7 @@
-"""Dynamics of an arm from an MJCF that a URDF cannot contain: gravity, rotors, damping, dry friction, springs.
+"""Read the dynamics of an arm that an MJCF contains and a URDF cannot: gravity, rotors, damping, friction, springs.
 
-What else acts on the arm in MuJoCo is refused by name, and in the end the arm's torques are held against MuJoCo's.
+An element that acts on the arm in any other way is refused with its name. At the end the torques of the arm's model are
+compared with MuJoCo's.
 """
 
 from collections.abc import Collection, Sequence
@@ -13,22 +14,29 @@ from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, Mjcf
 from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
 
 CHECKED_STATES = 5
-"""Random states at which the torques are held against MuJoCo's."""
+"""Number of random states at which the model's torques are compared with MuJoCo's."""
 TORQUE_TOLERANCE = 1e-9
-"""Of the largest torque, at least 1 N m or N; the programs differ by 1e-14 where they mean the same."""
+"""Allowed difference from MuJoCo's torques, as a share of the largest torque (at least 1 N m or N).
+
+Two equal models differ by 1e-14.
+"""
 DISABLED_FLAGS = mujoco.mjtDisableBit
 WRAPS_JOINT, WRAPS_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 WRAPPED_SHAPES = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
-"""What parts of a tendon are."""
+"""MuJoCo's types of tendon parts: joints, sites, and geometries that the tendon wraps around."""
 BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
-"""Equality constraints between bodies."""
+"""MuJoCo's types of equality constraints between two bodies."""
 
 
 def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
-    """Torques on an arm's joints in addition to its rigid bodies, with all other joints fixed at 0.
+    """Read gravity, rotor inertia, damping, dry friction and springs of an arm's joints, all other joints fixed at 0.
+
+    Args:
+        mjcf: the compiled file.
+        arm: names of the arm's joints.
 
     Raises:
-        UrdfError: an element acts on the arm and cannot be in its model; the message names it.
+        UrdfError: an element acts on the arm and has no place in the arm's model; the message names it.
     """
     reader = _Reader(mjcf, frozenset(arm))
     for i in range(mjcf.model.njnt):
@@ -50,7 +58,9 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
 
 
 def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
-    """Compare an arm's torques with MuJoCo's at random states: gravity, inertia, springs and damping.
+    """Check at random states that the inverse dynamics of an arm's model gives MuJoCo's joint torques.
+
+    Gravity, inertia, springs and damping are compared; dry friction and constraints are switched off in MuJoCo.
 
     Raises:
         UrdfError: the torques differ.
@@ -80,7 +90,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
 
 
 def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
-    """State of MuJoCo with all one-coordinate joints at 0, and other joints as in the file."""
+    """MuJoCo's state with all hinges and slides at 0, and other joints as in the file."""
     data = mujoco.MjData(model)
     single = np.isin(model.jnt_type, (HINGE, SLIDE))
     data.qpos[model.jnt_qposadr[single]] = 0.0
@@ -167,7 +177,7 @@ class _Reader:
             raise self._no_place(what, "it closes a loop through the arm")
 
     def gravity(self) -> Array:
-        """Gravity (3,) [m/s^2], reduced by the share that ``gravcomp`` compensates on all bodies of the arm.
+        """Gravity (3,) [m/s^2], reduced by the share that MuJoCo's ``gravcomp`` compensates on the arm's bodies.
 
         Raises:
             UrdfError: bodies have different shares.

@@ -1,4 +1,4 @@
-"""The settings file of a robot: facts that a URDF cannot contain."""
+"""Read the settings file of a robot (TOML), which contains properties that a URDF cannot contain."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +14,19 @@ Three = tuple[float, float, float]
 Two = tuple[float, float]
 
 MAX_OFFSET_METRES = 100.0
-"""m; a tool, frame or line that is farther from its robot is in another unit."""
+"""Largest distance of a tool, frame or line from the robot [m]; a larger number is probably in another unit."""
 MAX_SPRING_TORQUE = 1e5
-"""N m; no spring of an arm gives more."""
+"""Largest torque of a joint's spring [N m]."""
 
 
 @dataclass(frozen=True)
 class UrdfFile:
-    """Last parts of the URDF's path in a Python package, or its path from the settings' directory."""
+    """Table ``[urdf]`` of the settings: where the URDF file is.
+
+    Attributes:
+        file: path from the directory of the settings; in a Python package, the last parts of the path.
+        distribution: name of the Python package that contains the file; empty if it is in none.
+    """
 
     file: str
     distribution: str = ""
@@ -29,7 +34,7 @@ class UrdfFile:
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm's joints from base to tool, and a posture that picks its branch, a number per joint [rad or m]."""
+    """Table ``[arm]`` of the settings: the arm's joints from base to tool, and its home posture [rad or m]."""
 
     joints: tuple[str, ...]
     home: tuple[float, ...]
@@ -37,7 +42,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Tool:
-    """The frame that carries the tool, and the tool point in it [m]."""
+    """Table ``[tool]`` of the settings: the frame that carries the tool, and the tool point in this frame [m]."""
 
     frame: str
     offset: Three
@@ -45,7 +50,13 @@ class Tool:
 
 @dataclass(frozen=True)
 class Frame:
-    """A massless frame that the URDF lacks, fixed to a link: its name, the link, and its origin in that [m]."""
+    """Table ``[[frames]]`` of the settings: a massless frame that is fixed to a link and that the URDF lacks.
+
+    Attributes:
+        name: name of the frame.
+        parent: name of the link.
+        position: origin of the frame in the link's frame [m]; the axes are parallel.
+    """
 
     name: str
     parent: str
@@ -54,7 +65,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class AssumedLimits:
-    """Limits that no URDF states, per joint [rad/s^2 and rad/s^3, or m/s^2 and m/s^3], and where they come from."""
+    """Table ``[limits]`` of the settings: joint limits that a URDF cannot contain.
+
+    Attributes:
+        acceleration: largest acceleration of each joint [rad/s^2 or m/s^2].
+        jerk: largest jerk of each joint [rad/s^3 or m/s^3].
+        source: where the values come from.
+    """
 
     acceleration: tuple[float, ...]
     jerk: tuple[float, ...]
@@ -63,7 +80,7 @@ class AssumedLimits:
 
 @dataclass(frozen=True)
 class LineTable:
-    """The line, with the orientation of the tool as roll, pitch and yaw [rad]; see `urdf.Line`."""
+    """Table ``[line]`` of the settings: a `urdf.Line` with the tool's orientation as roll, pitch and yaw [rad]."""
 
     origin: Three
     direction: Three
@@ -73,10 +90,10 @@ class LineTable:
     core_speed: float
 
     def line(self) -> Line:
-        """The line with a rotation matrix.
+        """Convert the entries of the settings to a `urdf.Line`.
 
         Raises:
-            UrdfError: the entries are no line.
+            UrdfError: the range is empty, or the direction is not a unit vector.
         """
         origin, direction = np.array(self.origin), np.array(self.direction)
         rotation = rotation_of(*self.tool_rpy)
@@ -85,7 +102,12 @@ class LineTable:
 
 @dataclass(frozen=True)
 class Collision:
-    """The SRDF, found in the same places as the URDF, and further pairs of links that need no collision check."""
+    """Table ``[collision]`` of the settings: pairs of links that need no collision check.
+
+    Attributes:
+        srdf: path of an SRDF file that lists such pairs, given like the path of the URDF.
+        exclude: further pairs of link names.
+    """
 
     srdf: str | None = None
     exclude: tuple[tuple[str, str], ...] = ()
@@ -93,7 +115,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class Settings:
-    """Contents of a robot's TOML file; see ``robots/baxter.toml`` for an example with comments."""
+    """Content of a robot's settings file, one field per entry; ``urdf/robots/baxter.toml`` explains every entry."""
 
     name: str
     urdf: UrdfFile
@@ -108,7 +130,10 @@ class Settings:
 
 
 def read_settings(path: Path) -> tuple[str, Settings]:
-    """Text and content of a robot's settings.
+    """Read a robot's settings file.
+
+    Returns:
+        The text of the file, and its content.
 
     Raises:
         UrdfError: the file is missing or not TOML, or an entry is missing, unknown, of the wrong kind or length, or

@@ -1,4 +1,4 @@
-"""TOML files that people write: they are read with bounds, and checked against a dataclass's declarations."""
+"""Read TOML files: check their size and numbers, and convert their tables to dataclasses."""
 
 import difflib
 import math
@@ -15,13 +15,14 @@ from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, g
 from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
 
 MAX_LISTED_PROBLEMS = 12
-"""Problems of a file that its line lists."""
+"""Largest number of problems of a file that its error message lists."""
 
 
 class TableFileError(ValueError):
-    """A TOML file that cannot be used, for one problem or more, each about another entry.
+    """A TOML file that cannot be used because of one or more problems.
 
-    The message, which lacks the file's name, says what is wrong and what to do.
+    The message says what is wrong and what to do; the caller adds the file's name. `problems` has one text per wrong
+    entry.
     """
 
     def __init__(self, *problems: str) -> None:
@@ -30,16 +31,16 @@ class TableFileError(ValueError):
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """The first `MAX_LISTED_PROBLEMS` problems in one line; a longer line would not be read."""
+    """Join the first `MAX_LISTED_PROBLEMS` problems to a numbered list in one line; a single problem is unchanged."""
     if len(problems) == 1:
         return problems[0]
-    told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MAX_LISTED_PROBLEMS], start=1))
+    listed = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MAX_LISTED_PROBLEMS], start=1))
     more = f"; and {len(problems) - MAX_LISTED_PROBLEMS} more" if len(problems) > MAX_LISTED_PROBLEMS else ""
-    return f"{len(problems)} problems: {told}{more}"
+    return f"{len(problems)} problems: {listed}{more}"
 
 
 def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
-    """Text and content of a TOML file; with `finite`, `nan` and `inf` are refused everywhere.
+    """Read the text and the content of a TOML file; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:
         FileNotFoundError: the file is missing.
@@ -65,7 +66,7 @@ def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]
 
 
 def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
-    """Content of a TOML text.
+    """Parse a TOML text; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:
         TableFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
@@ -95,11 +96,11 @@ def _float(text: str) -> float:
 
 
 _ODD = re.compile(r"\d_\d|0[xob][0-9a-fA-F]")
-"""What may be a number that TOML allows and `urdf.bounds.number` does not; also part of many names."""
+"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `urdf.bounds.number` refuses, but also names."""
 
 
 def _check_spelling(text: str) -> None:
-    """Refuse `1_000` and `0x10`, as everywhere else: of a hundred people who write them ninety mean something else."""
+    """Refuse numbers such as `1_000` and `0x10`, which are probably mistakes."""
     if _ODD.search(text) is None:
         return
     import tomlkit
@@ -111,21 +112,21 @@ def _check_spelling(text: str) -> None:
 
 
 MAX_LISTED_NAMES = 60
-"""Names of a list that a message shows."""
+"""Largest number of valid names that an error message lists."""
 
 
 def hint(name: str, valid: Sequence[str]) -> str:
-    """Advice for an unknown name: the most similar valid name, or a list of all."""
+    """Advice for an unknown name, as the end of a message: the most similar valid name, or a list of the valid ones."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
 
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse an unknown key of a table.
+    """Check that every key of a table is known.
 
     Raises:
-        TableFileError: a key is unknown; the message names it and the most similar known one.
+        TableFileError: a key is unknown; the message suggests the most similar known one.
     """
     valid = tuple(known)
     for key in table:
@@ -144,11 +145,11 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 @dataclass(frozen=True)
 class Check:
-    """Condition on a value besides its type, in `Annotated[float, Check(...)]`.
+    """A condition that a value in a TOML file must satisfy besides its type; used as `Annotated[float, Check(...)]`.
 
     Attributes:
-        fits: whether a value of the type can be used.
-        remedy: what to write instead.
+        fits: function of the value that returns whether it is valid.
+        remedy: what to write instead, for the error message.
     """
 
     fits: Callable[[Any], bool]
@@ -156,16 +157,17 @@ class Check:
 
 
 def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
-    """Convert a table to a dataclass, whose fields are the keys, with the types that the values must have.
+    """Convert a TOML table to a dataclass: each key is stored in the field of its name, if it has the field's type.
 
-    Types are `str`, `float`, `bool`, `datetime`, enums (a text of their values), dataclasses (tables), tuples (lists;
-    of one length where it is declared), `dict` (tables of any keys), `Any`, each of them or None, a list or one of it,
-    and any of them `Annotated` with a `Check`. A key without a default must be there.
+    A field's type may be `str`, `float`, `bool`, `datetime`, `Any`, an enum (in the file, the text of a member's
+    value), a dataclass (a table), a tuple (a list, of fixed length if the tuple's length is declared), `dict` (a table
+    with any keys), the union of a type with None, the union of a type with a list of it, and any of these `Annotated`
+    with a `Check`. A key whose field has no default is required.
 
     Args:
         kind: the dataclass; the field of a key that is a Python keyword ends in ``_``, as in ``from_``.
         table: output of tomllib for the file, or for a table in it.
-        where: place of the table, such as ``"[limits]"``; empty for the file itself.
+        where: place of the table for messages, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
         TableFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
@@ -187,7 +189,7 @@ def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> 
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
-    """Convert a value to its declared type, or refuse it."""
+    """Convert a value of the key `name` to its declared type."""
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return value

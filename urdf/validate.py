@@ -1,8 +1,7 @@
-"""Checks that a URDF describes one usable robot; they give a sentence per defect.
+"""Check that a URDF describes one usable robot, and report each fault in one sentence.
 
-Names and numbers are checked before any library reads them: urdfdom, which
-Pinocchio reads with, prints what it does not understand and goes on without it, so that a link whose inertia has a
-typing mistake would weigh nothing.
+Names and numbers are checked before any library reads the file: Pinocchio's parser urdfdom skips an element that it
+does not understand, so that a link whose inertia contains a typing mistake would have no mass.
 """
 
 import math
@@ -16,13 +15,13 @@ from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, numb
 from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
-"""In SI units; a number beyond is no property of a robot."""
+"""Largest number in a URDF, in SI units; no property of a robot is larger."""
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 MAX_ANGLE = 2.0 * math.pi + 1e-3
-"""rad beyond which nobody writes an angle, give or take a rounding."""
+"""Largest angle that is plausible in a URDF [rad]: one turn, and a tolerance for rounding."""
 RESERVED_JOINT_NAMES = ("universe",)
-"""What Pinocchio calls the joint that everything hangs from."""
+"""Names that Pinocchio gives to its own joints: "universe" is the fixed joint at the root."""
 NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -39,7 +38,7 @@ NUMBERS = {
     "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), 1),
     "calibration": {"rising": 1, "falling": 1},
 }
-"""By element: its numbers, and how many each attribute holds."""
+"""For each element of a URDF, its attributes that contain numbers, and how many numbers each contains."""
 LIMIT_NAMES = tuple(NUMBERS["limit"])
 REQUIRED_ATTRIBUTES = {
     "mass": ("value",),
@@ -49,7 +48,7 @@ REQUIRED_ATTRIBUTES = {
     "sphere": ("radius",),
     "safety_controller": ("k_velocity",),
 }
-"""Attributes without which a library leaves the element out."""
+"""For each element of a URDF, the attributes without which libraries ignore the element."""
 NON_NEGATIVE_ELEMENTS = ("box", "cylinder", "capsule", "sphere", "mass")
 
 
@@ -72,7 +71,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
 
 
 def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
-    """Sentences on entries that are allowed but probably mistakes: angles beyond a turn, joints that no arm has."""
+    """One sentence per entry that is probably a mistake: an angle above one turn, a planar or floating joint."""
     said = []
     for part in (*root.findall("joint"), *root.findall("link")):
         where = f"{part.tag} '{part.get('name')}'"
@@ -146,11 +145,11 @@ def _check_shapes(link: ET.Element, where: str) -> None:
 
 
 MJCF = "mujoco"
-"""Root element of MuJoCo's own format."""
+"""Name of the root element of an MJCF, MuJoCo's XML format."""
 
 
 def parse(path: Path) -> ET.Element:
-    """Read a URDF file, or an MJCF.
+    """Read the root element of a URDF or MJCF file.
 
     Raises:
         UrdfError: the file is missing, is not XML, or is neither a URDF nor an MJCF.
@@ -181,11 +180,7 @@ def parse(path: Path) -> ET.Element:
 
 
 def _refuse_xacro(root: ET.Element, path: Path) -> None:
-    """Refuse xacro macros, which readers of URDFs ignore silently; a declared namespace alone is allowed.
-
-    Raises:
-        UrdfError: there is a macro; the message names the first one, and says how to expand it.
-    """
+    """Refuse xacro macros, which URDF parsers ignore silently; a declared xacro namespace alone is allowed."""
     for element in root.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.endswith("xacro"):
@@ -206,10 +201,11 @@ def _is_xacro(path: Path, found: str) -> UrdfError:
 
 
 def check_tree(root: ET.Element, path: Path) -> None:
-    """Check that links and joints form one tree.
+    """Check that the links and joints of a URDF form one tree.
 
     Raises:
-        UrdfError: no links, no moving joints, an unknown link, two parents, several roots or a cycle.
+        UrdfError: there is no link or no moving joint, a joint's link is not defined, a link has two parents, several
+            links have no parent, or the links form a cycle.
     """
     links = [link.get("name", "") for link in root.findall("link")]
     joints = root.findall("joint")
@@ -247,13 +243,13 @@ def check_tree(root: ET.Element, path: Path) -> None:
 
 
 def link_of(joint: ET.Element, end: str) -> str:
-    """Name of the link at an end of a joint, ``"parent"`` or ``"child"``; empty where there is none."""
+    """Name of a joint's parent or child link; `end` is ``"parent"`` or ``"child"``. Empty if the joint has none."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
 def copied(root: ET.Element) -> dict[str, str]:
-    """For each joint that follows another one, as fingers do, the name of the other joint."""
+    """For each joint of a URDF that mimics another joint, as a gripper's fingers do, the name of the other joint."""
     return {
         str(joint.get("name")): str(mimic.get("joint"))
         for joint in root.findall("joint")
@@ -262,7 +258,7 @@ def copied(root: ET.Element) -> dict[str, str]:
 
 
 def check_schema(path: Path) -> list[str]:
-    """Defects that yourdfpy finds in the file, a sentence each; none of them prevents the use of the robot."""
+    """Faults that the library yourdfpy finds in a URDF file, one sentence each; none prevents the use of the robot."""
     import yourdfpy  # the import takes half a second, mostly for meshes, which are not needed here
 
     # An error of yourdfpy is an opinion only: all needed parts of the file have been checked before.
@@ -275,10 +271,10 @@ def check_schema(path: Path) -> list[str]:
 
 
 def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
-    """Check the arm's joint limits of position, speed and effort; limits may be absent.
+    """Check the limits of position, velocity and effort of an arm's joints in a URDF; limits may be absent.
 
     Raises:
-        UrdfError: an unknown joint, or a limit that contradicts itself.
+        UrdfError: a joint does not exist, a limit is negative, or a lower position limit is above the upper one.
     """
     by_name = {joint.get("name"): joint for joint in root.findall("joint")}
     for name in joints:

@@ -1,4 +1,4 @@
-"""Inverse kinematics over a 3-D grid of positions on one consistent branch, stored in zarr."""
+"""Inverse kinematics on a 3-D grid of tool positions, with postures that vary smoothly, stored in a zarr directory."""
 
 from ik.volume.build import VolumeReport, build_volume
 from ik.volume.grid import Grid, Status

@@ -1,4 +1,4 @@
-"""Build a volume of postures on disk, by this process, a pool of processes or a dask cluster."""
+"""Build a volume, the inverse kinematics of a 3-D grid, on disk, in one or several processes or on a dask cluster."""
 
 import time
 from collections.abc import Callable
@@ -18,7 +18,14 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class VolumeReport:
-    """A volume, the numbers of targets that this call solved and that were solved already, and its duration [s]."""
+    """Result of `build_volume`.
+
+    Attributes:
+        table: the volume.
+        solved: number of targets that this call solved.
+        resumed: number of targets that earlier calls had solved.
+        seconds: duration of this call [s].
+    """
 
     table: VolumeTable
     solved: int
@@ -36,18 +43,25 @@ def build_volume(
     collisions: bool = False,
     progress: Progress | None = None,
 ) -> VolumeReport:
-    """Solve every target of a grid on one consistent branch and keep the postures in a zarr directory.
+    """Solve the inverse kinematics of every target of a grid, and store the postures in a zarr directory.
 
-    The robot's home posture picks the branch. A directory that an interrupted run left is continued; a finished one is
-    returned as it is. So many processes of this machine work, or the workers of the dask scheduler at an address. With
-    `collisions` each posture is checked for touching something; the skeleton always is. `progress` is called with the
-    number of finished targets and of all.
+    The postures vary smoothly from target to target, starting near the robot's home posture. The directory of an
+    interrupted call is continued; a finished one is returned unchanged.
+
+    Args:
+        robot: the arm.
+        grid: the targets.
+        path: the zarr directory.
+        processes: number of processes on this computer.
+        scheduler: address of a dask scheduler whose workers compute instead, such as ``"tcp://host:8786"``.
+        collisions: whether to check every posture for collisions; the coarse grid is always checked.
+        progress: function that is called with the number of finished targets and the number of all targets.
 
     Raises:
         InputError: the directory cannot be written, or zarr, dask or the scheduler is missing.
         StaleTableError: the directory contains another volume.
-        UnreachableError: no target can be held.
-        TaskFailedError: workers died repeatedly.
+        UnreachableError: no target can be reached.
+        TaskFailedError: worker processes died repeatedly.
     """
     if processes < 1:
         raise InputError(f"volume: {processes} processes cannot work; give 1 or more")

@@ -1,4 +1,4 @@
-"""A volume on disk: a zarr group that can be written block by block and read slab by slab."""
+"""A volume on disk: a zarr group whose blocks are written one by one."""
 
 import hashlib
 import os
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     import zarr
 
 
-VOLUME_FORMAT = 3  # raise it when a change of the code makes other volumes out of the same robot
+VOLUME_FORMAT = 3  # version of the format; raise it when a change of the code changes the volume of a robot
 REMOVE_REMEDY = "remove it and build it again with 'armdyn ik volume'"
 ZARR_REMEDY = "volumes need zarr: run 'pip install armdyn[volume]'"
 
 
 @dataclass(frozen=True)
 class VolumeTable:
-    """An IK table over a volume; n joints, m orientations.
+    """The inverse kinematics of a 3-D grid of targets on disk; n joints, m orientations of the tool.
 
     Attributes:
         path: the zarr directory.
         robot_name: name of the robot.
         joint_names: names of the joints from base to tool.
         grid: the targets.
-        q: postures, (m, x, y, z, n) [rad or m], read from disk where they are indexed; nan where unreachable.
-        status: result of each target, (m, x, y, z), see `Status`.
-        skeleton: postures on the coarse grid from which the blocks were seeded.
-        digests: of each finished block's postures and status, (m, blocks along x, y, z); 0 where it is not done.
+        q: postures, (m, x, y, z, n) [rad or m]; indexing reads them from disk; nan where a target is unreachable.
+        status: result of each target, (m, x, y, z), a value of `Status`.
+        skeleton: postures on the coarse grid from which the blocks were solved, (m, x, y, z, n) [rad or m].
+        digests: digest of each finished block, (m, blocks along x, y and z); 0 where a block is not finished.
     """
 
     path: Path
@@ -53,13 +53,18 @@ class VolumeTable:
 
     @classmethod
     def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
-        """Make an empty volume in a zarr directory, or open the one that another process has made meanwhile.
+        """Create an empty volume in a zarr directory, or open it if another process has just created it.
 
-        The skeleton has postures on the coarse grid, (m, x, y, z, n).
+        Args:
+            path: the zarr directory.
+            robot: the arm.
+            grid: the targets.
+            skeleton: postures on the coarse grid, (m, x, y, z, n) [rad or m].
+            collisions: whether postures with a collision will be marked.
 
         Raises:
-            InputError: zarr is missing, or the directory cannot be written.
-            StaleTableError: the directory contains something else.
+            InputError: zarr is not installed, or the directory cannot be written.
+            StaleTableError: the directory contains another volume or other files.
         """
         zarr = _zarr()
         joints, edges = len(robot.joint_names), tuple(min(BLOCK_EDGE_TARGETS, count) for count in grid.counts)
@@ -94,12 +99,17 @@ class VolumeTable:
 
     @classmethod
     def open(cls, path: str | Path, robot: Robot | None = None, collisions: bool | None = None) -> Self:
-        """Open a volume, which must belong to `robot` and mark touching postures as `collisions` says, where given.
+        """Open a volume in a zarr directory.
+
+        Args:
+            path: the zarr directory.
+            robot: if given, the robot that the volume must have been built for.
+            collisions: if given, whether the volume must have been built with a collision check.
 
         Raises:
-            InputError: zarr is missing, or there is no such directory.
-            StaleTableError: it is no volume, or it belongs to another robot or other settings, or a finished block was
-                changed.
+            InputError: zarr is not installed, or the directory does not exist.
+            StaleTableError: the directory is not a volume, the volume was built for another robot or other settings, or
+                a finished block was changed.
         """
         zarr, source = _zarr(), Path(path)
         if not source.is_dir():
@@ -132,7 +142,7 @@ class VolumeTable:
         return table
 
     def write(self, block: Block, solved: Solved) -> None:
-        """Write a block; it counts as done only when all of it is on disk.
+        """Write a solved block to disk; its digest, which marks it as finished, is written last.
 
         Raises:
             InputError: the disk is full, or the directory was removed.
@@ -166,15 +176,15 @@ class VolumeTable:
                 raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE_REMEDY}")
 
     def missing(self) -> list[Block]:
-        """Blocks that are not done."""
+        """Blocks that are not finished."""
         return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
 
     def reached(self) -> float:
-        """Share of targets that are reached and touch nothing."""
+        """Share of the targets that are reached without a collision, from 0 to 1."""
         return float(np.mean(np.asarray(self.status[:]) == Status.REACHED))
 
     def apart(self, limit: float = 0.2) -> float:
-        """Share of pairs of neighbouring reached targets in which some joint differs by more than `limit` [rad]."""
+        """Share of pairs of neighbouring reached targets between which a joint position differs by over `limit` [rad]."""
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):
             # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.
