@@ -48,7 +48,7 @@ class JointTorque:
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
 
     def __call__(self, q: Array, v: Array, a: Array) -> Array:
-        """Motor torques [N m] at joint positions q [rad], velocities v [rad/s], accelerations a [rad/s^2]; all (k, n)."""
+        """Motor torques (k, n) [N m] at joint positions q [rad], velocities v [rad/s] and accelerations a [rad/s^2]."""
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
 
