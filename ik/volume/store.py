@@ -184,7 +184,7 @@ class VolumeTable:
         return float(np.mean(np.asarray(self.status[:]) == Status.REACHED))
 
     def apart(self, limit: float = 0.2) -> float:
-        """Share of pairs of neighbouring reached targets between which a joint position differs by more than `limit`."""
+        """Share of pairs of neighbouring reached targets between which a joint differs by more than `limit` [rad]."""
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):
             # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.
