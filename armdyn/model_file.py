@@ -15,7 +15,7 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
-from urdf.bounds import LARGEST_SIZE
+from urdf.bounds import MAX_MAGNITUDE
 from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
@@ -47,8 +47,8 @@ class _Change:
 class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
-    value: Annotated[float, Check(lambda value: abs(value) <= LARGEST_SIZE, "write a number, in SI units")]
-    std: Annotated[float, Check(lambda std: 0.0 <= std <= LARGEST_SIZE, "write one that is not negative")] | None = None
+    value: Annotated[float, Check(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    std: Annotated[float, Check(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = None
     unit: str | None = None
     fitted: bool | None = None
     prior: str | None = None
@@ -59,7 +59,7 @@ class _BackgroundEntry:
     """The entries of the background; values are in SI units."""
 
     width: float
-    values: dict[str, Annotated[float, Check(lambda value: abs(value) <= LARGEST_SIZE, "write a number, in SI units")]]
+    values: dict[str, Annotated[float, Check(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from armdyn.read_files import may_replace
 from ik.errors import StaleTableError
 from ik.path import Path
 from urdf import Robot
-from urdf.bounds import LARGEST_ARRAY
+from urdf.bounds import MAX_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
 TABLE_FORMAT = 6  # version of the file format; raise it when a change of the code changes the table of a robot
@@ -53,7 +53,7 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
     """
     with zipfile.ZipFile(source) as packed:
         for member in packed.infolist():  # a few kilobytes of zeros expand to as many gigabytes as one likes
-            if member.file_size > LARGEST_ARRAY:
+            if member.file_size > MAX_TABLE_ARRAY_BYTES:
                 raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))

@@ -10,60 +10,60 @@ import re
 MIB = 2**20
 """Bytes of one mebibyte."""
 
-LARGEST_RECORDING = 256 * MIB
+MAX_RECORDING_BYTES = 256 * MIB
 """Largest size of a CSV, MCAP or Parquet file [bytes]; reading a text file takes eight times its size in memory."""
-LARGEST_BAG = 2048 * MIB
+MAX_BAG_BYTES = 2048 * MIB
 """Largest size of a ROS bag [bytes]."""
-LARGEST_TEXT = MIB
+MAX_TEXT_FILE_BYTES = MIB
 """Largest size of a file that a person writes, such as TOML, JSON or Python [bytes]."""
-LARGEST_XML = 64 * MIB
+MAX_XML_BYTES = 64 * MIB
 """Largest size of a URDF, SRDF or MJCF file [bytes]; the largest known robot description has 1 MiB."""
-LARGEST_MESH = 64 * MIB
+MAX_MESH_BYTES = 64 * MIB
 """Largest size of a mesh file that is read for the volume or shape of a link [bytes]."""
-LARGEST_UPLOAD = 256 * MIB
+MAX_UPLOAD_BYTES = 256 * MIB
 """Largest size of one request to the workbench [bytes]."""
-LARGEST_JOURNAL = 1024 * MIB
+MAX_JOURNAL_BYTES = 1024 * MIB
 """Largest size of a batch's journal, the file with a line per finished job [bytes]; enough for a million jobs."""
 
-LARGEST_CHUNK = 64 * MIB
+MAX_MCAP_CHUNK_BYTES = 64 * MIB
 """Largest size of one chunk of an MCAP file after decompression [bytes]; writers end a chunk after 1 to 4 MiB."""
-LARGEST_CONTENT = 512 * MIB
+MAX_UNPACKED_BYTES = 512 * MIB
 """Largest size of an MCAP, Parquet or bag file after decompression [bytes]: five million messages or 64 million
 numbers."""
-LARGEST_ARRAY = 256 * MIB
+MAX_TABLE_ARRAY_BYTES = 256 * MIB
 """Largest size of one array in the file of an IK table [bytes]; one metre of path takes about 100 kB."""
 
-LARGEST_MESSAGE = 4 * MIB
+MAX_ROSBRIDGE_MESSAGE_BYTES = 4 * MIB
 """Largest size of one message from a rosbridge [bytes]; a message of joint states has about 2 kB."""
-LARGEST_LINE = MIB
+MAX_JOURNAL_LINE_BYTES = MIB
 """Largest size of one line of a batch's journal [bytes]."""
 
-MOST_ROWS = 5_000_000
+MAX_RECORDING_ROWS = 5_000_000
 """Largest number of samples in a recording."""
-MOST_COLUMNS = 2000
+MAX_TABLE_COLUMNS = 2000
 """Largest number of columns in a table."""
-MOST_LINKS = 2000
+MAX_ROBOT_LINKS = 2000
 """Largest number of links, and of joints, of a robot; a humanoid robot with hands has about 100."""
-LONGEST_NAME = 200
+MAX_NAME_LENGTH = 200
 """Largest number of characters in the name of a joint, link, column or file."""
-LONGEST_CELL = 1000
+MAX_CELL_LENGTH = 1000
 """Largest number of characters in a cell of a table; a number takes at most 25."""
-DEEPEST_TABLE = 20
+MAX_TOML_DEPTH = 20
 """Largest depth of nested tables and lists in a TOML file; armdyn's own files need at most five."""
-DEEPEST_XML = 50
+MAX_XML_DEPTH = 50
 """Largest depth of nested XML elements; a URDF needs six."""
 
-CONNECTING = 5.0
+ROSBRIDGE_TIMEOUT_SECONDS = 5.0
 """Longest time to connect to a rosbridge, and longest wait for the answer of a ROS service [s]."""
 
-SMALLEST_SIZE, LARGEST_SIZE = 1e-15, 1e15
+MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-15, 1e15
 """Smallest and largest absolute value of a number other than 0 that a person or program gives, in SI units.
 
 No quantity of a robot lies beyond, and squares and products of such numbers would overflow or underflow.
 """
-LARGEST_COUNT = 1e20
+MAX_UNCONVERTED_VALUE = 1e20
 """Largest absolute value in a recording's column before its unit is converted; nanoseconds since 1970 are 2e18."""
-LARGEST_INTEGER = 2**63
+TOML_INTEGER_LIMIT = 2**63
 """Integers of a TOML file lie from minus this value to one below it: TOML guarantees 64 bits."""
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -79,7 +79,7 @@ def number(text: str) -> float:
         ValueError: the text is not a finite number.
     """
     plain = text.strip(" \t")
-    if len(plain) > LONGEST_CELL or _NUMBER.fullmatch(plain) is None:
+    if len(plain) > MAX_CELL_LENGTH or _NUMBER.fullmatch(plain) is None:
         raise ValueError(f"'{shown(plain)}' is not a number")
     value = float(plain)
     if not math.isfinite(value):
@@ -87,9 +87,9 @@ def number(text: str) -> float:
     return value
 
 
-def is_sane(value: float) -> bool:
-    """Whether a number is 0, or its absolute value lies between `SMALLEST_SIZE` and `LARGEST_SIZE`."""
-    return value == 0.0 or SMALLEST_SIZE <= abs(value) <= LARGEST_SIZE
+def has_plausible_magnitude(value: float) -> bool:
+    """Whether a number is 0, or its absolute value lies between `MIN_MAGNITUDE` and `MAX_MAGNITUDE`."""
+    return value == 0.0 or MIN_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE
 
 
 def shown(text: str, longest: int = 60) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from urdf.bounds import LONGEST_NAME
+from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import LARGEST_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TableFileError, read_as, read_table
 
@@ -174,8 +174,8 @@ def _check(settings: Settings) -> None:
                     f"give a number above 0 and at most {LARGEST_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
-        if file is not None and not 0 < len(file.strip()) <= LONGEST_NAME:
-            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {LONGEST_NAME} characters")
+        if file is not None and not 0 < len(file.strip()) <= MAX_NAME_LENGTH:
+            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {MAX_NAME_LENGTH} characters")
     places: dict[str, tuple[float, ...]] = {f"[[frames]] {frame.name}": frame.position for frame in settings.frames}
     places["[tool] offset"] = settings.tool.offset
     if settings.line is not None:

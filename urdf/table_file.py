@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
+from urdf.bounds import MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, shown
 
 MAX_LISTED_PROBLEMS = 12
 """Largest number of problems of a file that its error message lists."""
@@ -48,15 +48,15 @@ def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_TEXT + 1)
+            data = file.read(MAX_TEXT_FILE_BYTES + 1)
     except FileNotFoundError:
         raise
     except IsADirectoryError as error:
         raise TableFileError("is a directory: give a file in it") from error
     except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
         raise TableFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if len(data) > LARGEST_TEXT:
-        raise TableFileError(f"is larger than {LARGEST_TEXT / 2**20:g} MiB: give a file that a person can read")
+    if len(data) > MAX_TEXT_FILE_BYTES:
+        raise TableFileError(f"is larger than {MAX_TEXT_FILE_BYTES / 2**20:g} MiB: give a file that a person can read")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -79,12 +79,12 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
         raise TableFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
     _check_spelling(text)
     for where, value in _leaves(table, ""):
-        if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+        if isinstance(value, int) and not -TOML_INTEGER_LIMIT <= value < TOML_INTEGER_LIMIT:
             raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
             raise TableFileError(f"{where} is {value}: write a finite number")
-        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST_SIZE:
-            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST_SIZE:g}; write SI units")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_MAGNITUDE:
+            raise TableFileError(f"{where} is {value:g}: nothing is larger than {MAX_MAGNITUDE:g}; write SI units")
     return table
 
 
@@ -238,7 +238,7 @@ _DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"
 
 
 def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    if depth > DEEPEST_TABLE:
+    if depth > MAX_TOML_DEPTH:
         raise TableFileError(_DEEP)
     if isinstance(value, dict):
         for key, inner in value.items():

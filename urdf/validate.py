@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, number, shown
+from urdf.bounds import MAX_XML_DEPTH, MAX_XML_BYTES, MAX_NAME_LENGTH, MAX_ROBOT_LINKS, number, shown
 from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
@@ -85,8 +85,8 @@ def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
 
 def _check_name(part: ET.Element, where: str) -> None:
     name = part.get("name", "")
-    if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
-        raise UrdfError(f"{where} has no usable name; give it one of 1 to {LONGEST_NAME} printable characters")
+    if not name.strip() or len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise UrdfError(f"{where} has no usable name; give it one of 1 to {MAX_NAME_LENGTH} printable characters")
     if part.tag == "joint" and name in RESERVED_JOINT_NAMES:
         raise UrdfError(f"{where}: Pinocchio uses this name itself; rename the joint")
 
@@ -156,12 +156,12 @@ def parse(path: Path) -> ET.Element:
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_XML + 1)
+            data = file.read(MAX_XML_BYTES + 1)
     except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
         why = getattr(error, "strerror", None) or error
         raise UrdfError(f"{path}: cannot be read ({why}); give the path of a URDF file") from error
-    if len(data) > LARGEST_XML:
-        raise UrdfError(f"{path}: is larger than {LARGEST_XML / 2**20:g} MiB; give a URDF file")
+    if len(data) > MAX_XML_BYTES:
+        raise UrdfError(f"{path}: is larger than {MAX_XML_BYTES / 2**20:g} MiB; give a URDF file")
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:  # raised for an unknown encoding too
@@ -172,10 +172,10 @@ def parse(path: Path) -> ET.Element:
     if root.tag not in ("robot", MJCF):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     level = [root]
-    for _ in range(DEEPEST_XML):
+    for _ in range(MAX_XML_DEPTH):
         level = [child for element in level for child in element]
     if level:  # elements are nested too deeply for any program to write again
-        raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
+        raise UrdfError(f"{path}: its elements are nested more than {MAX_XML_DEPTH} deep; give a URDF file")
     return root
 
 
@@ -211,9 +211,9 @@ def check_tree(root: ET.Element, path: Path) -> None:
     joints = root.findall("joint")
     if not links:
         raise UrdfError(f"{path}: it has no links; give a URDF that describes a robot")
-    if max(len(links), len(joints)) > MOST_LINKS:
+    if max(len(links), len(joints)) > MAX_ROBOT_LINKS:
         raise UrdfError(
-            f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
+            f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MAX_ROBOT_LINKS} at most"
         )
     if not any(joint.get("type") in MOVING_JOINT_TYPES for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")

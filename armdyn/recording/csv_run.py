@@ -22,7 +22,7 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.recording.units import si_factor
-from urdf.bounds import LONGEST_NAME, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, number, shown
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
@@ -76,7 +76,7 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
         InputError: a channel has a name that would be read as another one.
     """
     for name in channels:
-        if set(name) & set(',"[]') or not name.isprintable() or len(name) > LONGEST_NAME:
+        if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_LENGTH:
             raise InputError(
                 f"channel {shown(name)}: no table holds such a name: rename its joint, or map its column to another"
             )

@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
-from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_TABLE_COLUMNS, MAX_RECORDING_ROWS, number, shown
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
@@ -84,12 +84,12 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
         InputError: there are too many cells, or one is too long or invisible.
     """
     labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
-    if len(labels) > MOST_COLUMNS:
-        raise InputError(f"has {len(labels)} columns where {MOST_COLUMNS} are the most: leave some out")
+    if len(labels) > MAX_TABLE_COLUMNS:
+        raise InputError(f"has {len(labels)} columns where {MAX_TABLE_COLUMNS} are the most: leave some out")
     for place, label in enumerate(labels, start=1):
-        if len(label) > LONGEST_NAME or not label.isprintable():
+        if len(label) > MAX_NAME_LENGTH or not label.isprintable():
             raise InputError(
-                f"column {place} '{shown(label)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+                f"column {place} '{shown(label)}': a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
             )
     return labels
 
@@ -136,8 +136,8 @@ def parse_delimited(
         tables.append(table)
         rows.append(found)
         count, row, start = count + len(table), row + block.count("\n"), end
-        if count > MOST_ROWS:
-            raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
+        if count > MAX_RECORDING_ROWS:
+            raise InputError(f"has more than {MAX_RECORDING_ROWS} rows: cut it, or record more slowly")
     last = text[text.rfind("\n") + 1 :]
     if unfinished and last.strip():
         tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
-from urdf.bounds import is_sane, number, shown
+from urdf.bounds import has_plausible_magnitude, number, shown
 
 if TYPE_CHECKING:
     import pint
@@ -101,7 +101,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         raise InputError(f"'{text}' has no unit: write it as '{text} {expected or 'kg'}'")
     si = expected if expected is not None else si_unit(unit)
     scale = si_factor(unit, si)
-    if not is_sane(value * scale):
+    if not has_plausible_magnitude(value * scale):
         raise InputError(f"'{text}' is too large or too small for anything: write a number, such as '80 g'")
     if len(numbers) == 1:
         return Known(value * scale, None, si)
@@ -114,7 +114,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
     std = abs(value) * spread / 100 * scale if spread_unit == "%" else spread * si_factor(spread_unit, si)
     if not std > 0.0:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
-    if not is_sane(std):
+    if not has_plausible_magnitude(std):
         raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
     return Known(value * scale, std, si)
 

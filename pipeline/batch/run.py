@@ -21,7 +21,7 @@ from ik.workers import Lost, in_processes, on_cluster
 from pipeline.batch.spec import BatchItem, Spec
 from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
 from pipeline.processes import Closing
-from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
+from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
 JOURNAL = "outcomes.jsonl"
 START_METHOD = "forkserver"
@@ -44,7 +44,7 @@ class Journal(Closing):
         self._path = path
         self.outcomes: dict[str, JobOutcome] = {}
         try:
-            data = read_bytes(path, LARGEST_JOURNAL) if path.exists() else b""
+            data = read_bytes(path, MAX_JOURNAL_BYTES) if path.exists() else b""
             self._file = path.open("ab")
             whole = data.rfind(b"\n") + 1
             self._file.truncate(whole)
@@ -53,7 +53,7 @@ class Journal(Closing):
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
             ) from error
         for line in data[:whole].splitlines():
-            outcome = JobOutcome.of(line) if len(line) <= LARGEST_LINE else None
+            outcome = JobOutcome.of(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
             if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 

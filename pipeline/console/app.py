@@ -21,7 +21,7 @@ from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
-from urdf.bounds import LARGEST_SIZE, is_sane, shown
+from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, shown
 
 
 def command_files() -> dict[str, str]:
@@ -107,10 +107,10 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
             for each in value if isinstance(value, list | tuple) else [value]:
                 if isinstance(each, Path):
                     _check_leads_somewhere(each)
-                if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
+                if isinstance(each, int | float) and not (has_plausible_magnitude(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
-                        f"{option} {each:g}: give a number between {-LARGEST_SIZE:g} and {LARGEST_SIZE:g}, such as 1000"
+                        f"{option} {each:g}: give a number between {-MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}, such as 1000"
                     )
         return command(*arguments, **options)
 

@@ -152,7 +152,7 @@ def numbers(text: str, option: str) -> list[float]:
     Raises:
         InputError: one of them is not a number.
     """
-    from urdf.bounds import is_sane, number, shown
+    from urdf.bounds import has_plausible_magnitude, number, shown
 
     values = []
     for part in text.split(","):
@@ -160,7 +160,7 @@ def numbers(text: str, option: str) -> list[float]:
             value = number(part)
         except ValueError as error:
             raise InputError(f"{option}: {error}; give numbers separated by commas") from error
-        if not is_sane(value):
+        if not has_plausible_magnitude(value):
             raise InputError(f"{option}: {shown(part.strip())} is of no size that anything has; write SI units")
         values.append(value)
     return values
@@ -194,7 +194,7 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
     Raises:
         InputError: a value that is not a finite number, or an effect that is named twice.
     """
-    from urdf.bounds import is_sane, number
+    from urdf.bounds import has_plausible_magnitude, number
 
     hidden: dict[str, float | None] = {}
     for entry in given:
@@ -205,7 +205,7 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
             value = number(text) if equals else None
         except ValueError:
             value = math.nan
-        if value is not None and not is_sane(value):
+        if value is not None and not has_plausible_magnitude(value):
             raise InputError(
                 f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
             )

@@ -21,7 +21,7 @@ from pipeline.imports.messages import Decoders
 from pipeline.imports.packets import packets
 from pipeline.imports.publishers import COMMAND_OF, FIELDS, JOINT_STATE, Publishers
 from pipeline.imports.words import COMMANDED, words_of
-from urdf.bounds import MOST_COLUMNS
+from urdf.bounds import MAX_TABLE_COLUMNS
 
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -63,7 +63,7 @@ def read_bag(path: Path) -> Foreign:
     if problems:
         notes.append(f"not all of it can be read: {problems[-1]}")
     if publishers.crowded:
-        notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out")
+        notes.append(f"more than {MAX_TABLE_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out")
     notes += [
         f"{topic}: nothing can be read of its {n} messages" for topic, n in unread.items() if topic not in accounts
     ]

@@ -22,13 +22,13 @@ from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, 
 from pipeline.imports.foreign import Foreign, ForeignColumn, Reader, split_label
 from pipeline.imports.head import plain_table
 from urdf.bounds import (
-    LARGEST_CONTENT,
-    LARGEST_COUNT,
-    LARGEST_TEXT,
-    LONGEST_NAME,
+    MAX_UNPACKED_BYTES,
+    MAX_UNCONVERTED_VALUE,
+    MAX_TEXT_FILE_BYTES,
+    MAX_NAME_LENGTH,
     MIB,
-    MOST_COLUMNS,
-    MOST_ROWS,
+    MAX_TABLE_COLUMNS,
+    MAX_RECORDING_ROWS,
     shown,
 )
 
@@ -84,7 +84,7 @@ def of_text(name: str, text: str) -> Foreign:
             notes.append(f"'{column}' holds text, such as {cells[0]!r}: left out")
             continue
         wrong = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
-        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > LARGEST_COUNT)}
+        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > MAX_UNCONVERTED_VALUE)}
         if wrong:
             row, cell = next(iter(wrong.items()))
             raise InputError(
@@ -157,14 +157,14 @@ def _check_parquet(file: Any, size: int) -> None:
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]
     unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
-    if unpacked > LARGEST_CONTENT or about.num_rows > MOST_ROWS:
+    if unpacked > MAX_UNPACKED_BYTES or about.num_rows > MAX_RECORDING_ROWS:
         raise InputError(
             f"{about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
-            f"{MOST_ROWS} rows and {LARGEST_CONTENT / MIB:.0f} MiB are the most: cut it"
+            f"{MAX_RECORDING_ROWS} rows and {MAX_UNPACKED_BYTES / MIB:.0f} MiB are the most: cut it"
         )
-    if about.num_columns > MOST_COLUMNS or any(len(name) > LONGEST_NAME for name in file.schema_arrow.names):
+    if about.num_columns > MAX_TABLE_COLUMNS or any(len(name) > MAX_NAME_LENGTH for name in file.schema_arrow.names):
         raise InputError(
-            f"{about.num_columns} columns, where {MOST_COLUMNS} with names of {LONGEST_NAME} letters are the "
+            f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_LENGTH} letters are the "
             "most: leave some out"
         )
 
@@ -228,7 +228,7 @@ def read_lerobot(path: Path) -> list[Foreign]:
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        info = json.loads(read_bytes(path / INFO, LARGEST_TEXT))
+        info = json.loads(read_bytes(path / INFO, MAX_TEXT_FILE_BYTES))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path / INFO}: cannot be read as JSON: {error}") from error
     if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):

@@ -11,14 +11,14 @@ from armdyn.atomic import write_text
 from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
-from urdf.bounds import is_sane
+from urdf.bounds import has_plausible_magnitude
 from urdf.table_file import Check, TableFileError, read_as, read_table
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
 
 
-_Number = Annotated[float, Check(is_sane, "give a size that a load cell has")]
+_Number = Annotated[float, Check(has_plausible_magnitude, "give a size that a load cell has")]
 
 
 def _in_unit(name: str) -> Check:

@@ -15,7 +15,7 @@ from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
 from pipeline.processes import Closing, PromptThread
-from urdf.bounds import CONNECTING, LARGEST_MESSAGE
+from urdf.bounds import ROSBRIDGE_TIMEOUT_SECONDS, MAX_ROSBRIDGE_MESSAGE_BYTES
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
@@ -109,11 +109,11 @@ class Bridge(Closing):
             self._answers[number] = None
         self._send({"op": "call_service", "id": number, "service": service, "args": {}})
         with self._answered:
-            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, CONNECTING)
+            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, ROSBRIDGE_TIMEOUT_SECONDS)
             answer = self._answers.pop(number)
         if answer is None:
             self._require_connected()
-            raise InputError(f"{self.uri}: service {service} did not answer within {CONNECTING:g} s: is it running?")
+            raise InputError(f"{self.uri}: service {service} did not answer within {ROSBRIDGE_TIMEOUT_SECONDS:g} s: is it running?")
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
 
@@ -127,7 +127,7 @@ class Bridge(Closing):
         # The other side closes when it has read everything; an earlier end may lose messages.
         self._thread.join(CLOSE_TIMEOUT_SECONDS)
         self._lose("it was closed here")
-        self._thread.join(CONNECTING)
+        self._thread.join(ROSBRIDGE_TIMEOUT_SECONDS)
 
     def _connect(self) -> None:
         try:
@@ -143,16 +143,16 @@ class Bridge(Closing):
         if address.secure:
             raise InputError(f"{self.uri}: encrypted connections are not supported: write ws://HOST:PORT")
         try:
-            deadline = time.monotonic() + CONNECTING
-            self._socket = socket.create_connection((address.host, address.port), CONNECTING)
+            deadline = time.monotonic() + ROSBRIDGE_TIMEOUT_SECONDS
+            self._socket = socket.create_connection((address.host, address.port), ROSBRIDGE_TIMEOUT_SECONDS)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._protocol = ClientProtocol(address, max_size=LARGEST_MESSAGE)
+            self._protocol = ClientProtocol(address, max_size=MAX_ROSBRIDGE_MESSAGE_BYTES)
             self._protocol.send_request(self._protocol.connect())
             self._flush()
             while self._protocol.handshake_exc is None and not self._protocol.events_received():
                 left = deadline - time.monotonic()
                 if left <= 0.0:  # a server that sends single bytes for ever is no bridge
-                    raise TimeoutError(0, f"its greeting takes longer than {CONNECTING:g} s")
+                    raise TimeoutError(0, f"its greeting takes longer than {ROSBRIDGE_TIMEOUT_SECONDS:g} s")
                 self._socket.settimeout(left)
                 self._feed(self._read())
         except (OSError, UnicodeError) as error:  # no name server accepts the name

@@ -12,7 +12,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from urdf.bounds import LARGEST_UPLOAD
+from urdf.bounds import MAX_UPLOAD_BYTES
 
 AsgiMessage = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[AsgiMessage]]
@@ -55,8 +55,8 @@ class Guard:
         size = sent.get("content-length", "0")
         if why is not None:
             await self._refuse(scope, receive, send, FORBIDDEN, why)
-        elif not size.isdecimal() or int(size) > LARGEST_UPLOAD:
-            await self._refuse(scope, receive, send, TOO_LARGE, f"at most {LARGEST_UPLOAD / 2**20:g} MiB")
+        elif not size.isdecimal() or int(size) > MAX_UPLOAD_BYTES:
+            await self._refuse(scope, receive, send, TOO_LARGE, f"at most {MAX_UPLOAD_BYTES / 2**20:g} MiB")
         else:
             await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
 
@@ -113,7 +113,7 @@ class Guard:
 
 def _bounded(receive: Receive) -> Receive:
     """Receiver of a client's data, which disconnects a client that sends more than its limit."""
-    left = LARGEST_UPLOAD
+    left = MAX_UPLOAD_BYTES
 
     async def receiving() -> AsgiMessage:
         nonlocal left

@@ -15,7 +15,7 @@ from pipeline.report.page import template
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import SearchProcess, SearchWork, Session, diagnosed, discovered
 from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
-from urdf.bounds import LARGEST_UPLOAD
+from urdf.bounds import MAX_UPLOAD_BYTES
 from urdf.loader import known_robots
 
 CLICK_PAUSE_SECONDS = 0.25
@@ -39,7 +39,7 @@ class Page(Tab):
         ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
-            label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
+            label=label, multiple=True, auto_upload=True, max_file_size=MAX_UPLOAD_BYTES,
             on_multi_upload=self._guarded_event(self._dropped),
             on_rejected=lambda: self._call("say", "A file is too large: record for a shorter time.", "bad"),
         ).props("flat")  # fmt: skip

@@ -130,7 +130,7 @@ def test_a_service_answers(loopback, bridge):
 
 
 def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge, monkeypatch, complains):
-    monkeypatch.setattr(bridge_module, "CONNECTING", 0.5)
+    monkeypatch.setattr(bridge_module, "ROSBRIDGE_TIMEOUT_SECONDS", 0.5)
     loopback.answers["/broken"] = lambda _arguments: None
     with complains(InputError):
         bridge.call("/broken")
