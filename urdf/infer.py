@@ -13,13 +13,13 @@ from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
 from urdf.validate import MOVING_JOINT_TYPES, copied, link_of
 
-SPEED_UP_SECONDS = 0.1  # s from rest to full speed
-JERK_SECONDS = 0.02  # s from none to full acceleration
+ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
+ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration
 LIMITS_SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-RANDOM_POSTURES = 2000  # random postures among which the home posture is chosen
+HOME_CANDIDATES = 2000  # random postures among which the home posture is chosen
 GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 
@@ -94,7 +94,7 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
     best, best_score = (lower + upper) / 2, -1.0
-    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (RANDOM_POSTURES, model.nq)):
+    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (HOME_CANDIDATES, model.nq)):
         jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, model.nv)  # Pinocchio removes the second axis for a single joint
         # The smallest singular value that counts: an arm with few joints has as many singular values as joints.

@@ -16,7 +16,7 @@ from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
 from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import library_errors
-from urdf.robot import IN_A_URDF, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
+from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
 from urdf.validate import MJCF, check_plain
 
@@ -96,7 +96,7 @@ class _Description:
     def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
         """Gravity, rotors, damping and springs of an arm."""
         if self.mjcf is None:
-            return IN_A_URDF
+            return URDF_DYNAMICS
         from urdf.mjcf_dynamics import arm_dynamics
 
         return arm_dynamics(self.mjcf, joints)
@@ -290,13 +290,13 @@ def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
     if missing_limits(model):
         return None
     velocity = np.array(model.velocityLimit)
-    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP_SECONDS
+    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.ASSUMED_SPEED_UP_SECONDS
     return Limits(
         lower=np.array(model.lowerPositionLimit),
         upper=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=acceleration,
-        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_SECONDS,
+        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.ASSUMED_JERK_SECONDS,
         effort=np.array(model.effortLimit),
     )
 

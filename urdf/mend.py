@@ -15,7 +15,7 @@ from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
-ENDLESS_JOINT_TURN = 2 * math.pi
+CONTINUOUS_JOINT_LIMIT = 2 * math.pi
 """Position limit to either side of a joint without limits [rad]."""
 
 
@@ -71,8 +71,8 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-ENDLESS_JOINT_TURN))
-            limit.set("upper", repr(ENDLESS_JOINT_TURN))
+            limit.set("lower", repr(-CONTINUOUS_JOINT_LIMIT))
+            limit.set("upper", repr(CONTINUOUS_JOINT_LIMIT))
         for key in LIMIT_NAMES:
             limit.set(key, limit.get(key, "0"))
     return sentences
@@ -86,7 +86,7 @@ MIN_MEASURED_GYRATION = (
 )
 MOMENT_TOLERANCE_SHARE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
 MOMENT_NAMES = ("ixx", "iyy", "izz")
-PRODUCTS = ("ixy", "ixz", "iyz")
+PRODUCT_NAMES = ("ixy", "ixz", "iyz")
 
 Box = tuple[Array, Array]
 
@@ -134,7 +134,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
             continue
         name = str(link.get("name"))
         mass = float(mass_element.get("value", "0"))
-        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCTS))
+        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCT_NAMES))
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         judged = _judge(name, mass, moments, products, boxes)
         if judged is None:
@@ -143,7 +143,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         if judged.moments is not None:
             for key, value in zip(MOMENT_NAMES, judged.moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
-            for key in PRODUCTS:
+            for key in PRODUCT_NAMES:
                 inertia_element.set(key, "0")
     return found
 

@@ -17,10 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.quiet import library_errors
-from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
+from urdf.robot import MJCF_NOTE_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
-ASSUMED_SPEEDS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
+ASSUMED_SPEED_LIMITS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
 """Speed limit that is assumed for each type of joint [rad/s or m/s], because an MJCF contains none.
 
 0.25 m/s is the reduced speed of ISO 10218-1.
@@ -66,12 +66,12 @@ def read_mjcf(path: Path) -> Mjcf:
     tree = _Tree(path.stem, model, bodies, joints)
     sentences = [*tree.held, *noticed]
     sentences.append(
-        f"it has no speed limits; {ASSUMED_SPEEDS['revolute']:g} rad/s and {ASSUMED_SPEEDS['prismatic']:g} m/s were "
+        f"it has no speed limits; {ASSUMED_SPEED_LIMITS['revolute']:g} rad/s and {ASSUMED_SPEED_LIMITS['prismatic']:g} m/s were "
         "assumed"
     )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED_PREFIX}{sentence}" for sentence in sentences))
+    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{MJCF_NOTE_PREFIX}{sentence}" for sentence in sentences))
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:
@@ -210,7 +210,7 @@ class _Tree:
         kind = "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if m.jnt_limited[j] else "continuous"
         element = self._join(kind, self._joints[j], inner, link, placement)
         ET.SubElement(element, "axis", xyz=numbers_text(m.jnt_axis[j]))
-        limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEEDS[kind]))
+        limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEED_LIMITS[kind]))
         if j in self._efforts:
             limit.set("effort", repr(self._efforts[j]))
         if m.jnt_limited[j]:

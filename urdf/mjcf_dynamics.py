@@ -20,9 +20,9 @@ TORQUE_TOLERANCE = 1e-9
 
 Two equal models differ by 1e-14.
 """
-DISABLED_FLAGS = mujoco.mjtDisableBit
-WRAPS_JOINT, WRAPS_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
-WRAPPED_SHAPES = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
+DISABLE_FLAGS = mujoco.mjtDisableBit
+JOINT_WRAP, SITE_WRAP = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
+SHAPE_WRAPS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 """MuJoCo's types of tendon parts: joints, sites, and geometries that the tendon wraps around."""
 BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 """MuJoCo's types of equality constraints between two bodies."""
@@ -48,12 +48,12 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
     for i in range(mjcf.model.neq):
         reader.check_equality(i)
     off = mjcf.model.opt.disableflags
-    zeroed = {"damping": off & DISABLED_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLED_FLAGS.mjDSBL_FRICTIONLOSS}
+    zeroed = {"damping": off & DISABLE_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLE_FLAGS.mjDSBL_FRICTIONLOSS}
     joints = {
         joint: JointDynamics(**{key: 0.0 if zeroed.get(key) else value for key, value in values.items()})
         for joint, values in reader.values.items()
     }
-    springs = () if off & DISABLED_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
+    springs = () if off & DISABLE_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
     return Dynamics(reader.gravity(), joints, springs)
 
 
@@ -66,7 +66,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
         UrdfError: the torques differ.
     """
     compiled, names = mjcf.model.__copy__(), list(model.names)[1:]
-    compiled.opt.disableflags |= DISABLED_FLAGS.mjDSBL_CONSTRAINT
+    compiled.opt.disableflags |= DISABLE_FLAGS.mjDSBL_CONSTRAINT
     compiled.opt.density = compiled.opt.viscosity = 0.0
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
@@ -142,7 +142,7 @@ class _Reader:
         what = self._called(mujoco.mjtObj.mjOBJ_TENDON, "tendon", i)
         parts = list(range(m.tendon_adr[i], m.tendon_adr[i] + m.tendon_num[i]))
         low, high = m.tendon_lengthspring[i]
-        if m.wrap_type[parts[0]] == WRAPS_JOINT:
+        if m.wrap_type[parts[0]] == JOINT_WRAP:
             ratios = {self._mjcf.joints[m.wrap_objid[k]]: float(m.wrap_prm[k]) for k in parts}
             pulled = [name for name in ratios if name in self._arm and ratios[name]]
         else:
@@ -154,12 +154,12 @@ class _Reader:
         if len(pulled) > 1 or low != high:
             raise self._no_place(what, f"it pulls on {', '.join(pulled)}, or has a slack")
         (joint,) = pulled
-        if m.wrap_type[parts[0]] == WRAPS_JOINT:
+        if m.wrap_type[parts[0]] == JOINT_WRAP:
             self._add(joint, ratios[joint], *drive)
             self._add_spring(joint, m.tendon_stiffness[i] * ratios[joint] ** 2, low / ratios[joint])
             return
         turns = m.jnt_type[self._mjcf.joints.index(joint)] == HINGE
-        sites = len(parts) == 2 and all(m.wrap_type[k] == WRAPS_SITE for k in parts)
+        sites = len(parts) == 2 and all(m.wrap_type[k] == SITE_WRAP for k in parts)
         if not (turns and sites) or low or any(drive):
             raise self._no_place(what, "only a spring of length 0 between two sites across a hinge is known")
         self._add_gravity_spring(joint, float(m.tendon_stiffness[i]), [int(m.wrap_objid[k]) for k in parts])
@@ -183,7 +183,7 @@ class _Reader:
             UrdfError: bodies have different shares.
         """
         m = self._m
-        gravity = np.zeros(3) if m.opt.disableflags & DISABLED_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
+        gravity = np.zeros(3) if m.opt.disableflags & DISABLE_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
         moved = [b for b in range(1, m.nbody) if m.body_mass[b] > 0.0 and self._apart(b, 0)]
         shares = m.body_gravcomp[moved]
         by_drives = m.jnt_actgravcomp[[j for j, name in enumerate(self._mjcf.joints) if name in self._arm]]
@@ -224,9 +224,9 @@ class _Reader:
     def _holder(self, wrap: int) -> int:
         """Index of the body that a part of a tendon is on; the world for a pulley."""
         m = self._m
-        if m.wrap_type[wrap] == WRAPS_SITE:
+        if m.wrap_type[wrap] == SITE_WRAP:
             return int(m.site_bodyid[m.wrap_objid[wrap]])
-        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in WRAPPED_SHAPES else 0
+        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in SHAPE_WRAPS else 0
 
     def _movers(self, body: int) -> set[str]:
         """Joints that move a body."""

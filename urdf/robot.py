@@ -18,7 +18,7 @@ class DescriptionWarning(UserWarning):
     """The inertia of a link was replaced or is impossible, so that torques differ from those of the robot's file."""
 
 
-ASSUMED_PREFIX = "of an MJCF: "
+MJCF_NOTE_PREFIX = "of an MJCF: "
 """First words of a sentence about an assumption that was made, or an element that was left out, in reading an MJCF."""
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
-LARGEST_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+MAX_JOINT_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
 """Largest accepted joint limits of any arm, in rad or m, s, N m or N; a larger one in a file is an error."""
 
 
@@ -70,8 +70,8 @@ class Limits:
     effort: Array
 
     def __post_init__(self) -> None:
-        freeze(self, "lower", "upper", *LARGEST_LIMITS)
-        for name, largest in LARGEST_LIMITS.items():
+        freeze(self, "lower", "upper", *MAX_JOINT_LIMITS)
+        for name, largest in MAX_JOINT_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
             if values.shape != self.lower.shape or wrong.size:
@@ -227,7 +227,7 @@ class Dynamics:
         freeze(self, "gravity")
 
 
-IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
+URDF_DYNAMICS = Dynamics(read_only((0.0, 0.0, -9.81)))
 """Dynamics of every URDF: gravity alone. ``<dynamics>`` elements are ignored, because public URDFs hold placeholders.
 
 Of the 51 URDFs in the package example-robot-data with ``<dynamics>``, 19 contain zeros only, 14 one pair of values for

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
-from urdf.robot import LARGEST_LIMITS, Line, Spring, UrdfError, rotation_of
+from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TableFileError, read_as, read_table
 
 Three = tuple[float, float, float]
@@ -168,10 +168,10 @@ def _check(settings: Settings) -> None:
         if len(values) != len(joints):
             raise UrdfError(f"{key} has {len(values)} numbers for {len(joints)} joints")
         for joint, value in zip(joints, values, strict=True):
-            if key in LARGEST_LIMITS and not 0.0 < value <= LARGEST_LIMITS[key]:
+            if key in MAX_JOINT_LIMITS and not 0.0 < value <= MAX_JOINT_LIMITS[key]:
                 raise UrdfError(
                     f"[limits] {key} of '{joint}' is {value:g}; "
-                    f"give a number above 0 and at most {LARGEST_LIMITS[key]:g}, in rad or m and s"
+                    f"give a number above 0 and at most {MAX_JOINT_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
         if file is not None and not 0 < len(file.strip()) <= MAX_NAME_LENGTH:
@@ -184,7 +184,7 @@ def _check(settings: Settings) -> None:
         low, high = line.core
         if not line.range[0] <= low < high <= line.range[1]:
             raise UrdfError(f"[line] core: {low:g} to {high:g} m does not lie within range; give two numbers inside it")
-        if not 0.0 < line.core_speed <= LARGEST_LIMITS["velocity"]:
+        if not 0.0 < line.core_speed <= MAX_JOINT_LIMITS["velocity"]:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
         line.line()
     for where, place in places.items():

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 from urdf.bounds import MAX_XML_DEPTH, MAX_XML_BYTES, MAX_NAME_LENGTH, MAX_ROBOT_LINKS, number, shown
 from urdf.robot import UrdfError
 
-LARGEST_NUMBER = 1e9
+MAX_URDF_NUMBER = 1e9
 """Largest number in a URDF, in SI units; no property of a robot is larger."""
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
@@ -107,7 +107,7 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             wrong = "it must be a finite number"
         elif len(values) != count:
             wrong = f"it must be {count} numbers"
-        elif max(map(abs, values)) > LARGEST_NUMBER:
+        elif max(map(abs, values)) > MAX_URDF_NUMBER:
             wrong = "no robot has it, write SI units"
         elif element.tag in NON_NEGATIVE_ELEMENTS and min(values) < 0.0:
             wrong = "it must not be negative"

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import ArrayLike
 
-MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+INERTIA_INDICES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 """Row and column of each entry of an inertia matrix."""
 NOWHERE = (0.0, 0.0, 0.0)
 
@@ -21,7 +21,7 @@ def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.E
     element = ET.Element("inertial")
     ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
     ET.SubElement(element, "mass", value=repr(float(mass)))
-    ET.SubElement(element, "inertia", {f"i{name}": repr(float(moments[at])) for name, at in MOMENTS.items()})
+    ET.SubElement(element, "inertia", {f"i{name}": repr(float(moments[at])) for name, at in INERTIA_INDICES.items()})
     return element
 
 

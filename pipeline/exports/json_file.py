@@ -11,7 +11,7 @@ from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import parts_of
 from pipeline.fields import fields, number
-from urdf.write import MOMENTS
+from urdf.write import INERTIA_INDICES
 
 
 def parameters_answer(file: ModelFile) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     return {
         "mass": {"value": number(mass), "unit": "kg"},
         "centre": {"value": dict(zip("xyz", map(number, centre), strict=True)), "unit": "m"},
-        "inertia": {"value": {name: number(inertia[at]) for name, at in MOMENTS.items()}, "unit": "kg m^2"},
+        "inertia": {"value": {name: number(inertia[at]) for name, at in INERTIA_INDICES.items()}, "unit": "kg m^2"},
     }
 
 

@@ -14,9 +14,9 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
 from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
-from urdf.robot import IN_A_URDF
+from urdf.robot import URDF_DYNAMICS
 from urdf.validate import link_of
-from urdf.write import MOMENTS, add_joint, inertial_element
+from urdf.write import INERTIA_INDICES, add_joint, inertial_element
 
 MOUNTING = "armdyn_world"
 PAYLOAD = "armdyn_payload"
@@ -28,7 +28,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     root = ET.fromstring(robot.urdf_xml)
     notes = left_over(model, HELD["urdf"], "a URDF")
     gravity = robot.model.gravity.linear
-    if not np.array_equal(gravity, IN_A_URDF.gravity):
+    if not np.array_equal(gravity, URDF_DYNAMICS.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
     bare = model.without_effect("payload") if model.joints_with("payload") else model
     for joint in parts_of(bare):
@@ -106,7 +106,7 @@ def _inertial(link: ET.Element) -> np.ndarray:
     xyz, rpy = _numbers(origin, "xyz"), _numbers(origin, "rpy")
     m = float(mass.get("value", "0")) if mass is not None else 0.0
     own = np.zeros((3, 3))
-    for name, (row, column) in MOMENTS.items():
+    for name, (row, column) in INERTIA_INDICES.items():
         own[row, column] = own[column, row] = float(inertia.get(f"i{name}", "0")) if inertia is not None else 0.0
     R = pin.rpy.rpyToMatrix(*rpy)
     return about_origin(m, xyz, R @ own @ R.T)
