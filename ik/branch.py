@@ -124,7 +124,7 @@ CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is wo
 CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
 REFINEMENT_ROUNDS = 40
 MIN_TIME_GAIN = 1e-5  # s of traverse time
-FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
+INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
 def in_core(path: Path, s: Array) -> Array:
@@ -168,17 +168,17 @@ def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q
     best = _assess(chain, limits, path, branch, s, q)
     if best is None or len(branch.weights) == 0:
         return branch, q
-    trust = FIRST_TRUST
+    trust = INITIAL_TRUST_RADIUS
     for _ in range(REFINEMENT_ROUNDS):
         change = _best_change(limits, path, best, s, trust)
         proposed = replace(best.branch, coefficients=best.branch.coefficients + change)
         candidate = _assess(chain, limits, path, proposed, s, best.q)
         if candidate is None or candidate.cost >= best.cost:
             trust *= 0.3
-            if trust < MIN_TRUST:
+            if trust < MIN_TRUST_RADIUS:
                 break
             continue
-        gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST, 2.0 * trust)
+        gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST_RADIUS, 2.0 * trust)
         if gained < MIN_TIME_GAIN:
             break
     return best.branch, best.q

@@ -20,7 +20,7 @@ from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 
 TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-SURVEYED_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
+DIAGNOSIS_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
 Progress = Callable[[str], None]
 
 
@@ -81,10 +81,10 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
     """Explain why a path cannot be followed: targets that cannot be reached, or else the planner's reason."""
-    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED_TARGETS), collisions)
+    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, DIAGNOSIS_TARGETS), collisions)
     if misses:
         return (
-            f"robot '{robot.name}': {len(misses)} of {SURVEYED_TARGETS} targets on the path cannot be held; "
+            f"robot '{robot.name}': {len(misses)} of {DIAGNOSIS_TARGETS} targets on the path cannot be held; "
             f"{misses[0].sentence}; move or shorten the path"
         )
     return (

@@ -138,7 +138,7 @@ class CirclePath(_WithoutCore):
         )
 
 
-CELLS_PER_STRETCH = 64  # intervals between two points of a spline, for the arc length
+INTERVALS_PER_SEGMENT = 64  # intervals between two points of a spline, for the arc length
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 ARC_LENGTH_NEWTON_STEPS = 4  # Newton steps from a linear guess to double precision
 
@@ -179,7 +179,7 @@ class SplinePath(_WithoutCore):
         moved = (turning[:-1].inv() * turning[1:]).magnitude().max() > 1e-12
         object.__setattr__(self, "_position", make_interp_spline(knots, self.points, k=degree))
         object.__setattr__(self, "_turning", RotationSpline(knots, turning) if moved else None)
-        u = np.linspace(0.0, knots[-1], CELLS_PER_STRETCH * (count - 1) + 1)
+        u = np.linspace(0.0, knots[-1], INTERVALS_PER_SEGMENT * (count - 1) + 1)
         object.__setattr__(self, "_u", u)
         object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
         object.__setattr__(self, "s_max", float(self._s[-1]))

@@ -20,12 +20,12 @@ from urdf.robot import Array
 
 SEARCH_GRID = 0.1  # m between the targets of the coarse grid
 REACHABLE_STARTS = 3  # starting postures per target of the coarse grid
-PLANNED_ROWS = 8  # lines of the coarse grid that are planned: the best ones
+PLANNED_LINES = 8  # lines of the coarse grid that are planned: the best ones
 STARTS_PER_LINE = 3  # different postures from which each of these lines is planned
-LINE_STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
-WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
+LINE_SHIFTS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
+FULL_SCORE_MARGIN = 0.5  # rad; a larger margin does not raise the score
 WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
-CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s required on the core in the search; the next is tried where a limit is violated
+TRIED_CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s required on the core in the search; the next is tried where a limit is violated
 KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires; the rest serves the joint margin
 LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
 
@@ -114,7 +114,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
             f"robot '{robot.name}': no line of {demand.s_max - demand.s_min:g} m along {demand.direction} was found; "
             "ask for a shorter one or another orientation of the tool"
         )
-    for step in LINE_STEPS:
+    for step in LINE_SHIFTS:
         improved = True
         while improved:
             improved = False
@@ -174,7 +174,7 @@ class _Search:
             # The chosen origins must not all be neighbours.
             if all(np.linalg.norm(origins[index] - other) > 1.2 * SEARCH_GRID for other in chosen):
                 chosen.append(origins[index])
-            if len(chosen) == PLANNED_ROWS:
+            if len(chosen) == PLANNED_LINES:
                 break
         return chosen
 
@@ -190,7 +190,7 @@ class _Search:
 
     def try_out(self, origin: Array, home: Array) -> Found | None:
         """The line with the highest requested speed on its core that can be followed; None where there is none."""
-        tries = (self.judge(origin, home, core_speed) for core_speed in CORE_SPEEDS)
+        tries = (self.judge(origin, home, core_speed) for core_speed in TRIED_CORE_SPEEDS)
         return next((found for found in tries if found is not None), None)
 
     def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
@@ -210,7 +210,7 @@ class _Search:
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
         core, whole = float(speed[in_core(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
-        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / WANTED_MARGIN)
+        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / FULL_SCORE_MARGIN)
         return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: Found) -> Found:

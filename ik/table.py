@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_owner
 from ik.path import Path
 from ik.pathfile import path_of
-from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
+from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze, read_only
@@ -21,10 +21,10 @@ LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because
 
 NODES = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
-TORQUES = ("inertial", "centrifugal", "damping", "gravity", "springs")
+TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
 SHAPES = (
     {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
-    | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUES), "kn")
+    | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUE_ARRAYS), "kn")
     | dict.fromkeys(LIMITS, "n")
 )
 """Axes of each array in the file of an IK table: k nodes, n joints, or a number."""
@@ -235,9 +235,9 @@ class PathTable:
         with reading(source):
             about, arrays = read_arrays(source, SHAPES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
-                raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD}")
+                raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}")
             if robot is not None:
-                check_owner(source, about, robot, REBUILD)
+                check_owner(source, about, robot, REBUILD_REMEDY)
             try:
                 check_shapes(arrays, SHAPES, len(about["joints"]))
                 own = path_of(about["path"])
@@ -249,14 +249,14 @@ class PathTable:
                     path=own,
                     **{name: arrays[name] for name in NODES},
                     limits=Limits(**{name: arrays[name] for name in LIMITS}),
-                    torque=PathTorque(**{name: arrays[name] for name in TORQUES}),
+                    torque=PathTorque(**{name: arrays[name] for name in TORQUE_ARRAYS}),
                     fingerprint=about["fingerprint"],
                 )
                 check_motion(arrays, own)
                 if robot is not None:
                     check_robot(arrays, own, robot)
             except (InputError, UrdfError) as error:
-                raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
+                raise StaleTableError(f"{source}: {error}; {REBUILD_REMEDY}") from error
         return table
 
 

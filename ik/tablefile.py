@@ -23,7 +23,7 @@ from urdf.bounds import MAX_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
 TABLE_FORMAT = 6  # version of the file format; raise it when a change of the code changes the table of a robot
-REBUILD = "build it again with 'armdyn ik build'"
+REBUILD_REMEDY = "build it again with 'armdyn ik build'"
 
 
 def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
@@ -54,16 +54,16 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
     with zipfile.ZipFile(source) as packed:
         for member in packed.infolist():  # a few kilobytes of zeros expand to as many gigabytes as one likes
             if member.file_size > MAX_TABLE_ARRAY_BYTES:
-                raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD}")
+                raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD_REMEDY}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         may_replace(source)  # a table that may be built again
         if about["format"] != TABLE_FORMAT:
-            raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD}")
+            raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD_REMEDY}")
         arrays = {name: file[name] for name in names}
     digest = about.pop("digest")
     if digest != digest_of(json.dumps(about), arrays):
-        raise StaleTableError(f"{source}: its numbers were changed; {REBUILD}")
+        raise StaleTableError(f"{source}: its numbers were changed; {REBUILD_REMEDY}")
     return about, arrays
 
 
@@ -87,13 +87,13 @@ def reading(source: File) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        raise InputError(f"{source}: there is no such table; {REBUILD}") from error
+        raise InputError(f"{source}: there is no such table; {REBUILD_REMEDY}") from error
     except StaleTableError:
         raise
     except IsADirectoryError as error:
         raise InputError(f"{source} is a directory: give a table's file") from error
     except Exception as error:  # bytes that are none of a table surface as a dozen exceptions of zipfile, zlib, numpy
-        raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD}") from error
+        raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD_REMEDY}") from error
 
 
 SPACING_TOLERANCE = 1e-6

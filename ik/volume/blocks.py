@@ -14,7 +14,7 @@ from urdf.robot import Array
 
 BLOCK_ITERATIONS = 9  # four are enough wherever the skeleton is smooth
 HOPELESS_ERROR = 1e-2  # m or rad; a target with a larger error after a few steps is given up
-TARGETS_AT_ONCE = 4096  # targets that are solved together: their arrays fit into the processor's cache
+BATCH_TARGETS = 4096  # targets that are solved together: their arrays fit into the processor's cache
 MAX_CORNER_DISTANCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
 
 
@@ -58,8 +58,8 @@ class BlockSolver:
         rotation = self.grid.rotations[block[0]][:, :, None]
         status = np.full(len(q), Status.UNREACHABLE, dtype=np.uint8)
         known = np.flatnonzero(~np.isnan(q[:, 0]))
-        for start in range(0, len(known), TARGETS_AT_ONCE):
-            part = known[start : start + TARGETS_AT_ONCE]
+        for start in range(0, len(known), BATCH_TARGETS):
+            part = known[start : start + BATCH_TARGETS]
             placed = np.ascontiguousarray(position[part].T)
             q[part], error = descend(
                 chain,

@@ -11,8 +11,8 @@ from urdf.robot import Array
 
 MAX_NEIGHBOUR_DISTANCE = 0.7  # rad; neighbouring postures that differ more belong to different branches
 SMOOTHING_SWEEPS = 30  # smoothing sweeps; more change nothing
-MAX_PARTS = 8  # branches besides the first; postures jump at the border of each, and later ones are small
-COLD_STARTS_PER_TARGET = 4  # random starting postures per target that no neighbour's posture leads to
+MAX_EXTRA_BRANCHES = 8  # branches besides the first; postures jump at the border of each, and later ones are small
+RANDOM_STARTS_PER_TARGET = 4  # random starting postures per target that no neighbour's posture leads to
 CENTRING_SHARE = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 
 
@@ -96,10 +96,10 @@ class _Layer:
             if cold is None:
                 cold = np.full_like(q, np.nan)
                 rotations = np.broadcast_to(self.rotation, (int((~known).sum()), 3, 3))
-                answers = self.solver.solve(rotations, self.position[~known], starts=COLD_STARTS_PER_TARGET)
+                answers = self.solver.solve(rotations, self.position[~known], starts=RANDOM_STARTS_PER_TARGET)
                 cold[~known] = np.where(answers.reached[:, None], answers.q, np.nan)
             left = np.flatnonzero(~known & ~np.isnan(cold[:, 0]))
-            if not len(left) or parts == MAX_PARTS:
+            if not len(left) or parts == MAX_EXTRA_BRANCHES:
                 return q
             # The posture closest to the solved ones starts the next part, from which the waves go on.
             centre = np.mean(q[known], axis=0) if known.any() else cold[left[0]]
