@@ -48,7 +48,9 @@ class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
     value: Annotated[float, Check(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
-    std: Annotated[float, Check(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = None
+    std: Annotated[float, Check(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = (
+        None
+    )
     unit: str | None = None
     fitted: bool | None = None
     prior: str | None = None

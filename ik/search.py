@@ -25,7 +25,11 @@ STARTS_PER_LINE = 3  # different postures from which each of these lines is plan
 LINE_SHIFTS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
 FULL_SCORE_MARGIN = 0.5  # rad; a larger margin does not raise the score
 WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
-TRIED_CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s required on the core in the search; the next is tried where a limit is violated
+TRIED_CORE_SPEEDS = (
+    3.0,
+    0.8,
+    0.3,
+)  # m/s required on the core in the search; the next is tried where a limit is violated
 KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires; the rest serves the joint margin
 LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
 

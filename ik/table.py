@@ -235,7 +235,9 @@ class PathTable:
         with reading(source):
             about, arrays = read_arrays(source, SHAPES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
-                raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}")
+                raise StaleTableError(
+                    f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}"
+                )
             if robot is not None:
                 check_owner(source, about, robot, REBUILD_REMEDY)
             try:

@@ -134,7 +134,9 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
             continue
         name = str(link.get("name"))
         mass = float(mass_element.get("value", "0"))
-        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCT_NAMES))
+        moments, products = (
+            [float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCT_NAMES)
+        )
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         judged = _judge(name, mass, moments, products, boxes)
         if judged is None:

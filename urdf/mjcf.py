@@ -71,7 +71,9 @@ def read_mjcf(path: Path) -> Mjcf:
     )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{MJCF_NOTE_PREFIX}{sentence}" for sentence in sentences))
+    return Mjcf(
+        path, model, bodies, joints, tree.root, tuple(f"{MJCF_NOTE_PREFIX}{sentence}" for sentence in sentences)
+    )
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, shown
+from urdf.bounds import MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, shown
 
 MAX_LISTED_PROBLEMS = 12
 """Largest number of problems of a file that its error message lists."""

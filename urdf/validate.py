@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import MAX_XML_DEPTH, MAX_XML_BYTES, MAX_NAME_LENGTH, MAX_ROBOT_LINKS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, number, shown
 from urdf.robot import UrdfError
 
 MAX_URDF_NUMBER = 1e9

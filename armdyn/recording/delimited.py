@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
-from urdf.bounds import MAX_NAME_LENGTH, MAX_TABLE_COLUMNS, MAX_RECORDING_ROWS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, number, shown
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""

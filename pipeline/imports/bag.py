@@ -63,7 +63,9 @@ def read_bag(path: Path) -> Foreign:
     if problems:
         notes.append(f"not all of it can be read: {problems[-1]}")
     if publishers.crowded:
-        notes.append(f"more than {MAX_TABLE_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out")
+        notes.append(
+            f"more than {MAX_TABLE_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out"
+        )
     notes += [
         f"{topic}: nothing can be read of its {n} messages" for topic, n in unread.items() if topic not in accounts
     ]

@@ -15,7 +15,7 @@ from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from ik.workers import Lost, in_processes
 from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
-from urdf.bounds import MAX_UNPACKED_BYTES, MIB, MAX_TABLE_COLUMNS
+from urdf.bounds import MAX_TABLE_COLUMNS, MAX_UNPACKED_BYTES, MIB
 
 DEEPEST = 8
 """Largest number of nested structures that are read."""

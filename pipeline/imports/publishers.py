@@ -18,7 +18,7 @@ from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import second_track
 from pipeline.imports.foreign import SECOND, Account, ForeignColumn
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
-from urdf.bounds import MAX_TABLE_COLUMNS, MAX_RECORDING_ROWS, shown
+from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, shown
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))

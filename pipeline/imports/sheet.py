@@ -11,7 +11,7 @@ from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from pipeline.imports.foreign import Foreign, Reader
 from pipeline.imports.table import of_text
-from urdf.bounds import MAX_XML_BYTES, MIB, MAX_TABLE_COLUMNS, MAX_RECORDING_ROWS
+from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, MAX_XML_BYTES, MIB
 
 _SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 SHEET, STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"

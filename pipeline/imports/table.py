@@ -22,13 +22,13 @@ from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, 
 from pipeline.imports.foreign import Foreign, ForeignColumn, Reader, split_label
 from pipeline.imports.head import plain_table
 from urdf.bounds import (
-    MAX_UNPACKED_BYTES,
-    MAX_UNCONVERTED_VALUE,
-    MAX_TEXT_FILE_BYTES,
     MAX_NAME_LENGTH,
-    MIB,
-    MAX_TABLE_COLUMNS,
     MAX_RECORDING_ROWS,
+    MAX_TABLE_COLUMNS,
+    MAX_TEXT_FILE_BYTES,
+    MAX_UNCONVERTED_VALUE,
+    MAX_UNPACKED_BYTES,
+    MIB,
     shown,
 )
 

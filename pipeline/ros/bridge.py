@@ -15,7 +15,7 @@ from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
 from pipeline.processes import Closing, PromptThread
-from urdf.bounds import ROSBRIDGE_TIMEOUT_SECONDS, MAX_ROSBRIDGE_MESSAGE_BYTES
+from urdf.bounds import MAX_ROSBRIDGE_MESSAGE_BYTES, ROSBRIDGE_TIMEOUT_SECONDS
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
@@ -109,11 +109,15 @@ class Bridge(Closing):
             self._answers[number] = None
         self._send({"op": "call_service", "id": number, "service": service, "args": {}})
         with self._answered:
-            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, ROSBRIDGE_TIMEOUT_SECONDS)
+            self._answered.wait_for(
+                lambda: self._answers[number] is not None or self.failure is not None, ROSBRIDGE_TIMEOUT_SECONDS
+            )
             answer = self._answers.pop(number)
         if answer is None:
             self._require_connected()
-            raise InputError(f"{self.uri}: service {service} did not answer within {ROSBRIDGE_TIMEOUT_SECONDS:g} s: is it running?")
+            raise InputError(
+                f"{self.uri}: service {service} did not answer within {ROSBRIDGE_TIMEOUT_SECONDS:g} s: is it running?"
+            )
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
 
