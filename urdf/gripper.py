@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pinocchio as pin
 
-from urdf.validate import MOVING_JOINT_TYPES, copied
+from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints
 
 MAX_FINGER_MASS_SHARE = 1 / 15
 """Largest mass that a gripper's joint moves, as a share of the mass that the first joint of its chain moves.
@@ -33,7 +33,7 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
     belong to the gripper, as for a hand without an arm.
     """
     elements = {str(joint.get("name")): joint for joint in root.findall("joint")}
-    followed, model = copied(root), _model(root)
+    followed, model = mimicked_joints(root), _model(root)
     coupled = {*followed, *followed.values()}
     data, joints = model.createData(), range(1, model.njoints)
     pin.computeSubtreeMasses(model, data)

@@ -11,7 +11,7 @@ from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING_JOINT_TYPES, copied, link_of
+from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, link_of
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
 ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration
@@ -63,7 +63,7 @@ def infer(
             said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
     for name in joints:
         if name not in moving:
-            leader = copied(root).get(name)
+            leader = mimicked_joints(root).get(name)
             what = f"joint '{name}' copies '{leader}'" if leader else f"there is no moving joint '{name}'"
             raise UrdfError(f"{path}: {what}; choose among {', '.join(moving)}")
     if tool is None:

@@ -271,7 +271,7 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) 
 
 def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[str]:
     """Sentences on joints that an arm carries and that do not move in its model."""
-    leaders = validate.copied(root)
+    leaders = validate.mimicked_joints(root)
     said = [
         f"{name} copies {leader} and is held at 0 all the same: no joint of an arm follows another"
         for name, leader in leaders.items()

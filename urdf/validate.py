@@ -248,7 +248,7 @@ def link_of(joint: ET.Element, end: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def copied(root: ET.Element) -> dict[str, str]:
+def mimicked_joints(root: ET.Element) -> dict[str, str]:
     """For each joint of a URDF that mimics another joint, as a gripper's fingers do, the name of the other joint."""
     return {
         str(joint.get("name")): str(mimic.get("joint"))
