@@ -18,7 +18,7 @@ from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_a
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
-from urdf.validate import MJCF, check_plain
+from urdf.validate import MJCF, check_names_and_numbers
 
 if TYPE_CHECKING:
     from urdf.mjcf import Mjcf
@@ -130,7 +130,7 @@ def _read(path: Path) -> _Description:
         mjcf = read_mjcf(path)
         root = mjcf.root
     validate.check_tree(root, path)
-    check_plain(root, path)
+    check_names_and_numbers(root, path)
     if mjcf is None:
         changed = validate.check_schema(path)
     return _Description(

@@ -52,7 +52,7 @@ REQUIRED_ATTRIBUTES = {
 NON_NEGATIVE_ELEMENTS = ("box", "cylinder", "capsule", "sphere", "mass")
 
 
-def check_plain(root: ET.Element, path: Path) -> None:
+def check_names_and_numbers(root: ET.Element, path: Path) -> None:
     """Check every name and number of a URDF.
 
     Raises:
