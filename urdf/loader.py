@@ -122,7 +122,7 @@ class _Description:
 
 def _read(path: Path) -> _Description:
     """The URDF in a file, or of the robot in an MJCF."""
-    root = validate.parse(path)
+    root = validate.parse_description(path)
     mjcf, changed = None, list[str]()
     if root.tag == MJCF:
         from urdf.mjcf import read_mjcf

@@ -148,7 +148,7 @@ MJCF = "mujoco"
 """Name of the root element of an MJCF, MuJoCo's XML format."""
 
 
-def parse(path: Path) -> ET.Element:
+def parse_description(path: Path) -> ET.Element:
     """Read the root element of a URDF or MJCF file.
 
     Raises:
