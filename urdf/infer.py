@@ -11,7 +11,7 @@ from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, link_of
+from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
 ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration
@@ -107,8 +107,8 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
 
 def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
     """Joint names and link names from the root to every leaf, in the order of the file."""
-    parent_of = {link_of(joint, "child"): joint for joint in root.findall("joint")}
-    parents = {link_of(joint, "parent") for joint in root.findall("joint")}
+    parent_of = {joint_link(joint, "child"): joint for joint in root.findall("joint")}
+    parents = {joint_link(joint, "parent") for joint in root.findall("joint")}
     chains = []
     for link in (str(link.get("name")) for link in root.findall("link")):
         if link in parents:
@@ -117,7 +117,7 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
         while links[-1] in parent_of:
             joint = parent_of[links[-1]]
             joints.append(str(joint.get("name")))
-            links.append(link_of(joint, "parent"))
+            links.append(joint_link(joint, "parent"))
         chains.append((joints[::-1], links[::-1]))
     return chains
 
@@ -136,4 +136,4 @@ def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: t
             best = links[start + 1 : end + 1]
     if best:
         return best[-1]
-    return next(link_of(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])
+    return next(joint_link(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])

@@ -224,7 +224,7 @@ def check_tree(root: ET.Element, path: Path) -> None:
     known, carrier, parents = set(links), dict[str, str](), dict[str, list[str]]()
     for joint in joints:
         name = joint.get("name", "")
-        parent, child = (link_of(joint, end) for end in ("parent", "child"))
+        parent, child = (joint_link(joint, end) for end in ("parent", "child"))
         for link in (parent, child):
             if link not in known:
                 raise UrdfError(f"{path}: joint '{name}' refers to link '{link}', which is not defined; add it")
@@ -242,7 +242,7 @@ def check_tree(root: ET.Element, path: Path) -> None:
         raise UrdfError(f"{path}: {len(roots)} links have no parent ({', '.join(roots)}); join them by fixed joints")
 
 
-def link_of(joint: ET.Element, end: str) -> str:
+def joint_link(joint: ET.Element, end: str) -> str:
     """Name of a joint's parent or child link; `end` is ``"parent"`` or ``"child"``. Empty if the joint has none."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")

@@ -15,7 +15,7 @@ from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
 from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
 from urdf.robot import URDF_DYNAMICS
-from urdf.validate import link_of
+from urdf.validate import joint_link
 from urdf.write import INERTIA_INDICES, add_joint, inertial_element
 
 MOUNTING = "armdyn_world"
@@ -35,7 +35,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
-            notes += _set_link(root, link_of(element, "child"), joint)
+            notes += _set_link(root, joint_link(element, "child"), joint)
     moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
     for link in root.findall("link"):
         if link.get("name") in moved:
@@ -91,8 +91,8 @@ def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
     while waiting:
         here = waiting.pop()
         for joint in root.findall("joint"):
-            if joint.get("type") == "fixed" and link_of(joint, "parent") == here:
-                waiting.append(link_of(joint, "child"))
+            if joint.get("type") == "fixed" and joint_link(joint, "parent") == here:
+                waiting.append(joint_link(joint, "child"))
                 found.append(links[waiting[-1]])
     return found
 
@@ -129,12 +129,12 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD)
     _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
-    add_joint(root, f"{PAYLOAD}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD, place)
+    add_joint(root, f"{PAYLOAD}_joint", "fixed", joint_link(_joint(root, joint), "child"), PAYLOAD, place)
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
     """Add a root link to which the base is fixed at its tilt."""
-    children = {link_of(joint, "child") for joint in root.findall("joint")}
+    children = {joint_link(joint, "child") for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
     ET.SubElement(root, "link", name=MOUNTING)
