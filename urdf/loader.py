@@ -18,7 +18,7 @@ from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_a
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
-from urdf.validate import MJCF, check_names_and_numbers
+from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
     from urdf.mjcf import Mjcf
@@ -124,7 +124,7 @@ def _read(path: Path) -> _Description:
     """The URDF in a file, or of the robot in an MJCF."""
     root = validate.parse_description(path)
     mjcf, changed = None, list[str]()
-    if root.tag == MJCF:
+    if root.tag == MJCF_ROOT_TAG:
         from urdf.mjcf import read_mjcf
 
         mjcf = read_mjcf(path)

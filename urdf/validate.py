@@ -144,7 +144,7 @@ def _check_shapes(link: ET.Element, where: str) -> None:
             raise UrdfError(f"{where}: a <mesh> has no filename; add it")
 
 
-MJCF = "mujoco"
+MJCF_ROOT_TAG = "mujoco"
 """Name of the root element of an MJCF, MuJoCo's XML format."""
 
 
@@ -169,7 +169,7 @@ def parse_description(path: Path) -> ET.Element:
             raise _is_xacro(path, "<xacro: ...>") from error
         raise UrdfError(f"{path}: not an XML file ({error}); correct it") from error
     _refuse_xacro(root, path)
-    if root.tag not in ("robot", MJCF):
+    if root.tag not in ("robot", MJCF_ROOT_TAG):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     level = [root]
     for _ in range(MAX_XML_DEPTH):
