@@ -22,7 +22,7 @@ MAX_ANGLE = 2.0 * math.pi + 1e-3
 """Largest angle that is plausible in a URDF [rad]: one turn, and a tolerance for rounding."""
 RESERVED_JOINT_NAMES = ("universe",)
 """Names that Pinocchio gives to its own joints: "universe" is the fixed joint at the root."""
-NUMBERS = {
+NUMERIC_ATTRIBUTES = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "mass": {"value": 1},
@@ -39,10 +39,10 @@ NUMBERS = {
     "calibration": {"rising": 1, "falling": 1},
 }
 """For each element of a URDF, its attributes that contain numbers, and how many numbers each contains."""
-LIMIT_NAMES = tuple(NUMBERS["limit"])
+LIMIT_NAMES = tuple(NUMERIC_ATTRIBUTES["limit"])
 REQUIRED_ATTRIBUTES = {
     "mass": ("value",),
-    "inertia": tuple(NUMBERS["inertia"]),
+    "inertia": tuple(NUMERIC_ATTRIBUTES["inertia"]),
     "box": ("size",),
     "cylinder": ("radius", "length"),
     "sphere": ("radius",),
@@ -92,7 +92,7 @@ def _check_name(part: ET.Element, where: str) -> None:
 
 
 def _check_numbers(element: ET.Element, where: str) -> None:
-    for key, count in NUMBERS.get(element.tag, {}).items():
+    for key, count in NUMERIC_ATTRIBUTES.get(element.tag, {}).items():
         text = element.get(key)
         if text is None:
             if key in REQUIRED_ATTRIBUTES.get(element.tag, ()):
@@ -187,7 +187,7 @@ def _refuse_xacro(root: ET.Element, path: Path) -> None:
             raise _is_xacro(path, f"<xacro:{shown(tag)}>")
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
-            for key in NUMBERS.get(element.tag, ()):
+            for key in NUMERIC_ATTRIBUTES.get(element.tag, ()):
                 if "$" in element.get(key, ""):
                     raise _is_xacro(path, f'{key}="{shown(element.get(key, ""))}"')
 
