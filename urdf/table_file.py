@@ -152,7 +152,7 @@ class Check:
         remedy: what to write instead, for the error message.
     """
 
-    fits: Callable[[Any], bool]
+    is_valid: Callable[[Any], bool]
     remedy: str
 
 
