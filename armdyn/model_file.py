@@ -16,14 +16,14 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
 from urdf.bounds import MAX_MAGNITUDE
-from urdf.table_file import Check, read_as
+from urdf.table_file import ValueCheck, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base; a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys of every model file; each base has further ones."""
 _Names = str | tuple[str, ...]
-_Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
+_Sizes = dict[str, Annotated[float, ValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class _Change:
 class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
-    value: Annotated[float, Check(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
-    std: Annotated[float, Check(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = (
+    value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    std: Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = (
         None
     )
     unit: str | None = None
@@ -61,7 +61,7 @@ class _BackgroundEntry:
     """The entries of the background; values are in SI units."""
 
     width: float
-    values: dict[str, Annotated[float, Check(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]]
+    values: dict[str, Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]]
 
 
 @dataclass(frozen=True)

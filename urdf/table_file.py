@@ -144,7 +144,7 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 
 @dataclass(frozen=True)
-class Check:
+class ValueCheck:
     """A condition that a value in a TOML file must satisfy besides its type; used as `Annotated[float, Check(...)]`.
 
     Attributes:

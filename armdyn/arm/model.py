@@ -28,7 +28,7 @@ from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.table_file import Check, read_as
+from urdf.table_file import ValueCheck, read_as
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -374,7 +374,7 @@ def arm_model(
     return model
 
 
-_Name = Annotated[str, Check(bool, "write a name")]
+_Name = Annotated[str, ValueCheck(bool, "write a name")]
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
-from urdf.table_file import Check, read_as
+from urdf.table_file import ValueCheck, read_as
 
 TASKS = ("compare", "repair")
 ROBOT = "{robot}"
@@ -35,7 +35,7 @@ MAX_BATCH_FILES = 200_000
 """Recordings; their rows are held in memory."""
 
 
-_Text = Annotated[str, Check(bool, "give a name")]
+_Text = Annotated[str, ValueCheck(bool, "give a name")]
 _LOW, _HIGH = FALSE_ALARM_RANGE
 
 
@@ -44,7 +44,7 @@ class _Recordings:
     """A table ``[[recordings]]``: a model and its recordings."""
 
     model: _Text
-    runs: Annotated[_Text | tuple[_Text, ...], Check(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
+    runs: Annotated[_Text | tuple[_Text, ...], ValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
     robot: str = ""
     calibrate: tuple[_Text, ...] = ()
     times: dict[str, Any] = field(default_factory=dict)
@@ -54,8 +54,8 @@ class _Recordings:
 class _Time:
     """The table ``[time]``: see `Clock`."""
 
-    from_: Annotated[str, Check(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
-    form: Annotated[str, Check(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
+    from_: Annotated[str, ValueCheck(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
+    form: Annotated[str, ValueCheck(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class _Changes:
     """The table ``[changes]``: the probability of a false alarm."""
 
     false_alarms: Annotated[
-        float, Check(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
+        float, ValueCheck(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
     ] = FALSE_ALARM_RATE
 
 

@@ -12,17 +12,17 @@ from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
-from urdf.table_file import Check, TableFileError, read_as, read_table
+from urdf.table_file import ValueCheck, TableFileError, read_as, read_table
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
 
 
-_Number = Annotated[float, Check(has_plausible_magnitude, "give a size that a load cell has")]
+_Number = Annotated[float, ValueCheck(has_plausible_magnitude, "give a size that a load cell has")]
 
 
-def _in_unit(name: str) -> Check:
-    return Check(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
+def _in_unit(name: str) -> ValueCheck:
+    return ValueCheck(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from armdyn.errors import InputError, at
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import Check, read_as
+from urdf.table_file import ValueCheck, read_as
 
 
 class CommandKind(Enum):
@@ -26,9 +26,9 @@ MODES = {"position": 1, "raw_position": 4}
 
 
 _Name = Annotated[
-    str, Check(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise")
+    str, ValueCheck(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise")
 ]
-_Seconds = Annotated[float, Check(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
+_Seconds = Annotated[float, ValueCheck(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class RosTopics:
     joint_states: _Name
     command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
-    mode: Annotated[str, Check(MODES.__contains__, f"choose one of {', '.join(MODES)}")] = "raw_position"
+    mode: Annotated[str, ValueCheck(MODES.__contains__, f"choose one of {', '.join(MODES)}")] = "raw_position"
     feed_forward: _Name | None = None
     timeout: _Name | None = None
     command_timeout: _Seconds = 0.1

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.table_file import Check, TableFileError, parse_table, read_as
+from urdf.table_file import ValueCheck, TableFileError, parse_table, read_as
 
 
 class Colour(Enum):
@@ -23,7 +23,7 @@ class Colour(Enum):
 
 @dataclass(frozen=True)
 class Wheel:
-    radius: Annotated[float, Check(lambda radius: radius > 0.0, "give a positive number")]
+    radius: Annotated[float, ValueCheck(lambda radius: radius > 0.0, "give a positive number")]
     colour: Colour = Colour.RED
 
 
