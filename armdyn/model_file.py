@@ -16,7 +16,7 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
 from urdf.bounds import MAX_MAGNITUDE
-from urdf.table_file import ValueCheck, read_as
+from urdf.table_file import ValueCheck, table_to_dataclass
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base; a user's own base is the path of a Python file."""
@@ -222,7 +222,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[parameters]: write a table")
     model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
     if "background" in table:
-        held = read_as(_BackgroundEntry, table["background"], "[background]")
+        held = table_to_dataclass(_BackgroundEntry, table["background"], "[background]")
         with at("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
             model = model.with_background(held.width, held.values, known.values())
@@ -231,7 +231,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[[history]]: write a list of tables")
     declared = {each.name for each in fields(_Change)}
     for number, change in enumerate(history, start=1):
-        read_as(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
+        table_to_dataclass(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
     return ModelFile(model, description, tuple(history))
 
 
@@ -252,7 +252,7 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     if not isinstance(entry, dict) or "value" not in entry:
         raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
     parameter = model.parameters[name]
-    said = read_as(_ParameterEntry, entry, f"parameter {name}")
+    said = table_to_dataclass(_ParameterEntry, entry, f"parameter {name}")
     factor = si_factor(said.unit, parameter.unit) if said.unit is not None else 1.0
     prior = parameter.prior if parameter.effect else None
     if said.prior is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
-from urdf.table_file import TableFileError, read_as, read_table
+from urdf.table_file import TableFileError, table_to_dataclass, read_table
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
@@ -141,7 +141,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
     """
     try:
         text, content = read_table(path, finite=True)
-        settings = read_as(Settings, content)
+        settings = table_to_dataclass(Settings, content)
         _check(settings)
     except FileNotFoundError as error:
         raise UrdfError(f"{path}: cannot be read (no such file); give the path of a settings file") from error

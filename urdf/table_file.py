@@ -156,7 +156,7 @@ class ValueCheck:
     remedy: str
 
 
-def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
+def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
     """Convert a TOML table to a dataclass: each key is stored in the field of its name, if it has the field's type.
 
     A field's type may be `str`, `float`, `bool`, `datetime`, `Any`, an enum (in the file, the text of a member's
@@ -208,11 +208,11 @@ def _value(kind: Any, value: Any, name: str) -> Any:
             raise TableFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
         if origin is dict:
             return {key: _value(arguments[1], part, f"{name}.{key}") for key, part in value.items()}
-        return read_as(cast(Any, kind), value, f"[{name}]")
+        return table_to_dataclass(cast(Any, kind), value, f"[{name}]")
     if origin is tuple and is_dataclass(arguments[0]):
         if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
             raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
-        return tuple(read_as(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
+        return tuple(table_to_dataclass(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
     if origin is tuple:
         if not isinstance(value, list):
             what = {str: "names", float: "numbers"}.get(arguments[0], "lists")

@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.units import Known, parse_quantity, sliding_unit
 from armdyn.run import Run
-from urdf.table_file import read_as
+from urdf.table_file import table_to_dataclass
 
 Law = Literal["position", "velocity", "torque", "current"]
 GAIN_UNITS: Mapping[Law, str] = {"position": "N m/rad", "velocity": "N m s/rad", "torque": "1", "current": "N m/A"}
@@ -150,7 +150,7 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
         raise InputError("[drives]: write a table for each kind of drive, such as [drives.sts3215]")
     for name, entries in table.items():
         with at(f"[drives.{name}]"):
-            entry = read_as(_Entry, entries)
+            entry = table_to_dataclass(_Entry, entries)
             if entry.law not in get_args(Law):
                 raise UnknownNameError("law", entry.law, get_args(Law))
             if not entry.joints:

@@ -28,7 +28,7 @@ from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.table_file import ValueCheck, read_as
+from urdf.table_file import ValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -399,7 +399,7 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     """
     description = {key: table[key] for key in KEYS if key in table}
     with at("the arm"):
-        keys = read_as(Keys, description)
+        keys = table_to_dataclass(Keys, description)
     if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
     # The path of the URDF depends on the place of the model file; see `ArmModel.described`.

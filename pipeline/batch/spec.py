@@ -23,7 +23,7 @@ from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
-from urdf.table_file import ValueCheck, read_as
+from urdf.table_file import ValueCheck, table_to_dataclass
 
 TASKS = ("compare", "repair")
 ROBOT = "{robot}"
@@ -133,7 +133,7 @@ def read_spec(path: Path) -> Spec:
 
 
 def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
-    said = read_as(_Entries, table)
+    said = table_to_dataclass(_Entries, table)
     if said.task not in TASKS:
         raise UnknownNameError("task", said.task, TASKS)
     if not said.recordings:

@@ -10,7 +10,7 @@ from armdyn.errors import InputError, at
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import ValueCheck, read_as
+from urdf.table_file import ValueCheck, table_to_dataclass
 
 
 class CommandKind(Enum):
@@ -75,7 +75,7 @@ def read_topics(file: Path) -> RosTopics:
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
     with at(file):
-        return read_as(RosTopics, table, "[ros]")
+        return table_to_dataclass(RosTopics, table, "[ros]")
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.table_file import ValueCheck, TableFileError, parse_table, read_as
+from urdf.table_file import ValueCheck, TableFileError, parse_table, table_to_dataclass
 
 
 class Colour(Enum):
@@ -37,7 +37,7 @@ class Cart:
 
 
 def read(text):
-    return read_as(Cart, parse_table(text))
+    return table_to_dataclass(Cart, parse_table(text))
 
 
 def test_a_table_becomes_the_dataclass_that_declares_it():
