@@ -9,7 +9,7 @@ from armdyn.errors import InputError, UnknownNameError
 from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
-from urdf.table_file import TableFileError, check_keys, read_toml
+from urdf.table_file import TableFileError, check_keys, read_toml_with_text
 
 PATH_KINDS = ("line", "circle", "spline")
 PATH_KEYS = (
@@ -35,7 +35,7 @@ def read_path(file: str | File) -> Path:
     """
     source = File(file)
     try:
-        _, content = read_toml(source, finite=True)
+        _, content = read_toml_with_text(source, finite=True)
         check_keys(content, PATH_KEYS)
         return path_of(content)
     except FileNotFoundError as error:

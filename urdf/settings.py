@@ -8,7 +8,7 @@ import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
-from urdf.table_file import TableFileError, table_to_dataclass, read_toml
+from urdf.table_file import TableFileError, table_to_dataclass, read_toml_with_text
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
@@ -140,7 +140,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
             has a value that no robot has.
     """
     try:
-        text, content = read_toml(path, finite=True)
+        text, content = read_toml_with_text(path, finite=True)
         settings = table_to_dataclass(Settings, content)
         _check(settings)
     except FileNotFoundError as error:

@@ -39,7 +39,7 @@ def join_problems(problems: Sequence[str]) -> str:
     return f"{len(problems)} problems: {listed}{more}"
 
 
-def read_toml(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
+def read_toml_with_text(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
     """Read the text and the content of a TOML file; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:

@@ -16,7 +16,7 @@ from armdyn.errors import ArmdynError, InputError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.read_files import keeping_inputs
 from urdf import DescriptionWarning
-from urdf.table_file import read_toml
+from urdf.table_file import read_toml_with_text
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -209,7 +209,7 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     from armdyn.checked_study import ModelWithCatalogue
 
     model = ModelWithCatalogue.of(path, effects).file.model
-    base = str(read_toml(path)[1]["base"])
+    base = str(read_toml_with_text(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.robot.fingerprint] if model.robot is not None else []
     return digest([contents(file) for file in files if file is not None] + robot)

@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
-from urdf.table_file import ValueCheck, TableFileError, table_to_dataclass, read_toml
+from urdf.table_file import ValueCheck, TableFileError, table_to_dataclass, read_toml_with_text
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
@@ -130,7 +130,7 @@ class Calibration:
         """
         remedy = "run 'armdyn loadcell calibrate PORT'"
         try:
-            file = table_to_dataclass(_File, read_toml(path, finite=True)[1])
+            file = table_to_dataclass(_File, read_toml_with_text(path, finite=True)[1])
             offset, scale, noise = file.offset, file.scale, file.noise
             return cls(offset.value, offset.std, scale.value, scale.std, noise.value, file.date, file.source)
         except FileNotFoundError as error:
