@@ -62,10 +62,10 @@ def read_toml_with_text(path: Path, *, finite: bool = False) -> tuple[str, dict[
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
         raise TableFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
-    return text, parse_toml(text, finite=finite)
+    return text, parse_toml_text(text, finite=finite)
 
 
-def parse_toml(text: str, *, finite: bool = False) -> dict[str, Any]:
+def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
     """Parse a TOML text; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:

@@ -26,7 +26,7 @@ from armdyn.quoting import toml_string
 from armdyn.recording.channels import channel_kind, channel_unit, in_contract, is_auxiliary
 from armdyn.recording.units import Known, parse_quantity
 from armdyn.toml_file import read_toml
-from urdf.table_file import TableFileError, parse_toml
+from urdf.table_file import TableFileError, parse_toml_text
 
 POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
@@ -70,7 +70,7 @@ def parse_sidecar(text: str) -> Sidecar:
         InputError: it is not TOML, or a field cannot be used.
     """
     try:
-        return sidecar_of(parse_toml(text))
+        return sidecar_of(parse_toml_text(text))
     except TableFileError as error:
         raise InputError(str(error)) from error
 

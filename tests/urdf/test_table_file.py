@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.table_file import ValueCheck, TableFileError, parse_toml, table_to_dataclass
+from urdf.table_file import ValueCheck, TableFileError, parse_toml_text, table_to_dataclass
 
 
 class Colour(Enum):
@@ -37,7 +37,7 @@ class Cart:
 
 
 def read(text):
-    return table_to_dataclass(Cart, parse_toml(text))
+    return table_to_dataclass(Cart, parse_toml_text(text))
 
 
 def test_a_table_becomes_the_dataclass_that_declares_it():
@@ -121,11 +121,11 @@ def test_any_text_is_a_finite_number_or_refused(text):
 @pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
 def test_numbers_of_a_table_are_decimal_digits(text, complains):
     with complains(TableFileError):
-        parse_toml(f"mass = {text}\n")
-    assert parse_toml(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
+        parse_toml_text(f"mass = {text}\n")
+    assert parse_toml_text(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
 
 
 def test_a_number_of_a_table_that_is_too_large_is_not_infinite(complains):
     with complains(TableFileError):
-        parse_toml("rmse = 1e999\n")
-    assert parse_toml("rmse = inf\n")["rmse"] == float("inf")
+        parse_toml_text("rmse = 1e999\n")
+    assert parse_toml_text("rmse = inf\n")["rmse"] == float("inf")
