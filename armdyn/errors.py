@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from urdf.table_file import TableFileError, hint
+from urdf.table_file import TableFileError, name_suggestion
 
 MAX_SHOWN_NAME_LENGTH = 60
 """Largest number of characters of a name in a message."""
@@ -64,7 +64,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
         shown = name if len(name) <= MAX_SHOWN_NAME_LENGTH else f"{name[:MAX_SHOWN_NAME_LENGTH]}..."
-        told = hint(shown, self.valid)
+        told = name_suggestion(shown, self.valid)
         super().__init__(f"unknown {kind} '{shown}': {told if told.endswith('?') else told + besides}")
 
 

@@ -115,7 +115,7 @@ MAX_LISTED_NAMES = 60
 """Largest number of valid names that an error message lists."""
 
 
-def hint(name: str, valid: Sequence[str]) -> str:
+def name_suggestion(name: str, valid: Sequence[str]) -> str:
     """Advice for an unknown name, as the end of a message: the most similar valid name, or a list of the valid ones."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
@@ -131,7 +131,7 @@ def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     valid = tuple(known)
     for key in table:
         if key not in valid:
-            raise TableFileError(f"unknown key '{key[:60]}': {hint(key.lower(), valid)}")
+            raise TableFileError(f"unknown key '{key[:60]}': {name_suggestion(key.lower(), valid)}")
 
 
 Declared = TypeVar("Declared")
