@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from urdf.table_file import TableFileError, name_suggestion
+from urdf.table_file import TomlFileError, name_suggestion
 
 MAX_SHOWN_NAME_LENGTH = 60
 """Largest number of characters of a name in a message."""
@@ -37,7 +37,7 @@ def at(where: object) -> Iterator[None]:
     """
     try:
         yield
-    except (InputError, TableFileError) as error:
+    except (InputError, TomlFileError) as error:
         told = str(error)
         raise InputError(told if told.startswith((f"{where}:", f"{where} ")) else f"{where}: {told}") from error
 

@@ -9,7 +9,7 @@ from armdyn.errors import InputError, UnknownNameError
 from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
-from urdf.table_file import TableFileError, check_keys, read_toml_with_text
+from urdf.table_file import TomlFileError, check_keys, read_toml_with_text
 
 PATH_KINDS = ("line", "circle", "spline")
 PATH_KEYS = (
@@ -42,7 +42,7 @@ def read_path(file: str | File) -> Path:
         raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
     except KeyError as error:
         raise InputError(f"{source}: entry {error} is missing; see docs/ik.md for examples") from error
-    except (TableFileError, InputError) as error:
+    except (TomlFileError, InputError) as error:
         raise InputError(f"{source}: {error}") from error
     except (TypeError, ValueError, AttributeError, OverflowError, UrdfError) as error:
         raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error

@@ -8,7 +8,7 @@ import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
-from urdf.table_file import TableFileError, table_to_dataclass, read_toml_with_text
+from urdf.table_file import TomlFileError, table_to_dataclass, read_toml_with_text
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
@@ -145,7 +145,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
         _check(settings)
     except FileNotFoundError as error:
         raise UrdfError(f"{path}: cannot be read (no such file); give the path of a settings file") from error
-    except TableFileError as error:
+    except TomlFileError as error:
         raise UrdfError(f"{path}: {error}; see urdf/robots/baxter.toml for an example") from error
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error

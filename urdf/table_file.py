@@ -18,7 +18,7 @@ MAX_LISTED_PROBLEMS = 12
 """Largest number of problems of a file that its error message lists."""
 
 
-class TableFileError(ValueError):
+class TomlFileError(ValueError):
     """A TOML file that cannot be used because of one or more problems.
 
     The message says what is wrong and what to do; the caller adds the file's name. `problems` has one text per wrong
@@ -52,16 +52,16 @@ def read_toml_with_text(path: Path, *, finite: bool = False) -> tuple[str, dict[
     except FileNotFoundError:
         raise
     except IsADirectoryError as error:
-        raise TableFileError("is a directory: give a file in it") from error
+        raise TomlFileError("is a directory: give a file in it") from error
     except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
-        raise TableFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise TomlFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if len(data) > MAX_TEXT_FILE_BYTES:
-        raise TableFileError(f"is larger than {MAX_TEXT_FILE_BYTES / 2**20:g} MiB: give a file that a person can read")
+        raise TomlFileError(f"is larger than {MAX_TEXT_FILE_BYTES / 2**20:g} MiB: give a file that a person can read")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
-        raise TableFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
+        raise TomlFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
     return text, parse_toml_text(text, finite=finite)
 
 
@@ -74,17 +74,17 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
     try:
         table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
     except RecursionError as error:
-        raise TableFileError(_DEEP) from error
+        raise TomlFileError(_DEEP) from error
     except ValueError as error:  # raised for a number of 5000 digits too
-        raise TableFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
+        raise TomlFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
     _check_spelling(text)
     for where, value in _leaves(table, ""):
         if isinstance(value, int) and not -TOML_INTEGER_LIMIT <= value < TOML_INTEGER_LIMIT:
-            raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
+            raise TomlFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
-            raise TableFileError(f"{where} is {value}: write a finite number")
+            raise TomlFileError(f"{where} is {value}: write a finite number")
         if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_MAGNITUDE:
-            raise TableFileError(f"{where} is {value:g}: nothing is larger than {MAX_MAGNITUDE:g}; write SI units")
+            raise TomlFileError(f"{where} is {value:g}: nothing is larger than {MAX_MAGNITUDE:g}; write SI units")
     return table
 
 
@@ -108,7 +108,7 @@ def _check_spelling(text: str) -> None:
 
     for where, value in _leaves(tomlkit.parse(text.replace("\r\n", "\n")), ""):
         if isinstance(value, Integer | Float) and _ODD.search(value.as_string()):
-            raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
+            raise TomlFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
 MAX_LISTED_NAMES = 60
@@ -131,7 +131,7 @@ def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     valid = tuple(known)
     for key in table:
         if key not in valid:
-            raise TableFileError(f"unknown key '{key[:60]}': {name_suggestion(key.lower(), valid)}")
+            raise TomlFileError(f"unknown key '{key[:60]}': {name_suggestion(key.lower(), valid)}")
 
 
 Declared = TypeVar("Declared")
@@ -178,13 +178,13 @@ def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: st
         try:
             check_keys([name], declared)
             values[declared[name].name] = _value(types[declared[name].name], value, name)
-        except TableFileError as error:
+        except TomlFileError as error:
             problems += error.problems
     for name, field in declared.items():
         if name not in table and field.default is MISSING and field.default_factory is MISSING:
             problems.append(f"entry '{name}' is missing")
     if problems:
-        raise TableFileError(*(f"{where}: {problem}" if where else problem for problem in problems))
+        raise TomlFileError(*(f"{where}: {problem}" if where else problem for problem in problems))
     return kind(**values)
 
 
@@ -197,7 +197,7 @@ def _value(kind: Any, value: Any, name: str) -> Any:
         read = _value(arguments[0], value, name)
         for check in arguments[1:]:
             if not check.fits(read):
-                raise TableFileError(f"{name} = {value!r:.60}: {check.remedy}")
+                raise TomlFileError(f"{name} = {value!r:.60}: {check.remedy}")
         return read
     if origin in (Union, UnionType):
         choices = [choice for choice in arguments if choice is not NoneType]
@@ -205,32 +205,32 @@ def _value(kind: Any, value: Any, name: str) -> Any:
         return _value(lists[0] if lists and isinstance(value, list) else choices[0], value, name)
     if is_dataclass(kind) or origin is dict:
         if not isinstance(value, dict):
-            raise TableFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
+            raise TomlFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
         if origin is dict:
             return {key: _value(arguments[1], part, f"{name}.{key}") for key, part in value.items()}
         return table_to_dataclass(cast(Any, kind), value, f"[{name}]")
     if origin is tuple and is_dataclass(arguments[0]):
         if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
-            raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
+            raise TomlFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
         return tuple(table_to_dataclass(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
     if origin is tuple:
         if not isinstance(value, list):
             what = {str: "names", float: "numbers"}.get(arguments[0], "lists")
-            raise TableFileError(f"{name} = {value!r:.60} is not a list of {what}")
+            raise TomlFileError(f"{name} = {value!r:.60} is not a list of {what}")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
         if len(kinds) != len(value):
-            raise TableFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
+            raise TomlFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
         return tuple(_value(entry, part, name) for entry, part in zip(kinds, value, strict=True))
     if issubclass(kind, Enum):
         known = {member.value: member for member in kind}
         if not isinstance(value, str) or value not in known:
-            raise TableFileError(f"{name} = {value!r:.60}: choose one of {', '.join(known)}")
+            raise TomlFileError(f"{name} = {value!r:.60}: choose one of {', '.join(known)}")
         return known[value]
     accepted, otherwise = _KINDS[kind]
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise TableFileError(f"{name} = {value!r:.60} {otherwise}")
+        raise TomlFileError(f"{name} = {value!r:.60} {otherwise}")
     if isinstance(value, str) and "\0" in value:
-        raise TableFileError(f"{name} = {value!r:.60} holds a null character: take it out")
+        raise TomlFileError(f"{name} = {value!r:.60} holds a null character: take it out")
     return float(value) if kind is float else value
 
 
@@ -239,7 +239,7 @@ _DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"
 
 def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]:
     if depth > MAX_TOML_DEPTH:
-        raise TableFileError(_DEEP)
+        raise TomlFileError(_DEEP)
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(inner, f"{where}.{key}" if where else key, depth + 1)

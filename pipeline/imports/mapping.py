@@ -31,7 +31,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
-from urdf.table_file import ValueCheck, TableFileError, join_problems, table_to_dataclass
+from urdf.table_file import ValueCheck, TomlFileError, join_problems, table_to_dataclass
 
 TIME_LINE = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
@@ -183,7 +183,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             continue
         try:
             entries[name] = table_to_dataclass(Entry, column)
-        except TableFileError as error:
+        except TomlFileError as error:
             problems += [f"'{name}': {problem}" for problem in error.problems]
         with collect(problems, f"'{name}'"):
             channel_kind(str(column["channel"]))

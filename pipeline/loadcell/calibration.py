@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
-from urdf.table_file import ValueCheck, TableFileError, table_to_dataclass, read_toml_with_text
+from urdf.table_file import ValueCheck, TomlFileError, table_to_dataclass, read_toml_with_text
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
@@ -135,7 +135,7 @@ class Calibration:
             return cls(offset.value, offset.std, scale.value, scale.std, noise.value, file.date, file.source)
         except FileNotFoundError as error:
             raise InputError(f"{path}: there is no load cell calibration: {remedy}") from error
-        except (TableFileError, InputError) as error:
+        except (TomlFileError, InputError) as error:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
 
 

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.table_file import ValueCheck, TableFileError, parse_toml_text, table_to_dataclass
+from urdf.table_file import ValueCheck, TomlFileError, parse_toml_text, table_to_dataclass
 
 
 class Colour(Enum):
@@ -48,7 +48,7 @@ def test_a_table_becomes_the_dataclass_that_declares_it():
 
 def test_everything_that_is_wrong_is_told_with_its_table():
     text = "nmae = 'a'\nsizes.x = true\n[[wheels]]\nradius = 1\n[[wheels]]\nradius = -1.0\ncolour = 'green'"
-    with pytest.raises(TableFileError) as caught:
+    with pytest.raises(TomlFileError) as caught:
         read(text)
     assert caught.value.problems == (
         "unknown key 'nmae': did you mean 'name'?",
@@ -71,12 +71,12 @@ def test_everything_that_is_wrong_is_told_with_its_table():
     ],
 )
 def test_an_entry_of_another_kind_is_refused(text, complains):
-    with complains(TableFileError):
+    with complains(TomlFileError):
         read(text)
 
 
 def test_of_many_problems_the_first_are_told_and_the_others_counted():
-    told = str(TableFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
+    told = str(TomlFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
     assert told.startswith("46 problems: (1) entry 'p0' is missing; (2)")
     assert told.endswith("(12) entry 'p11' is missing; and 34 more")
 
@@ -120,12 +120,12 @@ def test_any_text_is_a_finite_number_or_refused(text):
 
 @pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
 def test_numbers_of_a_table_are_decimal_digits(text, complains):
-    with complains(TableFileError):
+    with complains(TomlFileError):
         parse_toml_text(f"mass = {text}\n")
     assert parse_toml_text(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
 
 
 def test_a_number_of_a_table_that_is_too_large_is_not_infinite(complains):
-    with complains(TableFileError):
+    with complains(TomlFileError):
         parse_toml_text("rmse = 1e999\n")
     assert parse_toml_text("rmse = inf\n")["rmse"] == float("inf")
