@@ -80,10 +80,10 @@ def number(text: str) -> float:
     """
     plain = text.strip(" \t")
     if len(plain) > MAX_CELL_LENGTH or _NUMBER.fullmatch(plain) is None:
-        raise ValueError(f"'{shown(plain)}' is not a number")
+        raise ValueError(f"'{printable_excerpt(plain)}' is not a number")
     value = float(plain)
     if not math.isfinite(value):
-        raise ValueError(f"'{shown(plain)}' is too large for a number")
+        raise ValueError(f"'{printable_excerpt(plain)}' is too large for a number")
     return value
 
 
@@ -92,7 +92,7 @@ def has_plausible_magnitude(value: float) -> bool:
     return value == 0.0 or MIN_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE
 
 
-def shown(text: str, longest: int = 60) -> str:
+def printable_excerpt(text: str, longest: int = 60) -> str:
     """A text cut to at most `longest` characters for a message, with unprintable characters replaced by '?'."""
     cut = text if len(text) <= longest else f"{text[:longest]}..."
     return "".join(c if c.isprintable() else "?" for c in cut)

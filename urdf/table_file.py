@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, shown
+from urdf.bounds import MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, printable_excerpt
 
 MAX_LISTED_PROBLEMS = 12
 """Largest number of problems of a file that its error message lists."""
@@ -91,7 +91,7 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
 def _float(text: str) -> float:
     value = float(text)
     if math.isinf(value) and "inf" not in text:
-        raise ValueError(f"'{shown(text)}' is too large for a number")
+        raise ValueError(f"'{printable_excerpt(text)}' is too large for a number")
     return value
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, number, printable_excerpt
 from urdf.robot import UrdfError
 
 MAX_URDF_NUMBER = 1e9
@@ -60,7 +60,7 @@ def check_names_and_numbers(root: ET.Element, path: Path) -> None:
     """
     joints = {joint.get("name") for joint in root.findall("joint")}
     for part in (*root.findall("link"), *root.findall("joint")):
-        where = f"{path}: {part.tag} '{shown(part.get('name', ''))}'"
+        where = f"{path}: {part.tag} '{printable_excerpt(part.get('name', ''))}'"
         _check_name(part, where)
         for element in part.iter():
             _check_numbers(element, where)
@@ -112,13 +112,13 @@ def _check_numbers(element: ET.Element, where: str) -> None:
         elif element.tag in NON_NEGATIVE_ELEMENTS and min(values) < 0.0:
             wrong = "it must not be negative"
         if wrong:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; {wrong}')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{printable_excerpt(text)}"; {wrong}')
 
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
     kind = joint.get("type", "")
     if kind not in JOINT_TYPES:
-        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
+        raise UrdfError(f"{where} is of type '{printable_excerpt(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
     axis = joint.find("axis")
     if axis is not None and kind in (*MOVING_JOINT_TYPES, "planar"):
         length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
@@ -126,7 +126,7 @@ def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
     mimic = joint.find("mimic")
     if mimic is not None and (mimic.get("joint") not in joints or mimic.get("joint") == joint.get("name")):
-        raise UrdfError(f"{where} mimics '{shown(mimic.get('joint', ''))}'; name another joint of this robot")
+        raise UrdfError(f"{where} mimics '{printable_excerpt(mimic.get('joint', ''))}'; name another joint of this robot")
 
 
 def _check_shapes(link: ET.Element, where: str) -> None:
@@ -184,12 +184,12 @@ def _refuse_xacro(root: ET.Element, path: Path) -> None:
     for element in root.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.endswith("xacro"):
-            raise _is_xacro(path, f"<xacro:{shown(tag)}>")
+            raise _is_xacro(path, f"<xacro:{printable_excerpt(tag)}>")
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
             for key in NUMERIC_ATTRIBUTES.get(element.tag, ()):
                 if "$" in element.get(key, ""):
-                    raise _is_xacro(path, f'{key}="{shown(element.get(key, ""))}"')
+                    raise _is_xacro(path, f'{key}="{printable_excerpt(element.get(key, ""))}"')
 
 
 def _is_xacro(path: Path, found: str) -> UrdfError:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from urdf.bounds import shown
+from urdf.bounds import printable_excerpt
 
 HARMLESS_CUT_ERROR = 1e-6
 """Error of a cut, as a share of the usual step from row to row, that may remain unnoticed: of numbers with 15 to 17
@@ -48,7 +48,7 @@ def is_whole(cells: Sequence[str]) -> bool:
 def cut_off(row: int, cell: str, column: str) -> str:
     """Message about a file that ends in the middle of a row, or may do so."""
     return (
-        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
+        f"row {row}, column '{printable_excerpt(column)}': the file ends at '{printable_excerpt(cell.strip(), 40)}' without a newline, and may "
         "be cut off in the middle of a number: copy it again; if that is its whole last row, end it in a newline "
         "(echo >> FILE)"
     )

@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
-from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, number, printable_excerpt
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
@@ -89,7 +89,7 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
     for place, label in enumerate(labels, start=1):
         if len(label) > MAX_NAME_LENGTH or not label.isprintable():
             raise InputError(
-                f"column {place} '{shown(label)}': a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
+                f"column {place} '{printable_excerpt(label)}': a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
             )
     return labels
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
-from urdf.bounds import has_plausible_magnitude, number, shown
+from urdf.bounds import has_plausible_magnitude, number, printable_excerpt
 
 if TYPE_CHECKING:
     import pint
@@ -226,9 +226,9 @@ def _number_and_unit(part: str, text: str) -> tuple[float, str]:
     try:
         value = number(match.group())
     except ValueError as error:
-        raise InputError(f"'{shown(text)}' is not finite: write a number, such as '80 g'") from error
+        raise InputError(f"'{printable_excerpt(text)}' is not finite: write a number, such as '80 g'") from error
     if unit.startswith(","):
         raise InputError(f"'{text}' has a decimal comma: write a decimal point")
     if unit.startswith("_"):
-        raise InputError(f"'{shown(text)}' has digits that are set apart: write them without '_'")
+        raise InputError(f"'{printable_excerpt(text)}' has digits that are set apart: write them without '_'")
     return value, unit

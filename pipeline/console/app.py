@@ -21,7 +21,7 @@ from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
-from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, shown
+from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
 
 def command_files() -> dict[str, str]:
@@ -123,7 +123,7 @@ def _check_leads_somewhere(path: Path) -> None:
         path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
         why = "its links lead in a circle" if isinstance(error, RuntimeError) else f"no file has such a name ({error})"
-        raise InputError(f"{shown(str(path))}: {why}: give another file") from error
+        raise InputError(f"{printable_excerpt(str(path))}: {why}: give another file") from error
 
 
 def _is_written_plainly(value: float) -> bool:
@@ -148,7 +148,7 @@ def _say_why(error: BaseException, interrupts: Interrupts) -> int:
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
         return _say(str(error), 2)
     if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is full or gone
-        return _say(f"{shown(str(error.filename))}: {error.strerror}: choose another file or place", 2)
+        return _say(f"{printable_excerpt(str(error.filename))}: {error.strerror}: choose another file or place", 2)
     return _say(report_unforeseen(error), 3)
 
 

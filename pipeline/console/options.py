@@ -152,7 +152,7 @@ def numbers(text: str, option: str) -> list[float]:
     Raises:
         InputError: one of them is not a number.
     """
-    from urdf.bounds import has_plausible_magnitude, number, shown
+    from urdf.bounds import has_plausible_magnitude, number, printable_excerpt
 
     values = []
     for part in text.split(","):
@@ -161,7 +161,7 @@ def numbers(text: str, option: str) -> list[float]:
         except ValueError as error:
             raise InputError(f"{option}: {error}; give numbers separated by commas") from error
         if not has_plausible_magnitude(value):
-            raise InputError(f"{option}: {shown(part.strip())} is of no size that anything has; write SI units")
+            raise InputError(f"{option}: {printable_excerpt(part.strip())} is of no size that anything has; write SI units")
         values.append(value)
     return values
 

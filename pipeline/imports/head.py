@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from armdyn.recording.delimited import MISSING_CELLS, separator_of
 from pipeline.imports.words import KINDS, fits
-from urdf.bounds import number, shown
+from urdf.bounds import number, printable_excerpt
 
 COMMENTS = ("#", "%", "//")
 """First characters of lines that are no rows."""
@@ -47,7 +47,7 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     notes = [f"{len(comments - used)} lines of comment left out"] if comments - used else []
     other = [lines[i].strip() for i, _ in above if i not in used and i not in comments]
     if other:
-        notes.append(f"lines above the header left out: {shown(other[0], 40)!r}" + " ..." * (len(other) > 1))
+        notes.append(f"lines above the header left out: {printable_excerpt(other[0], 40)!r}" + " ..." * (len(other) > 1))
     for i in {*comments, *(i for i, _ in above)}:
         lines[i] = ""
     head = separator.join(f'"{name}"' if separator in name else name for name in names)

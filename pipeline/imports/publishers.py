@@ -18,7 +18,7 @@ from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import second_track
 from pipeline.imports.foreign import SECOND, Account, ForeignColumn
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
-from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, shown
+from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, printable_excerpt
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
@@ -181,7 +181,7 @@ class Publishers:
         """
         series = self._series.setdefault(topic, {}).setdefault((publisher, joints), _Series())
         if len(series.messages) >= MAX_RECORDING_ROWS:
-            raise InputError(f"more than {MAX_RECORDING_ROWS} messages of {shown(topic)}: cut the bag")
+            raise InputError(f"more than {MAX_RECORDING_ROWS} messages of {printable_excerpt(topic)}: cut the bag")
         numbers: dict[tuple[str, str], float] = {}
         for name, value, channel in entries:
             numbers.setdefault((name, channel), value)
