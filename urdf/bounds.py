@@ -69,7 +69,7 @@ TOML_INTEGER_LIMIT = 2**63
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """Parse a decimal number with an optional sign, point and exponent, such as ``-1.5e-3``.
 
     Python's `float` also accepts ``1_000``, digits of other scripts, ``nan`` and ``1e999``; in a file these are

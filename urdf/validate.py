@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, number, printable_excerpt
+from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, parse_number, printable_excerpt
 from urdf.robot import UrdfError
 
 MAX_URDF_NUMBER = 1e9
@@ -99,7 +99,7 @@ def _check_numbers(element: ET.Element, where: str) -> None:
                 raise UrdfError(f"{where}: <{element.tag}> has no {key}; add it")
             continue
         try:
-            values = [number(word) for word in text.split()]
+            values = [parse_number(word) for word in text.split()]
         except ValueError:
             values = [math.nan]
         wrong = None

@@ -22,7 +22,7 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.recording.units import si_factor
-from urdf.bounds import MAX_NAME_LENGTH, number, printable_excerpt
+from urdf.bounds import MAX_NAME_LENGTH, parse_number, printable_excerpt
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
@@ -128,7 +128,7 @@ def _channels(table: Delimited, columns: Mapping[str, Conversion], *, complete: 
     for k, cells in table.texts.items():
         for i, cell in cells.items():
             try:
-                number(cell)
+                parse_number(cell)
             except ValueError as error:
                 where = f"row {rows[i]}, column '{names[k]}'"
                 raise InputError(f"{where}: {error}: leave a missing sample's cell empty") from None

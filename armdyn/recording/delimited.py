@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
-from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, number, printable_excerpt
+from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, parse_number, printable_excerpt
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
@@ -194,6 +194,6 @@ def _number(cell: str, missing: Collection[str], decimal_comma: bool) -> float:
     if text.lower() in missing:
         return np.nan
     try:
-        return number(text.replace(",", ".") if decimal_comma else text)
+        return parse_number(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
         return np.inf

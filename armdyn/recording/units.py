@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
-from urdf.bounds import has_plausible_magnitude, number, printable_excerpt
+from urdf.bounds import has_plausible_magnitude, parse_number, printable_excerpt
 
 if TYPE_CHECKING:
     import pint
@@ -224,7 +224,7 @@ def _number_and_unit(part: str, text: str) -> tuple[float, str]:
         raise InputError(f"'{text}' does not start with a number: write it as '80 g' or '80 g +/- 0.4 g'")
     unit = part[match.end() :].strip()
     try:
-        value = number(match.group())
+        value = parse_number(match.group())
     except ValueError as error:
         raise InputError(f"'{printable_excerpt(text)}' is not finite: write a number, such as '80 g'") from error
     if unit.startswith(","):

@@ -152,12 +152,12 @@ def numbers(text: str, option: str) -> list[float]:
     Raises:
         InputError: one of them is not a number.
     """
-    from urdf.bounds import has_plausible_magnitude, number, printable_excerpt
+    from urdf.bounds import has_plausible_magnitude, parse_number, printable_excerpt
 
     values = []
     for part in text.split(","):
         try:
-            value = number(part)
+            value = parse_number(part)
         except ValueError as error:
             raise InputError(f"{option}: {error}; give numbers separated by commas") from error
         if not has_plausible_magnitude(value):
@@ -194,7 +194,7 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
     Raises:
         InputError: a value that is not a finite number, or an effect that is named twice.
     """
-    from urdf.bounds import has_plausible_magnitude, number
+    from urdf.bounds import has_plausible_magnitude, parse_number
 
     hidden: dict[str, float | None] = {}
     for entry in given:
@@ -202,7 +202,7 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
         if name in hidden:
             raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
         try:
-            value = number(text) if equals else None
+            value = parse_number(text) if equals else None
         except ValueError:
             value = math.nan
         if value is not None and not has_plausible_magnitude(value):

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from armdyn.recording.delimited import MISSING_CELLS, separator_of
 from pipeline.imports.words import KINDS, fits
-from urdf.bounds import number, printable_excerpt
+from urdf.bounds import parse_number, printable_excerpt
 
 COMMENTS = ("#", "%", "//")
 """First characters of lines that are no rows."""
@@ -60,7 +60,7 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal point or comma."""
     try:
-        number(cell.replace(",", "."))
+        parse_number(cell.replace(",", "."))
     except ValueError:
         return False
     return True

@@ -100,22 +100,22 @@ def test_the_documentation_shows_every_limit_as_it_is():
 @example(5e-324)
 @example(-0.0)
 def test_every_number_as_python_writes_it_is_read_to_the_last_digit(value):
-    assert bounds.number(repr(value)) == value
-    assert bounds.number(f" {value:.20g}\t") == float(f"{value:.20g}")
+    assert bounds.parse_number(repr(value)) == value
+    assert bounds.parse_number(f" {value:.20g}\t") == float(f"{value:.20g}")
 
 
 @pytest.mark.parametrize("text", ["1_000", "٣", "nan", "inf", "-inf", "1e999", "1e", "0x10", "", " ", ".", "--1", "1 2",
                                   "1,5", "1.2.3", "１", "1\n", "9" * 1001, "1e5f", "infinity", "\x001"])  # fmt: skip
 def test_what_is_no_number_to_a_person_is_refused(text):
     with pytest.raises(ValueError, match="number") as refused:
-        bounds.number(text)
+        bounds.parse_number(text)
     assert len(str(refused.value)) < 120
 
 
 @given(st.text())
 def test_any_text_is_a_finite_number_or_refused(text):
     with suppress(ValueError):
-        assert math.isfinite(bounds.number(text))
+        assert math.isfinite(bounds.parse_number(text))
 
 
 @pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
