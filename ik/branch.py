@@ -55,7 +55,7 @@ class Branch:
         derived = chebyshev.chebder(np.eye(terms), derivative, axis=0)
         return scale**derivative * chebyshev.chebvander(scale * (s - self.s_min) - 1.0, len(derived) - 1) @ derived
 
-    def height(self, s: Array, derivative: int = 0) -> Array:
+    def polynomial(self, s: Array, derivative: int = 0) -> Array:
         """The polynomial h at path coordinates s (k,), or its derivative of a given order: (k, r)."""
         return self.basis(s, derivative) @ self.coefficients.T
 
@@ -73,7 +73,7 @@ class Branch:
             [m or rad].
         """
         rotation, position = path.pose(s)
-        height = self.height(s)
+        height = self.polynomial(s)
         q = guess.copy()
         residual = np.full(len(s), np.inf)
         for _ in range(BRANCH_ITERATIONS):
@@ -107,9 +107,9 @@ class Branch:
         motion = chain.motion(q)
         jacobian = chain.jacobian(motion)
         matrix = self.matrix(jacobian)
-        first = np.concatenate((path.twist(s), self.height(s, 1).T))
+        first = np.concatenate((path.twist(s), self.polynomial(s, 1).T))
         rate = _solve(matrix, first)
-        second = np.concatenate((path.twist_rate(s) - chain.velocity_product(motion, rate), self.height(s, 2).T))
+        second = np.concatenate((path.twist_rate(s) - chain.velocity_product(motion, rate), self.polynomial(s, 2).T))
         return rate, _solve(matrix, second), jacobian.transpose(2, 0, 1)
 
 
