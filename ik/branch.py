@@ -48,7 +48,7 @@ class Branch:
     s_min: float
     s_max: float
 
-    def basis(self, s: Array, derivative: int = 0) -> Array:
+    def chebyshev_basis(self, s: Array, derivative: int = 0) -> Array:
         """Chebyshev polynomials at path coordinates s (k,), or their derivatives of a given order: (k, degree + 1)."""
         terms = self.coefficients.shape[1]
         scale = 2.0 / (self.s_max - self.s_min)
@@ -57,7 +57,7 @@ class Branch:
 
     def polynomial(self, s: Array, derivative: int = 0) -> Array:
         """The polynomial h at path coordinates s (k,), or its derivative of a given order: (k, r)."""
-        return self.basis(s, derivative) @ self.coefficients.T
+        return self.chebyshev_basis(s, derivative) @ self.coefficients.T
 
     def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
         """Solve tool(q) = target(s) and W q = h(s) for the postures q by Newton's method.

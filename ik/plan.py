@@ -152,7 +152,7 @@ class Planner:
         mean = np.einsum("kir,kjr->ij", null, null) / len(q)
         weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE_EQUATIONS].T
         empty = Branch(weights, np.zeros((len(weights), BRANCH_DEGREE + 1)), self.path.s_min, self.path.s_max)
-        coefficients = np.linalg.lstsq(empty.basis(self.s), q @ weights.T, rcond=None)[0].T
+        coefficients = np.linalg.lstsq(empty.chebyshev_basis(self.s), q @ weights.T, rcond=None)[0].T
         branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
         return refine(self.chain, self.robot.limits, self.path, branch, self.s, q)
 
