@@ -83,10 +83,10 @@ class Branch:
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
                 break
-            q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
+            q += shortened(_solve(self.system_matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
         return q, residual
 
-    def matrix(self, jacobian: Array) -> Array:
+    def system_matrix(self, jacobian: Array) -> Array:
         """Matrix A = [J; W] of the linearised equations, (k, n, n), from the tool's Jacobians J (6, n, k)."""
         batch = jacobian.shape[2]
         rows = np.broadcast_to(self.weights[:, :, None], (*self.weights.shape, batch))
@@ -106,7 +106,7 @@ class Branch:
         """
         motion = chain.motion(q)
         jacobian = chain.jacobian(motion)
-        matrix = self.matrix(jacobian)
+        matrix = self.system_matrix(jacobian)
         first = np.concatenate((path.twist(s), self.polynomial(s, 1).T))
         rate = _solve(matrix, first)
         second = np.concatenate((path.twist_rate(s) - chain.velocity_product(motion, rate), self.polynomial(s, 2).T))
