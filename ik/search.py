@@ -207,7 +207,7 @@ class _Search:
             return None
         s, limits = planner.s, self.robot.limits
         rate, bending, _ = branch.derivatives(self.chain, line, s, q)
-        without, helped = self.torque.along(q, rate, bending).shares_at_rest(limits.effort)
+        without, helped = self.torque.along(q, rate, bending).holding_torque_shares(limits.effort)
         torque = float(without.max()), float(helped.max())
         if max(torque) > 1.0:
             return None

@@ -188,7 +188,7 @@ class PathTable:
 
         The first column is without the robot's springs, the second with them.
         """
-        return read_only(np.stack(self.torque.shares_at_rest(self.limits.effort), axis=1))
+        return read_only(np.stack(self.torque.holding_torque_shares(self.limits.effort), axis=1))
 
     def _on_table(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=np.float64)

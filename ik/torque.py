@@ -109,7 +109,7 @@ class PathTorque:
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity
         return torque + self.springs if springs else torque
 
-    def shares_at_rest(self, effort: Array) -> tuple[Array, Array]:
+    def holding_torque_shares(self, effort: Array) -> tuple[Array, Array]:
         """Largest share of a joint's torque limit that holding still takes, without and with springs, (k,) each.
 
         `effort` has the torque limits of the joints, (n,) [N m].
