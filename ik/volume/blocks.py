@@ -75,7 +75,7 @@ class BlockSolver:
         if self.collisions:
             model = CollisionModel(self.robot)
             touching = [i for i in np.flatnonzero(status) if model.touching(q[i]) is not None]
-            status[touching] = Status.TOUCHING
+            status[touching] = Status.COLLIDING
         return Solved(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
 
     def _guess(self, rotation: int, position: Array) -> Array:

@@ -26,7 +26,7 @@ class Status(IntEnum):
 
     UNREACHABLE = 0  # no posture within the joint limits close to those of the neighbouring targets
     REACHED = 1
-    TOUCHING = 2  # reached, but with a collision
+    COLLIDING = 2  # reached, but with a collision
 
 
 @dataclass(frozen=True)

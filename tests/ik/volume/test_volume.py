@@ -83,7 +83,7 @@ def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path, complain
     collisions = urdf.CollisionModel(baxter)
     for index in np.argwhere(status != Status.UNREACHABLE)[::7]:
         touches = collisions.touching(np.asarray(table.q[tuple(index)])) is not None
-        assert touches == (status[tuple(index)] == Status.TOUCHING)
+        assert touches == (status[tuple(index)] == Status.COLLIDING)
     with complains(StaleTableError):
         build_volume(baxter, near, table.path)
 
