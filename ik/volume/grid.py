@@ -103,7 +103,7 @@ class Grid:
         return arrays | {"counts": list(self.counts)}
 
     @classmethod
-    def of(cls, content: dict[str, Any]) -> "Grid":
+    def from_description(cls, content: dict[str, Any]) -> "Grid":
         """Make a grid from a dictionary that `describe` returned."""
         x, y, z = content["counts"]
         return cls(np.array(content["low"]), np.array(content["high"]), (x, y, z), np.array(content["rotations"]))

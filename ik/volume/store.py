@@ -123,7 +123,7 @@ class VolumeTable:
                 path=source,
                 robot_name=about["robot"],
                 joint_names=tuple(about["joints"]),
-                grid=Grid.of(about["grid"]),
+                grid=Grid.from_description(about["grid"]),
                 q=group["q"],
                 status=group["status"],
                 skeleton=np.asarray(group["skeleton"][:]),
