@@ -175,7 +175,7 @@ class VolumeTable:
             if digest and digest != _digest(np.asarray(self.q[place]), np.asarray(self.status[place])):
                 raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE_REMEDY}")
 
-    def missing(self) -> list[Block]:
+    def unfinished_blocks(self) -> list[Block]:
         """Blocks that are not finished."""
         return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
 
