@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
+from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
@@ -71,7 +71,7 @@ def infer(
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
     settings = Settings(
         name=path.name,
-        urdf=UrdfFile(str(path)),
+        urdf=UrdfSettings(str(path)),
         arm=Arm(joints, home=()),
         tool=Tool(tool, (0.0, 0.0, 0.0)),
         limits=AssumedLimits((), (), LIMITS_SOURCE),

@@ -20,7 +20,7 @@ MAX_SPRING_TORQUE = 1e5
 
 
 @dataclass(frozen=True)
-class UrdfFile:
+class UrdfSettings:
     """Table ``[urdf]`` of the settings: where the URDF file is.
 
     Attributes:
@@ -118,7 +118,7 @@ class Settings:
     """Content of a robot's settings file, one field per entry; ``urdf/robots/baxter.toml`` explains every entry."""
 
     name: str
-    urdf: UrdfFile
+    urdf: UrdfSettings
     arm: Arm
     tool: Tool
     limits: AssumedLimits
