@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfSettings
+from urdf.settings import ArmSettings, AssumedLimits, Settings, Tool, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
@@ -72,7 +72,7 @@ def infer(
     settings = Settings(
         name=path.name,
         urdf=UrdfSettings(str(path)),
-        arm=Arm(joints, home=()),
+        arm=ArmSettings(joints, home=()),
         tool=Tool(tool, (0.0, 0.0, 0.0)),
         limits=AssumedLimits((), (), LIMITS_SOURCE),
     )

@@ -33,7 +33,7 @@ class UrdfSettings:
 
 
 @dataclass(frozen=True)
-class Arm:
+class ArmSettings:
     """Table ``[arm]`` of the settings: the arm's joints from base to tool, and its home posture [rad or m]."""
 
     joints: tuple[str, ...]
@@ -119,7 +119,7 @@ class Settings:
 
     name: str
     urdf: UrdfSettings
-    arm: Arm
+    arm: ArmSettings
     tool: Tool
     limits: AssumedLimits
     frames: tuple[Frame, ...] = ()
