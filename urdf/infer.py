@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import ArmSettings, AssumedLimits, Settings, Tool, UrdfSettings
+from urdf.settings import ArmSettings, AssumedLimits, Settings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
@@ -73,7 +73,7 @@ def infer(
         name=path.name,
         urdf=UrdfSettings(str(path)),
         arm=ArmSettings(joints, home=()),
-        tool=Tool(tool, (0.0, 0.0, 0.0)),
+        tool=ToolSettings(tool, (0.0, 0.0, 0.0)),
         limits=AssumedLimits((), (), LIMITS_SOURCE),
     )
     return settings, tuple(said)

@@ -41,7 +41,7 @@ class ArmSettings:
 
 
 @dataclass(frozen=True)
-class Tool:
+class ToolSettings:
     """Table ``[tool]`` of the settings: the frame that carries the tool, and the tool point in this frame [m]."""
 
     frame: str
@@ -120,7 +120,7 @@ class Settings:
     name: str
     urdf: UrdfSettings
     arm: ArmSettings
-    tool: Tool
+    tool: ToolSettings
     limits: AssumedLimits
     frames: tuple[Frame, ...] = ()
     line: LineTable | None = None
