@@ -12,14 +12,14 @@ from urdf.bounds import MAX_MESH_BYTES
 from urdf.find import locate_mesh
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import Frame
+from urdf.settings import FrameSettings
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
 CONTINUOUS_JOINT_LIMIT = 2 * math.pi
 """Position limit to either side of a joint without limits [rad]."""
 
 
-def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
+def add_frames(root: ET.Element, frames: Iterable[FrameSettings]) -> None:
     """Add each frame to a URDF as a massless link with a fixed joint, in place."""
     for frame in frames:
         ET.SubElement(root, "link", name=frame.name)

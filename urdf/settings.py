@@ -49,7 +49,7 @@ class ToolSettings:
 
 
 @dataclass(frozen=True)
-class Frame:
+class FrameSettings:
     """Table ``[[frames]]`` of the settings: a massless frame that is fixed to a link and that the URDF lacks.
 
     Attributes:
@@ -122,7 +122,7 @@ class Settings:
     arm: ArmSettings
     tool: ToolSettings
     limits: AssumedLimits
-    frames: tuple[Frame, ...] = ()
+    frames: tuple[FrameSettings, ...] = ()
     line: LineTable | None = None
     collision: Collision = Collision()
     springs: tuple[Spring, ...] = ()
