@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import ArmSettings, AssumedLimits, Settings, ToolSettings, UrdfSettings
+from urdf.settings import ArmSettings, LimitSettings, Settings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
@@ -74,7 +74,7 @@ def infer(
         urdf=UrdfSettings(str(path)),
         arm=ArmSettings(joints, home=()),
         tool=ToolSettings(tool, (0.0, 0.0, 0.0)),
-        limits=AssumedLimits((), (), LIMITS_SOURCE),
+        limits=LimitSettings((), (), LIMITS_SOURCE),
     )
     return settings, tuple(said)
 

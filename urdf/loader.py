@@ -17,7 +17,7 @@ from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_abs
 from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
-from urdf.settings import ArmSettings, AssumedLimits, Settings, ToolSettings, read_settings
+from urdf.settings import ArmSettings, LimitSettings, Settings, ToolSettings, read_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
         settings,
         arm=ArmSettings(chosen, those(settings.arm.home)),
         tool=settings.tool if tool is None else ToolSettings(tool, (0.0, 0.0, 0.0)),
-        limits=AssumedLimits(those(limits.acceleration), those(limits.jerk), limits.source),
+        limits=LimitSettings(those(limits.acceleration), those(limits.jerk), limits.source),
         springs=tuple(spring for spring in settings.springs if spring.joint in chosen),
         line=None,
     )
@@ -285,7 +285,7 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
     )
 
 
-def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
+def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
     """Limits of the joints; None where their description lacks them."""
     if missing_limits(model):
         return None

@@ -64,7 +64,7 @@ class FrameSettings:
 
 
 @dataclass(frozen=True)
-class AssumedLimits:
+class LimitSettings:
     """Table ``[limits]`` of the settings: joint limits that a URDF cannot contain.
 
     Attributes:
@@ -121,7 +121,7 @@ class Settings:
     urdf: UrdfSettings
     arm: ArmSettings
     tool: ToolSettings
-    limits: AssumedLimits
+    limits: LimitSettings
     frames: tuple[FrameSettings, ...] = ()
     line: LineTable | None = None
     collision: Collision = Collision()
