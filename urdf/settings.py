@@ -79,7 +79,7 @@ class LimitSettings:
 
 
 @dataclass(frozen=True)
-class LineTable:
+class LineSettings:
     """Table ``[line]`` of the settings: a `urdf.Line` with the tool's orientation as roll, pitch and yaw [rad]."""
 
     origin: Three
@@ -123,7 +123,7 @@ class Settings:
     tool: ToolSettings
     limits: LimitSettings
     frames: tuple[FrameSettings, ...] = ()
-    line: LineTable | None = None
+    line: LineSettings | None = None
     collision: Collision = Collision()
     springs: tuple[Spring, ...] = ()
     ros: dict[str, Any] | None = None  # read by pipeline.ros.topics
