@@ -101,7 +101,7 @@ class LineSettings:
 
 
 @dataclass(frozen=True)
-class Collision:
+class CollisionSettings:
     """Table ``[collision]`` of the settings: pairs of links that need no collision check.
 
     Attributes:
@@ -124,7 +124,7 @@ class Settings:
     limits: LimitSettings
     frames: tuple[FrameSettings, ...] = ()
     line: LineSettings | None = None
-    collision: Collision = Collision()
+    collision: CollisionSettings = CollisionSettings()
     springs: tuple[Spring, ...] = ()
     ros: dict[str, Any] | None = None  # read by pipeline.ros.topics
 
