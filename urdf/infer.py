@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import ArmSettings, LimitSettings, Settings, ToolSettings, UrdfSettings
+from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
@@ -26,7 +26,7 @@ GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 
 def infer(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
-) -> tuple[Settings, tuple[str, ...]]:
+) -> tuple[RobotSettings, tuple[str, ...]]:
     """Choose the arm and the tool of a robot in a URDF, where they are not given.
 
     The arm is the chain from the root with the most moving joints, without those of a gripper; its tool is the last
@@ -69,7 +69,7 @@ def infer(
     if tool is None:
         tool = _tool(root, chains, joints)
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
-    settings = Settings(
+    settings = RobotSettings(
         name=path.name,
         urdf=UrdfSettings(str(path)),
         arm=ArmSettings(joints, home=()),

@@ -17,7 +17,7 @@ from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_abs
 from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
-from urdf.settings import ArmSettings, LimitSettings, Settings, ToolSettings, read_settings
+from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def _read(path: Path) -> _Description:
     )
 
 
-def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
+def _locate(settings: RobotSettings, source: Path) -> tuple[Path, Path | None]:
     """Files of the URDF and the SRDF named by settings, in a package or beside the settings."""
 
     def find(key: str, name: str) -> Path:
@@ -152,7 +152,7 @@ def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
     return find("[urdf] file", settings.urdf.file), None if srdf is None else find("[collision] srdf", srdf)
 
 
-def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None) -> Settings:
+def _narrowed(settings: RobotSettings, joints: Sequence[str] | None, tool: str | None) -> RobotSettings:
     """Settings for some of an arm's joints or for another tool, without a line, which would no longer be valid."""
     own = settings.arm.joints
     chosen = own if joints is None else tuple(joints)
@@ -174,7 +174,7 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
     )
 
 
-def _assemble(described: _Description, srdf: Path | None, settings: Settings, text: str, meshes: bool) -> Robot:
+def _assemble(described: _Description, srdf: Path | None, settings: RobotSettings, text: str, meshes: bool) -> Robot:
     """Build the robot from a description, which is mended in place, and its settings.
 
     The settings' text is part of the robot's fingerprint.

@@ -114,7 +114,7 @@ class CollisionSettings:
 
 
 @dataclass(frozen=True)
-class Settings:
+class RobotSettings:
     """Content of a robot's settings file, one field per entry; ``urdf/robots/baxter.toml`` explains every entry."""
 
     name: str
@@ -129,7 +129,7 @@ class Settings:
     ros: dict[str, Any] | None = None  # read by pipeline.ros.topics
 
 
-def read_settings(path: Path) -> tuple[str, Settings]:
+def read_settings(path: Path) -> tuple[str, RobotSettings]:
     """Read a robot's settings file.
 
     Returns:
@@ -141,7 +141,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
     """
     try:
         text, content = read_toml_with_text(path, finite=True)
-        settings = table_to_dataclass(Settings, content)
+        settings = table_to_dataclass(RobotSettings, content)
         _check(settings)
     except FileNotFoundError as error:
         raise UrdfError(f"{path}: cannot be read (no such file); give the path of a settings file") from error
@@ -152,7 +152,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
     return text, settings
 
 
-def _check(settings: Settings) -> None:
+def _check(settings: RobotSettings) -> None:
     """Refuse numbers that no arm can have, since these numbers protect it.
 
     Raises:
