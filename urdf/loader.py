@@ -17,7 +17,7 @@ from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_abs
 from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
-from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_settings
+from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def load(
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"
         raise UrdfError(f"unknown robot '{name}': {hint} Or give the path of a URDF file")
     if path.suffix.lower() == ".toml":
-        text, settings = read_settings(path)
+        text, settings = read_robot_settings(path)
         urdf_path, srdf = _locate(settings, path)
         if joints is not None or tool is not None:
             settings = _narrowed(settings, joints, tool)

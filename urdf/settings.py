@@ -129,7 +129,7 @@ class RobotSettings:
     ros: dict[str, Any] | None = None  # read by pipeline.ros.topics
 
 
-def read_settings(path: Path) -> tuple[str, RobotSettings]:
+def read_robot_settings(path: Path) -> tuple[str, RobotSettings]:
     """Read a robot's settings file.
 
     Returns:
