@@ -10,7 +10,7 @@ from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TomlFileError, table_to_dataclass, read_toml_with_text
 
-Three = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 Two = tuple[float, float]
 
 MAX_OFFSET_METRES = 100.0
@@ -45,7 +45,7 @@ class ToolSettings:
     """Table ``[tool]`` of the settings: the frame that carries the tool, and the tool point in this frame [m]."""
 
     frame: str
-    offset: Three
+    offset: Vector3
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class FrameSettings:
 
     name: str
     parent: str
-    position: Three
+    position: Vector3
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ class LimitSettings:
 class LineSettings:
     """Table ``[line]`` of the settings: a `urdf.Line` with the tool's orientation as roll, pitch and yaw [rad]."""
 
-    origin: Three
-    direction: Three
-    tool_rpy: Three
+    origin: Vector3
+    direction: Vector3
+    tool_rpy: Vector3
     range: Two
     core: Two
     core_speed: float
