@@ -11,7 +11,7 @@ from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TomlFileError, table_to_dataclass, read_toml_with_text
 
 Vector3 = tuple[float, float, float]
-Two = tuple[float, float]
+Interval = tuple[float, float]
 
 MAX_OFFSET_METRES = 100.0
 """Largest distance of a tool, frame or line from the robot [m]; a larger number is probably in another unit."""
@@ -85,8 +85,8 @@ class LineSettings:
     origin: Vector3
     direction: Vector3
     tool_rpy: Vector3
-    range: Two
-    core: Two
+    range: Interval
+    core: Interval
     core_speed: float
 
     def line(self) -> Line:
