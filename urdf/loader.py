@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
-from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
+from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
@@ -301,7 +301,7 @@ def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
     )
 
 
-def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
+def _warnings(model: pin.Model, judged: Sequence[InertiaFault]) -> list[str]:
     """Sentences on wrong inertias of links that the arm moves, where they change the torques."""
     moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
     replaced = [one.link for one in judged if one.link in moved and one.moments is not None]

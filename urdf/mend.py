@@ -92,7 +92,7 @@ Box = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class Judged:
+class InertiaFault:
     """A fault of a link's inertia in a URDF.
 
     Attributes:
@@ -108,7 +108,7 @@ class Judged:
     possible: bool = True
 
 
-def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
+def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[InertiaFault]:
     """Compare every link's inertia with its mass and collision shapes, and replace impossible inertias in place.
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers violate this:
@@ -150,7 +150,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
     return found
 
 
-def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
+def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> InertiaFault | None:
     """Fault of one link's inertia; None without one."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= MIN_SHAPE_EXTENT and mass > 0 else None
@@ -160,19 +160,19 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg needs a body of {body:.2g} m; "
             f"replaced by that of its collision shapes, {max(solid):.2g} kg m^2"
         )
-        return Judged(name, sentence, solid)
+        return InertiaFault(name, sentence, solid)
     tensor = np.diag(moments)
     tensor[np.triu_indices(3, 1)] = products
     wrong = no_body(tensor)
     if wrong:
-        return Judged(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
+        return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
     if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
             f"collision shapes suggest {max(solid):.2g} kg m^2; left as it is"
         )
-        return Judged(name, sentence)
+        return InertiaFault(name, sentence)
     return None
 
 
