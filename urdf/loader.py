@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
-from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, tell_apart
+from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
@@ -134,7 +134,7 @@ def _read(path: Path) -> _Description:
     if mjcf is None:
         changed = validate.check_schema(path)
     return _Description(
-        path, root, mjcf.sentences if mjcf else validate.suspicious_entries(root), (*changed, *tell_apart(root)), mjcf
+        path, root, mjcf.sentences if mjcf else validate.suspicious_entries(root), (*changed, *rename_ambiguous_links(root)), mjcf
     )
 
 

@@ -29,7 +29,7 @@ def add_frames(root: ET.Element, frames: Iterable[FrameSettings]) -> None:
         ET.SubElement(joint, "child", link=frame.name)
 
 
-def tell_apart(root: ET.Element) -> list[str]:
+def rename_ambiguous_links(root: ET.Element) -> list[str]:
     """Rename the links of a URDF that have the name of a joint, in place; Pinocchio needs different names.
 
     Returns:
