@@ -163,7 +163,7 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
         return InertiaFault(name, sentence, solid)
     tensor = np.diag(moments)
     tensor[np.triu_indices(3, 1)] = products
-    wrong = no_body(tensor)
+    wrong = impossible_inertia_reason(tensor)
     if wrong:
         return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
     if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
@@ -176,7 +176,7 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
     return None
 
 
-def no_body(inertia: Array) -> str:
+def impossible_inertia_reason(inertia: Array) -> str:
     """Explain why no rigid body can have an inertia; empty where a body can have it.
 
     Every principal moment of inertia must be positive, and at most the sum of the two others.

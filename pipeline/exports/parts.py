@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
-from urdf.mend import no_body
+from urdf.mend import impossible_inertia_reason
 
 LINKS = frozenset({"link_inertia", "payload"})
 HELD = {
@@ -93,7 +93,7 @@ def need_body(link: str, inertia: np.ndarray) -> None:
     Raises:
         InputError: names the link and the condition.
     """
-    wrong = no_body(inertia)
+    wrong = impossible_inertia_reason(inertia)
     if wrong:
         raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 
