@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError
 from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
-from urdf.robot import Array, rotation_of
+from urdf.robot import Array, rotation_from_rpy
 from urdf.table_file import TomlFileError, check_keys, read_toml_with_text
 
 PATH_KINDS = ("line", "circle", "spline")
@@ -111,7 +111,7 @@ def _rotations(content: dict[str, Any]) -> Array:
         if key in content:
             return np.array(content[key], dtype=np.float64).reshape(-1, 3, 3)
     angles = np.array(content["tool_rpy"], dtype=np.float64).reshape(-1, 3)
-    return np.array([rotation_of(*rpy) for rpy in angles])
+    return np.array([rotation_from_rpy(*rpy) for rpy in angles])
 
 
 def _vector(values: Any) -> Array:

@@ -37,7 +37,7 @@ def freeze(instance: object, *names: str) -> None:
         object.__setattr__(instance, name, read_only(getattr(instance, name)))
 
 
-def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation matrix (3, 3) from roll, pitch and yaw [rad], rounded so that right angles are exact."""
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 

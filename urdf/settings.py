@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
-from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_of
+from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_from_rpy
 from urdf.table_file import TomlFileError, table_to_dataclass, read_toml_with_text
 
 Vector3 = tuple[float, float, float]
@@ -96,7 +96,7 @@ class LineSettings:
             UrdfError: the range is empty, or the direction is not a unit vector.
         """
         origin, direction = np.array(self.origin), np.array(self.direction)
-        rotation = rotation_of(*self.tool_rpy)
+        rotation = rotation_from_rpy(*self.tool_rpy)
         return Line(origin, direction, rotation, *self.range, self.core, self.core_speed)
 
 

@@ -183,9 +183,9 @@ def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> li
 
 def tool_rotation(rpy: str) -> Any:
     """Orientation of the tool, (3, 3), from its roll, pitch and yaw [rad]."""
-    from urdf.robot import rotation_of
+    from urdf.robot import rotation_from_rpy
 
-    return rotation_of(*exactly(3, rpy, "--tool-rpy"))
+    return rotation_from_rpy(*exactly(3, rpy, "--tool-rpy"))
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
