@@ -16,7 +16,7 @@ from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
 from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
 from urdf.quiet import library_errors
-from urdf.robot import URDF_DYNAMICS, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
+from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
@@ -93,7 +93,7 @@ class _Description:
     changed: tuple[str, ...]
     mjcf: "Mjcf | None" = None
 
-    def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
+    def dynamics(self, joints: tuple[str, ...]) -> ArmDynamics:
         """Gravity, rotors, damping and springs of an arm."""
         if self.mjcf is None:
             return URDF_DYNAMICS
@@ -248,7 +248,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
     )
 
 
-def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
+def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: ArmDynamics) -> tuple[pin.Model, list[str]]:
     """Model of the arm alone, with all other joints fixed, and the names of the fixed joints that the arm carries."""
     with library_errors(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, Mjcf
-from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
+from urdf.robot import Array, ArmDynamics, JointDynamics, Spring, UrdfError
 
 CHECKED_STATES = 5
 """Number of random states at which the model's torques are compared with MuJoCo's."""
@@ -28,7 +28,7 @@ BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 """MuJoCo's types of equality constraints between two bodies."""
 
 
-def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
+def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> ArmDynamics:
     """Read gravity, rotor inertia, damping, dry friction and springs of an arm's joints, all other joints fixed at 0.
 
     Args:
@@ -54,10 +54,10 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
         for joint, values in reader.values.items()
     }
     springs = () if off & DISABLE_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
-    return Dynamics(reader.gravity(), joints, springs)
+    return ArmDynamics(reader.gravity(), joints, springs)
 
 
-def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
+def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: ArmDynamics) -> None:
     """Check at random states that the inverse dynamics of an arm's model gives MuJoCo's joint torques.
 
     Gravity, inertia, springs and damping are compared; dry friction and constraints are switched off in MuJoCo.

@@ -210,7 +210,7 @@ class JointDynamics:
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class ArmDynamics:
     """Dynamics of an arm beyond its rigid links, as read from a robot description.
 
     Attributes:
@@ -227,7 +227,7 @@ class Dynamics:
         freeze(self, "gravity")
 
 
-URDF_DYNAMICS = Dynamics(read_only((0.0, 0.0, -9.81)))
+URDF_DYNAMICS = ArmDynamics(read_only((0.0, 0.0, -9.81)))
 """Dynamics of every URDF: gravity alone. ``<dynamics>`` elements are ignored, because public URDFs hold placeholders.
 
 Of the 51 URDFs in the package example-robot-data with ``<dynamics>``, 19 contain zeros only, 14 one pair of values for
