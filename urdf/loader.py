@@ -16,7 +16,7 @@ from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
 from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
 from urdf.quiet import library_errors
-from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limits
+from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limit_sentences
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
@@ -211,7 +211,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
     if not model.existFrame(tool.frame):
         raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
     defects += [*(one.sentence for one in judged), *_weightless(model)]
-    lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limits(model)]
+    lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limit_sentences(model)]
     notes = [*described.notes, *described.left_out(joints), *_held(root, carried, joints), *lacking]
     try:
         limits = _limits(model, settings.limits)
@@ -287,7 +287,7 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
 
 def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
     """Limits of the joints; None where their description lacks them."""
-    if missing_limits(model):
+    if missing_limit_sentences(model):
         return None
     velocity = np.array(model.velocityLimit)
     acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.ASSUMED_SPEED_UP_SECONDS

@@ -235,7 +235,7 @@ all joints, and most of the others ones and powers of ten.
 """
 
 
-def missing_limits(model: pin.Model) -> list[str]:
+def missing_limit_sentences(model: pin.Model) -> list[str]:
     """One sentence per joint whose limit of position, velocity or effort is unknown, that is, infinite in the model."""
     kinds = {
         "position": np.isinf(model.lowerPositionLimit), "velocity": np.isinf(model.velocityLimit),
@@ -305,7 +305,7 @@ class Robot:
         """
         if self.given_limits is None:
             raise UrdfError(
-                f"{self.urdf_path}: {missing_limits(self.model)[0]}: write it into its description, it is needed here"
+                f"{self.urdf_path}: {missing_limit_sentences(self.model)[0]}: write it into its description, it is needed here"
             )
         return self.given_limits
 
