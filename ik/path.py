@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 MAX_PATH_LENGTH = 20.0  # m; longest accepted path; no arm on a fixed base follows a longer one
 UNREQUIRED_CORE_SPEED = 1e-3  # m/s; a required speed that every arm reaches, for paths without a required speed
@@ -87,7 +87,7 @@ class CirclePath(_WithoutCore):
     follow: bool = False
 
     def __post_init__(self) -> None:
-        freeze(self, "centre", "normal", "start", "rotation")
+        freeze_arrays(self, "centre", "normal", "start", "rotation")
         if not self.radius > 0 or not self.s_min < self.s_max:
             raise InputError(f"circle: radius {self.radius:g} m and range {self.s_min:g} to {self.s_max:g} m are empty")
         unit = [np.linalg.norm(self.normal), np.linalg.norm(self.start), 1.0 + abs(self.normal @ self.start)]
@@ -166,7 +166,7 @@ class SplinePath(_WithoutCore):
     _s: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "points", "rotations")
+        freeze_arrays(self, "points", "rotations")
         count = len(self.points)
         if count < 2 or self.points.shape != (count, 3) or self.rotations.shape != (count, 3, 3):
             raise InputError(f"spline: {self.points.shape} points, {self.rotations.shape} rotations; give two or more")

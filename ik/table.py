@@ -15,7 +15,7 @@ from ik.pathfile import path_of
 from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
-from urdf.robot import Array, freeze, read_only
+from urdf.robot import Array, freeze_arrays, read_only
 
 LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
@@ -99,12 +99,12 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "tool_offset", *NODES)
+        freeze_arrays(self, "tool_offset", *NODES)
         object.__setattr__(self, "joint_margin", float(self.margin.min()))
         object.__setattr__(self, "speed_limit", self._speed(self.dq_ds))
         acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit)
         object.__setattr__(self, "acceleration_limit", acceleration)
-        freeze(self, "speed_limit", "acceleration_limit")
+        freeze_arrays(self, "speed_limit", "acceleration_limit")
 
     def posture(self, s: ArrayLike) -> Posture:
         """Postures at path coordinates s [m], a scalar or (k,), by quintic Hermite interpolation.

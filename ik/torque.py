@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 
 class JointTorque:
@@ -90,7 +90,7 @@ class PathTorque:
     springs: Array
 
     def __post_init__(self) -> None:
-        freeze(self, *(item.name for item in fields(self)))
+        freeze_arrays(self, *(item.name for item in fields(self)))
 
     def at(self, s: Array, at: ArrayLike) -> "PathTorque":
         """Interpolate the terms linearly at path coordinates `at` [m], a scalar or (m,); s (k,) [m] are the nodes."""

@@ -31,7 +31,7 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
-def freeze(instance: object, *names: str) -> None:
+def freeze_arrays(instance: object, *names: str) -> None:
     """Replace the fields `names` of a frozen dataclass, which are arrays, by read-only copies."""
     for name in names:
         object.__setattr__(instance, name, read_only(getattr(instance, name)))
@@ -70,7 +70,7 @@ class Limits:
     effort: Array
 
     def __post_init__(self) -> None:
-        freeze(self, "lower", "upper", *MAX_JOINT_LIMITS)
+        freeze_arrays(self, "lower", "upper", *MAX_JOINT_LIMITS)
         for name, largest in MAX_JOINT_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
@@ -111,7 +111,7 @@ class Line:
     core_speed: float
 
     def __post_init__(self) -> None:
-        freeze(self, "origin", "direction", "rotation")
+        freeze_arrays(self, "origin", "direction", "rotation")
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
         if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
@@ -224,7 +224,7 @@ class ArmDynamics:
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, "gravity")
+        freeze_arrays(self, "gravity")
 
 
 URDF_DYNAMICS = ArmDynamics(read_only((0.0, 0.0, -9.81)))
@@ -294,7 +294,7 @@ class Robot:
     given_line: Line | None
 
     def __post_init__(self) -> None:
-        freeze(self, "tool_offset", "home")
+        freeze_arrays(self, "tool_offset", "home")
 
     @property
     def limits(self) -> Limits:

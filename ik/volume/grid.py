@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 BLOCK_EDGE_TARGETS = 25  # targets along each edge of a block: a second of computation, a megabyte on disk
 MAX_GRID_COORDINATE = 100.0
@@ -46,7 +46,7 @@ class Grid:
     rotations: Array
 
     def __post_init__(self) -> None:
-        freeze(self, "low", "high", "rotations")
+        freeze_arrays(self, "low", "high", "rotations")
         if not (np.all(np.abs(self.low) <= MAX_GRID_COORDINATE) and np.all(np.abs(self.high) <= MAX_GRID_COORDINATE)):
             raise InputError(f"volume: a corner is farther than {MAX_GRID_COORDINATE:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):

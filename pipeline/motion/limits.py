@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.motion.trajectory import LineState
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -57,7 +57,7 @@ class LineLimits:
     strongest: float = field(init=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "s", "speed", "acceleration")
+        freeze_arrays(self, "s", "speed", "acceleration")
         for values, least, largest in (
             (self.s, "s_min", "s_max"),
             (self.speed, "slowest", "fastest"),

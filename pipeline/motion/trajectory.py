@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 
 class LineState(NamedTuple):
@@ -112,7 +112,7 @@ def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None
     Raises:
         InputError: the arrays are no motion; the error names the first bad sample, counted from 1.
     """
-    freeze(motion, "time", *names)
+    freeze_arrays(motion, "time", *names)
     time: Array = motion.time
     shape = (time.size,) if columns is None else (time.size, columns)
     if time.ndim != 1 or any(getattr(motion, name).shape != shape for name in names):
