@@ -15,7 +15,7 @@ from ik.pathfile import path_of
 from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
-from urdf.robot import Array, freeze_arrays, read_only
+from urdf.robot import Array, freeze_arrays, read_only_copy
 
 LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
@@ -169,7 +169,7 @@ class PathTable:
     @cached_property
     def margin(self) -> Array:
         """Distance of each joint from its nearer position limit at the nodes, (k, n) [rad or m]."""
-        return read_only(self.limits.margin(self.q))
+        return read_only_copy(self.limits.margin(self.q))
 
     @cached_property
     def manipulability(self) -> Array:
@@ -180,7 +180,7 @@ class PathTable:
         """
         parts = [self.jacobian[:, rows] for rows in (slice(0, 3), slice(3, 6))]
         measures = [np.linalg.det(part @ part.transpose(0, 2, 1)) for part in parts]
-        return read_only(np.sqrt(np.maximum(0.0, np.stack(measures, axis=1))))
+        return read_only_copy(np.sqrt(np.maximum(0.0, np.stack(measures, axis=1))))
 
     @cached_property
     def torque_share(self) -> Array:
@@ -188,7 +188,7 @@ class PathTable:
 
         The first column is without the robot's springs, the second with them.
         """
-        return read_only(np.stack(self.torque.holding_torque_shares(self.limits.effort), axis=1))
+        return read_only_copy(np.stack(self.torque.holding_torque_shares(self.limits.effort), axis=1))
 
     def _on_table(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=np.float64)

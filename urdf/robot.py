@@ -24,7 +24,7 @@ MJCF_NOTE_PREFIX = "of an MJCF: "
 Array = NDArray[np.float64]
 
 
-def read_only(values: ArrayLike) -> Array:
+def read_only_copy(values: ArrayLike) -> Array:
     """A read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
@@ -34,7 +34,7 @@ def read_only(values: ArrayLike) -> Array:
 def freeze_arrays(instance: object, *names: str) -> None:
     """Replace the fields `names` of a frozen dataclass, which are arrays, by read-only copies."""
     for name in names:
-        object.__setattr__(instance, name, read_only(getattr(instance, name)))
+        object.__setattr__(instance, name, read_only_copy(getattr(instance, name)))
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
@@ -227,7 +227,7 @@ class ArmDynamics:
         freeze_arrays(self, "gravity")
 
 
-URDF_DYNAMICS = ArmDynamics(read_only((0.0, 0.0, -9.81)))
+URDF_DYNAMICS = ArmDynamics(read_only_copy((0.0, 0.0, -9.81)))
 """Dynamics of every URDF: gravity alone. ``<dynamics>`` elements are ignored, because public URDFs hold placeholders.
 
 Of the 51 URDFs in the package example-robot-data with ``<dynamics>``, 19 contain zeros only, 14 one pair of values for

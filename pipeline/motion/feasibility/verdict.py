@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from armdyn.errors import TaskFailedError
 from pipeline.fields import fields
-from urdf.robot import Array, read_only
+from urdf.robot import Array, read_only_copy
 
 SCHEMA = "armdyn.check/1"
 
@@ -60,7 +60,7 @@ class Bounded:
         """Values with bounds of any shape that fits; a value per time (n,) is one column."""
         values = np.array(value, dtype=float).reshape(-1, len(names))
         bounds = [np.broadcast_to(np.asarray(bound, dtype=float), values.shape) for bound in (lower, upper)]
-        return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
+        return cls(limit, unit, names, *map(read_only_copy, (np.array(time, dtype=float), values, *bounds)))
 
     @property
     def is_two_sided(self) -> bool:
