@@ -16,16 +16,16 @@ MAX_SHOWN_CHARACTERS = 200
 
 
 @dataclass
-class Captured:
+class CapturedOutput:
     """Output that `captured_output` captured, as one line; filled when its ``with`` block ends."""
 
     text: str = ""
 
 
 @contextmanager
-def captured_output() -> Iterator[Captured]:
+def captured_output() -> Iterator[CapturedOutput]:
     """Capture everything that this process, C++ code included, prints during the ``with`` block."""
-    said, kept = Captured(), []
+    said, kept = CapturedOutput(), []
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
             stream.flush()
@@ -57,7 +57,7 @@ def library_errors(what: str, remedy: str) -> Iterator[None]:
     Raises:
         UrdfError: the library failed; the message contains the library's own message.
     """
-    said = Captured()
+    said = CapturedOutput()
     try:
         with captured_output() as said:
             yield
