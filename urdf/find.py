@@ -73,7 +73,7 @@ def make_absolute(root: ET.Element, path: Path) -> None:
             mesh.set("filename", str((path.parent / uri).resolve()))
 
 
-def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
+def remove_shapes_without_mesh(root: ET.Element, missing: Iterable[str]) -> list[str]:
     """Remove the visual and collision shapes whose mesh is missing from a URDF, in place; one sentence per mesh."""
     gone = dict.fromkeys(missing)
     for link in root.iter("link"):

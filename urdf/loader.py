@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
+from urdf.find import distribution_file, find_meshes, remove_shapes_without_mesh, make_absolute
 from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limit_sentences
@@ -188,7 +188,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
             f"{path}: mesh '{missing[0]}' is missing{f', and {len(missing) - 1} more' if missing[1:] else ''}; "
             "install its package, set ROS_PACKAGE_PATH, or load the robot without its missing meshes"
         )
-    defects += leave_out_shapes(root, missing)
+    defects += remove_shapes_without_mesh(root, missing)
     try:
         judged = mend_inertias(root, path, directories)
     except UrdfError as error:
