@@ -65,7 +65,7 @@ def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[s
     return directories, tuple(uri for uri, mesh in places.items() if mesh is None)
 
 
-def make_absolute(root: ET.Element, path: Path) -> None:
+def make_mesh_paths_absolute(root: ET.Element, path: Path) -> None:
     """Replace relative paths of meshes in a URDF by absolute ones, in place; `path` is the URDF's file."""
     for mesh in root.iter("mesh"):
         uri = str(mesh.get("filename", ""))

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.find import distribution_file, find_meshes, remove_shapes_without_mesh, make_absolute
+from urdf.find import distribution_file, find_meshes, remove_shapes_without_mesh, make_mesh_paths_absolute
 from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
 from urdf.quiet import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limit_sentences
@@ -201,7 +201,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
             raise UrdfError(f"robot '{settings.name}': [[frames]] {frame.name}: {wrong}; name a link of the URDF")
     add_frames(root, settings.frames)
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
-    make_absolute(root, path)
+    make_mesh_paths_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
     (model, carried), tool = _reduced(xml, joints, path, dynamics), settings.tool
     if described.mjcf is not None:
