@@ -24,7 +24,7 @@ GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 
 
-def infer(
+def infer_settings(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
 ) -> tuple[RobotSettings, tuple[str, ...]]:
     """Choose the arm and the tool of a robot in a URDF, where they are not given.

@@ -72,7 +72,7 @@ def load(
         robot = _assemble(_read(urdf_path), srdf, settings, text, meshes)
     else:
         description = _read(path)
-        settings, said = infer.infer(description.root, path, None if joints is None else tuple(joints), tool)
+        settings, said = infer.infer_settings(description.root, path, None if joints is None else tuple(joints), tool)
         text = f"{path.name} {settings.arm.joints} {settings.tool.frame}"
         robot = _assemble(replace(description, notes=(*said, *description.notes)), None, settings, text, meshes)
     for sentence in robot.warnings:
