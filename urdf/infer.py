@@ -79,7 +79,7 @@ def infer_settings(
     return settings, tuple(said)
 
 
-def is_gripper(name: str) -> bool:
+def is_gripper_name(name: str) -> bool:
     """Whether a joint's or link's name contains a usual word for a part of a gripper, such as "finger"."""
     return any(part in name.lower() for part in GRIPPER_NAME_PARTS)
 

@@ -23,7 +23,7 @@ from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.pendulum import PARTS, pendulum_claims
 from pipeline.imports.units import in_one, judged_entries
 from pipeline.imports.words import IDLE, Label, fits, label_of, words_in, words_of
-from urdf.infer import is_gripper
+from urdf.infer import is_gripper_name
 
 TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
 LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
@@ -199,7 +199,7 @@ def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
     found: dict[str, Label] = {}
     kinds = Counter(skeleton(label.words) for label in labels.values())
     for name, label in labels.items():
-        if is_gripper(name) or not label.measured:
+        if is_gripper_name(name) or not label.measured:
             continue
         quantity, doubt = label.quantity, label.doubt
         if LEROBOT_STATE in name.lower() and quantity in ("", "q"):
