@@ -84,7 +84,7 @@ def is_gripper_name(name: str) -> bool:
     return any(part in name.lower() for part in GRIPPER_NAME_PARTS)
 
 
-def assumed_home(model: pin.Model, tool_frame: int) -> Array:
+def choose_home(model: pin.Model, tool_frame: int) -> Array:
     """Choose a home posture (n,) [rad or m] far from joint limits and singularities, the best of many random ones.
 
     The best one has the largest product of the Jacobian's smallest singular value and the smallest relative distance

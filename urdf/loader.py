@@ -217,7 +217,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
         limits = _limits(model, settings.limits)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
-    home = np.array(settings.arm.home or infer.assumed_home(model, model.getFrameId(tool.frame)))
+    home = np.array(settings.arm.home or infer.choose_home(model, model.getFrameId(tool.frame)))
     outside = np.flatnonzero((home < model.lowerPositionLimit) | (home > model.upperPositionLimit))
     if outside.size:
         worst = int(outside[0])
