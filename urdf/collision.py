@@ -125,7 +125,7 @@ def link_of_shape(shape: pin.GeometryObject) -> str:
     return str(shape.name.rpartition("_")[0])
 
 
-def hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool]:
+def convex_hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool]:
     """The convex hull of a geometry, and whether the hull has exactly the geometry's shape.
 
     Geometries other than meshes, such as boxes and spheres, are convex and are returned unchanged.
@@ -142,7 +142,7 @@ def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset
     hulls = pin.GeometryModel(shapes)
     hollow = set()
     for number, shape in enumerate(hulls.geometryObjects):
-        shape.geometry, exact = hull(shape.geometry)
+        shape.geometry, exact = convex_hull(shape.geometry)
         if not exact:
             hollow.add(number)
     pairs = enumerate(hulls.collisionPairs)

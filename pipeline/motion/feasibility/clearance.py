@@ -13,7 +13,7 @@ from armdyn.errors import InputError
 from pipeline.box import LOAD_RADIUS, Box
 from pipeline.motion.feasibility.verdict import Bounded
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
-from urdf.collision import collision_shapes, hull, link_of_shape
+from urdf.collision import collision_shapes, convex_hull, link_of_shape
 from urdf.robot import Array
 
 MIN_CLEARANCE, MIN_SWING_CLEARANCE = 0.01, 0.02
@@ -96,7 +96,7 @@ class Surroundings:
         self._model, self._shapes = collision_shapes(robot)
         arm = [(k, shape.parentJoint) for k, shape in enumerate(self._shapes.geometryObjects) if shape.parentJoint]
         for shape in self._shapes.geometryObjects:
-            shape.geometry = hull(shape.geometry)[0]
+            shape.geometry = convex_hull(shape.geometry)[0]
         self._first = self._shapes.ngeoms
         for name, body, _ in bodies:
             self._shapes.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), body))
