@@ -21,7 +21,7 @@ from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSetting
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
-    from urdf.mjcf import Mjcf
+    from urdf.mjcf import CompiledMjcf
 
 SETTINGS = Path(__file__).parent / "robots"
 

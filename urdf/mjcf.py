@@ -31,7 +31,7 @@ JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_J
 
 
 @dataclass(frozen=True)
-class Mjcf:
+class CompiledMjcf:
     """An MJCF file compiled by MuJoCo.
 
     Attributes:
@@ -51,7 +51,7 @@ class Mjcf:
     sentences: tuple[str, ...]
 
 
-def read_mjcf(path: Path) -> Mjcf:
+def read_mjcf(path: Path) -> CompiledMjcf:
     """Compile an MJCF file with MuJoCo, and convert its bodies and joints to a URDF.
 
     Raises:
@@ -71,7 +71,7 @@ def read_mjcf(path: Path) -> Mjcf:
     )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(
+    return CompiledMjcf(
         path, model, bodies, joints, tree.root, tuple(f"{MJCF_NOTE_PREFIX}{sentence}" for sentence in sentences)
     )
 

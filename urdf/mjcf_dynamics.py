@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, Mjcf
+from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, CompiledMjcf
 from urdf.robot import Array, ArmDynamics, JointDynamics, Spring, UrdfError
 
 CHECKED_STATES = 5
@@ -28,7 +28,7 @@ BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 """MuJoCo's types of equality constraints between two bodies."""
 
 
-def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> ArmDynamics:
+def arm_dynamics(mjcf: CompiledMjcf, arm: Sequence[str]) -> ArmDynamics:
     """Read gravity, rotor inertia, damping, dry friction and springs of an arm's joints, all other joints fixed at 0.
 
     Args:
@@ -57,7 +57,7 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> ArmDynamics:
     return ArmDynamics(reader.gravity(), joints, springs)
 
 
-def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: ArmDynamics) -> None:
+def check_torques(mjcf: CompiledMjcf, model: pin.Model, dynamics: ArmDynamics) -> None:
     """Check at random states that the inverse dynamics of an arm's model gives MuJoCo's joint torques.
 
     Gravity, inertia, springs and damping are compared; dry friction and constraints are switched off in MuJoCo.
@@ -106,7 +106,7 @@ class _Reader:
         springs: springs of the joints.
     """
 
-    def __init__(self, mjcf: Mjcf, arm: frozenset[str]) -> None:
+    def __init__(self, mjcf: CompiledMjcf, arm: frozenset[str]) -> None:
         self._mjcf, self._m, self._arm = mjcf, mjcf.model, arm
         self.values = {name: {"damping": 0.0, "friction": 0.0, "armature": 0.0} for name in arm}
         self.springs: list[Spring] = []
