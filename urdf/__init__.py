@@ -5,7 +5,7 @@ Modules are imported at first use (PEP 562), so that a command that reads no rob
 
 from typing import TYPE_CHECKING
 
-from urdf.lazy import lazy_names
+from urdf.lazy import lazy_getattr
 
 if TYPE_CHECKING:
     from urdf.collision import Clearance, CollisionModel
@@ -16,7 +16,7 @@ __all__ = [
     "Clearance", "CollisionModel", "DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError",
     "known_robots", "load",
 ]  # fmt: skip
-__getattr__ = lazy_names(
+__getattr__ = lazy_getattr(
     __name__,
     {
         **dict.fromkeys(("Clearance", "CollisionModel"), "urdf.collision"),

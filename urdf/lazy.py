@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Any
 
 
-def lazy_names(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
+def lazy_getattr(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
     """Make the ``__getattr__`` function of a package that imports its public names at first use.
 
     Args:
