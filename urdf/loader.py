@@ -23,12 +23,12 @@ from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 if TYPE_CHECKING:
     from urdf.mjcf import CompiledMjcf
 
-SETTINGS = Path(__file__).parent / "robots"
+SETTINGS_DIRECTORY = Path(__file__).parent / "robots"
 
 
 def known_robots() -> tuple[str, ...]:
     """Names of the robots that `load` finds without a file."""
-    return tuple(sorted(path.stem for path in SETTINGS.glob("*.toml")))
+    return tuple(sorted(path.stem for path in SETTINGS_DIRECTORY.glob("*.toml")))
 
 
 def load(
@@ -58,7 +58,7 @@ def load(
             "no joint is named: name the arm's joints from base to tool, or leave them out to take them all"
         )
     if name in known_robots():
-        path = SETTINGS / f"{name}.toml"
+        path = SETTINGS_DIRECTORY / f"{name}.toml"
     elif path.suffix.lower() not in (".toml", ".urdf", ".xml") and not path.exists():
         close = difflib.get_close_matches(name, known_robots(), n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from armdyn.errors import InputError, at
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
-from urdf.loader import SETTINGS, known_robots
+from urdf.loader import SETTINGS_DIRECTORY, known_robots
 from urdf.table_file import ValueCheck, table_to_dataclass
 
 
@@ -62,7 +62,7 @@ class RosTopics:
 
 def settings_file(robot: str) -> Path:
     """The settings file of a known robot, or the file with a given name."""
-    return SETTINGS / f"{robot}.toml" if robot in known_robots() else Path(robot)
+    return SETTINGS_DIRECTORY / f"{robot}.toml" if robot in known_robots() else Path(robot)
 
 
 def read_topics(file: Path) -> RosTopics:
