@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 INERTIA_INDICES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 """Row and column of each entry of an inertia matrix."""
-NOWHERE = (0.0, 0.0, 0.0)
+ZERO_VECTOR = (0.0, 0.0, 0.0)
 
 
 def numbers_text(vector: ArrayLike) -> str:
@@ -26,7 +26,7 @@ def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.E
 
 
 def add_joint(
-    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: ArrayLike = NOWHERE, rpy: ArrayLike = NOWHERE
+    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: ArrayLike = ZERO_VECTOR, rpy: ArrayLike = ZERO_VECTOR
 ) -> ET.Element:
     """Add a ``<joint>`` element between two links to a URDF.
 
