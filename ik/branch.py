@@ -127,7 +127,7 @@ MIN_TIME_GAIN = 1e-5  # s of traverse time
 INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
-def in_core(path: Path, s: Array) -> Array:
+def core_indicator(path: Path, s: Array) -> Array:
     """1 where path coordinates s (k,) [m] lie in the path's core, the part on which a speed is required; else 0."""
     low, high = path.core
     return ((s >= low - 1e-9) & (s <= high + 1e-9)).astype(np.float64)
@@ -192,7 +192,7 @@ def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, 
     step = s[1] - s[0]
     rate, bending, jacobian = branch.derivatives(chain, path, s, q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
-    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ in_core(path, s)
+    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ core_indicator(path, s)
     cost = step * (slowness.sum() + CORE_WEIGHT * missing)
     cost += step * CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
     cost += MARGIN_WEIGHT * max(0.0, WANTED_JOINT_MARGIN - float(limits.margin(q).min()))
@@ -223,7 +223,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
     second = effect((lift, bends), (2 * lift_slope, slopes), (lift_bend, basis)) / speed
     slope, bend = now.rate.T / speed[:, 0], now.bending.T / speed[:, 0]
     heights = np.einsum("kd,rp->rkpd", basis, np.eye(rows)).reshape(rows, nodes, rows * degree)
-    core = np.flatnonzero(in_core(path, s))
+    core = np.flatnonzero(core_indicator(path, s))
     # Unknowns: coefficients, slowness per node, missing slowness per node of the core, missing margin.
     ends = np.cumsum([rows * degree, nodes, len(core), 1])
     change, slow, missing, margin = (slice(start, end) for start, end in pairwise([0, *ends]))

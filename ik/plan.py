@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, in_core, refine
+from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, refine
 from ik.chain import POSE_EQUATIONS, Chain
 from ik.errors import UnreachableError
 from ik.path import Path
@@ -128,7 +128,7 @@ class Planner:
         entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, WANTED_JOINT_MARGIN - margin), np.inf)
         step = np.diff(s)
         total, chosen = step.mean() * entry[:, 0], []
-        core = CORE_WEIGHT * in_core(self.path, (s[1:] + s[:-1]) / 2)
+        core = CORE_WEIGHT * core_indicator(self.path, (s[1:] + s[:-1]) / 2)
         for node in range(1, len(s)):
             moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
             slowness = moved.max(axis=2) / step[node - 1]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
-from ik.branch import in_core
+from ik.branch import core_indicator
 from ik.chain import Chain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
@@ -212,7 +212,7 @@ class _Search:
         if max(torque) > 1.0:
             return None
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
-        core, whole = float(speed[in_core(line, s) > 0].min()), float(speed.min())
+        core, whole = float(speed[core_indicator(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
         score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / FULL_SCORE_MARGIN)
         return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
