@@ -144,7 +144,7 @@ class _Candidate(NamedTuple):
     cost: float
 
 
-def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
+def optimise_branch(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
     r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
     Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and

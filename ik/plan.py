@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, refine
+from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, optimise_branch
 from ik.chain import POSE_EQUATIONS, Chain
 from ik.errors import UnreachableError
 from ik.path import Path
@@ -154,7 +154,7 @@ class Planner:
         empty = Branch(weights, np.zeros((len(weights), BRANCH_DEGREE + 1)), self.path.s_min, self.path.s_max)
         coefficients = np.linalg.lstsq(empty.chebyshev_basis(self.s), q @ weights.T, rcond=None)[0].T
         branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
-        return refine(self.chain, self.robot.limits, self.path, branch, self.s, q)
+        return optimise_branch(self.chain, self.robot.limits, self.path, branch, self.s, q)
 
     def _spare_motions(self, q: Array) -> Array:
         """Orthonormal basis of the Jacobian's null space at postures q (k, n): (k, n, n - 6)."""
