@@ -18,7 +18,7 @@ POSE_EQUATIONS = 6  # equations for the position and orientation of a tool
 
 
 @dataclass(frozen=True)
-class ToolMotion:
+class ToolKinematics:
     """Pose of the tool for b postures, with the joint axes and levers that the Jacobian is computed from.
 
     Attributes:
@@ -98,7 +98,7 @@ class Chain:
         """Number of joints."""
         return len(self.prismatic)
 
-    def motion(self, q: Array) -> ToolMotion:
+    def motion(self, q: Array) -> ToolKinematics:
         """Forward kinematics at postures (b, n) [rad or m]."""
         angles = np.ascontiguousarray(q.T)
         sines, cosines = np.sin(angles), np.cos(angles)
@@ -118,15 +118,15 @@ class Chain:
                 rotation = np.stack((c * x + s * y, c * y - s * x, rotation[:, 2]), axis=1)
             origins[joint] = position
         position = position + self.offsets[-1] @ rotation
-        return ToolMotion(self.rotations[-1].T @ rotation, position, axes, position - origins)
+        return ToolKinematics(self.rotations[-1].T @ rotation, position, axes, position - origins)
 
-    def jacobian(self, motion: ToolMotion) -> Array:
+    def jacobian(self, motion: ToolKinematics) -> Array:
         """Jacobian of the tool point in base axes, (6, n, b): three linear rows [m/rad], then three angular rows."""
         linear = np.where(self.prismatic[:, None, None], motion.axes, cross(motion.axes, motion.levers))
         angular = np.where(self.prismatic[:, None, None], 0.0, motion.axes)
         return np.concatenate((linear, angular), axis=1).transpose(1, 0, 2)
 
-    def velocity_product(self, motion: ToolMotion, rate: Array) -> Array:
+    def velocity_product(self, motion: ToolKinematics, rate: Array) -> Array:
         r"""The part of the tool's acceleration that joint velocities cause, $\dot J \dot q$.
 
         Args:
