@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import POSE_EQUATIONS, Chain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, shortened
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -59,7 +59,7 @@ class Branch:
         """The polynomial h at path coordinates s (k,), or its derivative of a given order: (k, r)."""
         return self.chebyshev_basis(s, derivative) @ self.coefficients.T
 
-    def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
+    def solve(self, chain: KinematicChain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
         """Solve tool(q) = target(s) and W q = h(s) for the postures q by Newton's method.
 
         Args:
@@ -92,7 +92,7 @@ class Branch:
         rows = np.broadcast_to(self.weights[:, :, None], (*self.weights.shape, batch))
         return np.concatenate((jacobian, rows)).transpose(2, 0, 1)
 
-    def derivatives(self, chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
+    def derivatives(self, chain: KinematicChain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
         """First and second derivatives of the branch's postures with respect to the path coordinate.
 
         Args:
@@ -144,7 +144,7 @@ class _Candidate(NamedTuple):
     cost: float
 
 
-def optimise_branch(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
+def optimise_branch(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
     r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
     Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and
@@ -184,7 +184,7 @@ def optimise_branch(chain: Chain, limits: Limits, path: Path, branch: Branch, s:
     return best.branch, best.q
 
 
-def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
+def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
     """Solve a branch from postures near it, and compute its cost; None where it cannot be solved."""
     q, residual = branch.solve(chain, path, s, q)
     if residual.max() > 1e-9:

@@ -42,7 +42,7 @@ class ToolKinematics:
 
 
 @dataclass(frozen=True)
-class Chain:
+class KinematicChain:
     """A serial chain of revolute and prismatic joints: alternately a fixed transform and a joint that moves along z.
 
     Attributes:

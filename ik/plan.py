@@ -3,7 +3,7 @@
 import numpy as np
 
 from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, optimise_branch
-from ik.chain import POSE_EQUATIONS, Chain
+from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
 from ik.path import Path
 from ik.solver import REACHED_TOLERANCE, Solver, descend
@@ -34,7 +34,7 @@ class Planner:
 
     def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
         self.robot, self.path, self.collisions = robot, path, collisions
-        self.chain = Chain.of(robot)
+        self.chain = KinematicChain.of(robot)
         nodes = COARSE_STRIDE * max(4, round((path.s_max - path.s_min) / PLAN_SPACING / COARSE_STRIDE)) + 1
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
 from ik.branch import core_indicator
-from ik.chain import Chain
+from ik.chain import KinematicChain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
 from ik.plan import Planner
@@ -139,7 +139,7 @@ def upright_rotation(rotation: Array) -> Array:
 class _Search:
     def __init__(self, robot: Robot, demand: Demand) -> None:
         self.robot, self.demand = robot, demand
-        self.chain, self.solver, self.collisions = Chain.of(robot), Solver(robot), CollisionModel(robot)
+        self.chain, self.solver, self.collisions = KinematicChain.of(robot), Solver(robot), CollisionModel(robot)
         self.torque = JointTorque(robot, springs=True)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import POSE_EQUATIONS, Chain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, shortened
 from urdf import Limits, Robot
 from urdf.robot import Array
 
@@ -23,7 +23,7 @@ REACH_SCALE = 0.5  # m; distance that counts as much as an angle of 1 rad when p
 
 
 def descend(
-    chain: Chain,
+    chain: KinematicChain,
     limits: Limits | None,
     rotation: Array,
     position: Array,
@@ -115,7 +115,7 @@ class Solver:
     """
 
     def __init__(self, robot: Robot, limited: bool = True) -> None:
-        self.chain = Chain.of(robot)
+        self.chain = KinematicChain.of(robot)
         self._limits = robot.limits if limited else None
         rng = np.random.default_rng(LIBRARY_SEED)
         self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_POSTURES, self.chain.joints))

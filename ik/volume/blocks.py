@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik.chain import Chain
+from ik.chain import KinematicChain
 from ik.solver import REACHED_TOLERANCE, descend
 from ik.volume.grid import Block, Grid, Status
 from urdf import CollisionModel, Robot
@@ -52,7 +52,7 @@ class BlockSolver:
         The guess is the skeleton, interpolated at the target's position. The smallest joint motion leads from the guess
         to the target. Both depend smoothly on the position, and so do the postures, also across blocks.
         """
-        chain, place = Chain.of(self.robot), self.grid.positions(block)
+        chain, place = KinematicChain.of(self.robot), self.grid.positions(block)
         position = place.reshape(-1, 3)
         q = self._guess(block[0], position)
         rotation = self.grid.rotations[block[0]][:, :, None]

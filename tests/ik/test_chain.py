@@ -7,12 +7,12 @@ import pytest
 
 from armdyn.arm.posture import arm_posture
 from armdyn.errors import InputError
-from ik.chain import Chain, rotation_error
+from ik.chain import KinematicChain, rotation_error
 
 
 @pytest.fixture(scope="module")
-def chain(robot) -> Chain:
-    return Chain.of(robot)
+def chain(robot) -> KinematicChain:
+    return KinematicChain.of(robot)
 
 
 @pytest.fixture(scope="module")
