@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import POSE_EQUATIONS, KinematicChain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -83,7 +83,7 @@ class Branch:
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
                 break
-            q += shortened(_solve(self.system_matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
+            q += limit_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
         return q, residual
 
     def system_matrix(self, jacobian: Array) -> Array:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import POSE_EQUATIONS, KinematicChain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from urdf import Limits, Robot
 from urdf.robot import Array
 
@@ -83,7 +83,7 @@ def descend(
         normal[:, np.arange(POSE_EQUATIONS), np.arange(POSE_EQUATIONS)] += (
             1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
         )[:, None]
-        q = q + shortened((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
+        q = q + limit_steps((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
         if limits is not None:
             q = np.clip(q, limits.lower, limits.upper)
     return final, errors
