@@ -24,7 +24,7 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
         start: start method of `multiprocessing`, by default Python's own. A program that creates several pools should
             use ``"forkserver"``, because a forked copy of a process with threads can hang.
     """
-    pool = ProcessPoolExecutor(workers, get_context(start), begin_child)
+    pool = ProcessPoolExecutor(workers, get_context(start), initialise_child)
     try:
         yield pool
     except BaseException:
@@ -36,7 +36,7 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
     pool.shutdown()
 
 
-def begin_child() -> None:
+def initialise_child() -> None:
     """Initialise a child process: ignore terminal signals, end with the parent, compute with one thread."""
     from armdyn.threads import keep_one_thread  # takes half a second, which a parent may not need
 

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from armdyn.errors import InputError, TaskFailedError, sentence_of
-from ik.children import begin_child
+from ik.children import initialise_child
 from pipeline.processes import be_ordinary
 
 Work = Callable[[Any], Any]
@@ -137,7 +137,7 @@ def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> N
     """Main function of the process: it works until the other end of the pipe is closed."""
     be_ordinary()
     ours.close()  # otherwise this process would keep the pipe open, and outlive its parent
-    begin_child()
+    initialise_child()
     with suppress(EOFError, OSError):
         while True:
             name, argument = pickle.loads(connection.recv_bytes())

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import sentence_of
-from ik.children import begin_child
+from ik.children import initialise_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 
@@ -103,7 +103,7 @@ class SearchProcess:
 
 
 def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
-    begin_child()
+    initialise_child()
     os.nice(5)  # the page's process has priority
     try:
         answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
