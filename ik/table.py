@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError, check_owner
+from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
 from ik.pathfile import path_of
 from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
@@ -239,7 +239,7 @@ class PathTable:
                     f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}"
                 )
             if robot is not None:
-                check_owner(source, about, robot, REBUILD_REMEDY)
+                check_built_for(source, about, robot, REBUILD_REMEDY)
             try:
                 check_shapes(arrays, SHAPES, len(about["joints"]))
                 own = path_of(about["path"])
