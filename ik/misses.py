@@ -13,7 +13,7 @@ UNLIMITED_STARTS_PER_TARGET = 200  # starting postures per target in the search 
 
 
 @dataclass(frozen=True)
-class Miss:
+class UnreachableTarget:
     """A target pose of the tool that the arm cannot reach.
 
     Attributes:
@@ -38,7 +38,7 @@ class Miss:
         return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
 
 
-def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
+def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[UnreachableTarget, ...]:
     """Find the poses on a path that an arm cannot reach, of those at path coordinates s (k,) [m], in this order."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T
@@ -53,12 +53,12 @@ def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) 
         if index in without_limits:
             reached, q = without_limits[index]
             why = _joint_beyond_limit(robot, q) if reached else "it is beyond the arm's reach"
-            misses.append(Miss(float(at), position[index], *off, why))
+            misses.append(UnreachableTarget(float(at), position[index], *off, why))
         elif touching := collisions.touching(answers.q[index]):
             others = solver.postures(rotation[index], position[index])
             if not any(collisions.touching(q) is None for q in others):
                 why = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
-                misses.append(Miss(float(at), position[index], 0.0, 0.0, why))
+                misses.append(UnreachableTarget(float(at), position[index], 0.0, 0.0, why))
     return tuple(misses)
 
 
