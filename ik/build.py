@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.errors import UnreachableError
-from ik.misses import find_misses
+from ik.misses import find_unreachable_targets
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
@@ -81,7 +81,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
     """Explain why a path cannot be followed: targets that cannot be reached, or else the planner's reason."""
-    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, DIAGNOSIS_TARGETS), collisions)
+    misses = find_unreachable_targets(robot, path, np.linspace(path.s_min, path.s_max, DIAGNOSIS_TARGETS), collisions)
     if misses:
         return (
             f"robot '{robot.name}': {len(misses)} of {DIAGNOSIS_TARGETS} targets on the path cannot be held; "

@@ -38,7 +38,7 @@ class UnreachableTarget:
         return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
 
 
-def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[UnreachableTarget, ...]:
+def find_unreachable_targets(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[UnreachableTarget, ...]:
     """Find the poses on a path that an arm cannot reach, of those at path coordinates s (k,) [m], in this order."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T

@@ -9,7 +9,7 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.misses import find_misses
+from ik.misses import find_unreachable_targets
 from ik.solver import Solver
 
 
@@ -66,12 +66,12 @@ def collisions(baxter) -> urdf.CollisionModel:
 
 
 def test_every_target_of_baxters_line_can_be_held(baxter, collisions) -> None:
-    assert find_misses(baxter, baxter.line, np.linspace(-0.3, 0.55, 30), collisions) == ()
+    assert find_unreachable_targets(baxter, baxter.line, np.linspace(-0.3, 0.55, 30), collisions) == ()
 
 
 def test_targets_beyond_reach_are_named_with_their_distance(baxter, collisions) -> None:
     line = shifted(baxter, 0.55, -0.18, -0.3, 1.0)
-    misses = find_misses(baxter, line, np.array([0.2, 0.8, 0.9]), collisions)
+    misses = find_unreachable_targets(baxter, line, np.array([0.2, 0.8, 0.9]), collisions)
     assert [miss.s for miss in misses] == [0.8, 0.9]
     assert {miss.why for miss in misses} == {"it is beyond the arm's reach"}
     # 0.1 m further away is missed by about 0.1 m more, because the arm is stretched along the line.
@@ -86,13 +86,13 @@ def test_a_target_that_only_limits_forbid_names_the_joint(baxter, collisions) ->
     )
     pose = baxter.tool_pose(q)
     line = replace(baxter.line, origin=pose.translation, rotation=pose.rotation)
-    (miss,) = find_misses(narrow, line, np.zeros(1), collisions)
+    (miss,) = find_unreachable_targets(narrow, line, np.zeros(1), collisions)
     # Not exactly 0.2 rad: the elbow can stretch a little less where it swings to the side.
     assert "joint 'right_e1' would pass its limit by 0.1" in miss.sentence
 
 
 def test_a_target_inside_the_torso_names_the_links_that_touch(baxter, collisions) -> None:
-    (miss,) = find_misses(baxter, shifted(baxter, 0.12, -0.30, -0.3, 0.55), np.array([0.0]), collisions)
+    (miss,) = find_unreachable_targets(baxter, shifted(baxter, 0.12, -0.30, -0.3, 0.55), np.array([0.0]), collisions)
     assert "torso would touch" in miss.sentence
 
 
