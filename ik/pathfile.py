@@ -37,7 +37,7 @@ def read_path(file: str | File) -> Path:
     try:
         _, content = read_toml_with_text(source, finite=True)
         check_keys(content, PATH_KEYS)
-        return path_of(content)
+        return path_from_description(content)
     except FileNotFoundError as error:
         raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
     except KeyError as error:
@@ -48,7 +48,7 @@ def read_path(file: str | File) -> Path:
         raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error
 
 
-def path_of(content: dict[str, Any]) -> Path:
+def path_from_description(content: dict[str, Any]) -> Path:
     """Make a path from the entries of a path file, or from the result of `Path.describe`.
 
     Raises:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
-from ik.pathfile import path_of
+from ik.pathfile import path_from_description
 from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
@@ -242,7 +242,7 @@ class PathTable:
                 check_built_for(source, about, robot, REBUILD_REMEDY)
             try:
                 check_shapes(arrays, SHAPES, len(about["joints"]))
-                own = path_of(about["path"])
+                own = path_from_description(about["path"])
                 table = cls(
                     robot_name=about["robot"],
                     joint_names=tuple(about["joints"]),

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.pathfile import path_of
+from ik.pathfile import path_from_description
 
 DOWN = np.diag([-1.0, 1.0, -1.0])
 
@@ -76,7 +76,7 @@ def test_a_spline_passes_through_its_poses() -> None:
 
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 def test_a_path_can_be_described_and_made_again(path: ik.Path) -> None:
-    again = path_of(path.describe())
+    again = path_from_description(path.describe())
     s = np.linspace(path.s_min, path.s_max, 20)
     for one, other in zip((*path.pose(s), path.twist(s)), (*again.pose(s), again.twist(s)), strict=True):
         assert np.abs(one - other).max() < 1e-14
