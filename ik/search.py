@@ -34,7 +34,7 @@ KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires
 LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
 
 
-class Found(NamedTuple):
+class LineCandidate(NamedTuple):
     """A line that the arm can follow, with its speed, margins and score.
 
     Attributes:
@@ -84,7 +84,7 @@ class Demand:
             )
 
 
-def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
+def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> LineCandidate:
     """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
     The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
@@ -106,7 +106,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     search = _Search(robot, demand)
     say("looking where the tool can be held")
     origins = search.shortlist()
-    best: Found | None = None
+    best: LineCandidate | None = None
     for number, origin in enumerate(origins):
         for start in search.starts(origin):
             found = search.try_out(origin, start)
@@ -192,12 +192,12 @@ class _Search:
             chosen.append(found[int(distance.argmax())])
         return chosen
 
-    def try_out(self, origin: Array, home: Array) -> Found | None:
+    def try_out(self, origin: Array, home: Array) -> LineCandidate | None:
         """The line with the highest requested speed on its core that can be followed; None where there is none."""
         tries = (self.judge(origin, home, core_speed) for core_speed in TRIED_CORE_SPEEDS)
         return next((found for found in tries if found is not None), None)
 
-    def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
+    def judge(self, origin: Array, home: Array, core_speed: float) -> LineCandidate | None:
         """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
         line = self.line(origin, core_speed)
         planner = Planner(replace(self.robot, home=home), line, self.collisions)
@@ -215,9 +215,9 @@ class _Search:
         core, whole = float(speed[core_indicator(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
         score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / FULL_SCORE_MARGIN)
-        return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
+        return LineCandidate(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
-    def settle(self, best: Found) -> Found:
+    def settle(self, best: LineCandidate) -> LineCandidate:
         """Plan the best line again for a slightly lower speed, and compute its clearance."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
@@ -237,7 +237,7 @@ class _Search:
         return np.where(answers.reached, speed, 0.0)
 
 
-def _sentence(found: Found | None) -> str:
+def _sentence(found: LineCandidate | None) -> str:
     if found is None:
         return "none yet"
     where = ", ".join(f"{value:.3f}" for value in found.line.origin)

@@ -13,7 +13,7 @@ from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from ik import PathTable
-    from ik.search import Demand, Found
+    from ik.search import Demand, LineCandidate
 
 PANEL = "Motions of an arm"
 
