@@ -59,7 +59,7 @@ class LineCandidate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Demand:
+class LineRequirements:
     """Requirements on the line that `search_line` searches for.
 
     Attributes:
@@ -84,7 +84,7 @@ class Demand:
             )
 
 
-def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> LineCandidate:
+def search_line(robot: Robot, demand: LineRequirements | None = None, progress: Callable[[str], None] | None = None) -> LineCandidate:
     """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
     The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
@@ -102,7 +102,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     Raises:
         UnreachableError: the arm can follow no line of this length and direction.
     """
-    demand, say = demand or Demand(), progress or (lambda _: None)
+    demand, say = demand or LineRequirements(), progress or (lambda _: None)
     search = _Search(robot, demand)
     say("looking where the tool can be held")
     origins = search.shortlist()
@@ -137,7 +137,7 @@ def upright_rotation(rotation: Array) -> Array:
 
 
 class _Search:
-    def __init__(self, robot: Robot, demand: Demand) -> None:
+    def __init__(self, robot: Robot, demand: LineRequirements) -> None:
         self.robot, self.demand = robot, demand
         self.chain, self.solver, self.collisions = KinematicChain.of(robot), Solver(robot), CollisionModel(robot)
         self.torque = JointTorque(robot, springs=True)

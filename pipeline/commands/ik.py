@@ -13,7 +13,7 @@ from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from ik import PathTable
-    from ik.search import Demand, LineCandidate
+    from ik.search import LineRequirements, LineCandidate
 
 PANEL = "Motions of an arm"
 
@@ -177,7 +177,7 @@ def _say(stage: str) -> None:
 
 
 def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
-    from ik.search import Demand
+    from ik.search import LineRequirements
 
     first, last = exactly(2, extent, "--extent")
     low, high = exactly(2, core, "--core")
@@ -187,7 +187,7 @@ def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "De
     if not abs(x) + abs(y) + abs(z) > 0:
         raise InputError("--direction: 0,0,0 points nowhere; give another")
     rotation = None if tool_rpy is None else tool_rotation(tool_rpy)
-    return Demand(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))
+    return LineRequirements(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))
 
 
 def table_json(table: "PathTable") -> dict[str, Any]:

@@ -5,14 +5,14 @@ import pytest
 
 import ik
 import urdf
-from ik.search import Demand, search_line, upright_rotation
+from ik.search import LineRequirements, search_line, upright_rotation
 
 
 @pytest.mark.slow
 def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
     robot = urdf.load("ur5")
     said: list[str] = []
-    demand = Demand(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05))
+    demand = LineRequirements(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05))
     found = search_line(robot, demand, progress=said.append)
     assert any("m/s with" in sentence for sentence in said)
     assert found.core_speed >= found.line.core_speed
@@ -34,7 +34,7 @@ def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
 
 def test_a_line_longer_than_the_arm_is_not_found(complains) -> None:
     with complains(ik.UnreachableError):
-        search_line(urdf.load("ur5"), Demand(s_min=-2.0, s_max=2.0, core=(-1.0, 1.0)))
+        search_line(urdf.load("ur5"), LineRequirements(s_min=-2.0, s_max=2.0, core=(-1.0, 1.0)))
 
 
 def test_the_nearest_right_angled_orientation_is_a_rotation() -> None:
