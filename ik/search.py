@@ -130,7 +130,7 @@ def search_line(robot: Robot, demand: LineRequirements | None = None, progress: 
     return search.settle(best)
 
 
-def upright_rotation(rotation: Array) -> Array:
+def axis_aligned_rotation(rotation: Array) -> Array:
     """The orientation (3, 3) with axes parallel to the base's axes that is nearest to a given orientation (3, 3)."""
     upright = np.round(Rotation.create_group("O").as_matrix()) + 0.0
     return np.asarray(upright[np.einsum("kij,ij->k", upright, rotation).argmax()])
@@ -146,7 +146,7 @@ class _Search:
         across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
         self.frame = np.stack((across, self.direction, np.cross(across, self.direction)))
         given = demand.rotation
-        self.rotation = upright_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
+        self.rotation = axis_aligned_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
 
     def line(self, origin: Array, core_speed: float) -> Line:
         demand = self.demand

@@ -5,7 +5,7 @@ import pytest
 
 import ik
 import urdf
-from ik.search import LineRequirements, search_line, upright_rotation
+from ik.search import LineRequirements, search_line, axis_aligned_rotation
 
 
 @pytest.mark.slow
@@ -42,8 +42,8 @@ def test_the_nearest_right_angled_orientation_is_a_rotation() -> None:
     for _ in range(50):
         rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         rotation *= np.sign(np.linalg.det(rotation))
-        nearest = upright_rotation(rotation)
+        nearest = axis_aligned_rotation(rotation)
         assert np.linalg.det(nearest) == pytest.approx(1.0)
         assert sorted(np.abs(nearest).ravel()) == [0.0] * 6 + [1.0] * 3
     tilted = np.array([[0.0, -1.0, 0.02], [-1.0, 0.0, 0.01], [0.01, 0.02, -1.0]])
-    assert upright_rotation(tilted).tolist() == [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+    assert axis_aligned_rotation(tilted).tolist() == [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
