@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ik.path import Path
-from ik.solver import Solver
+from ik.solver import IkSolver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -42,10 +42,10 @@ def find_unreachable_targets(robot: Robot, path: Path, s: Array, collisions: Col
     """Find the poses on a path that an arm cannot reach, of those at path coordinates s (k,) [m], in this order."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T
-    solver = Solver(robot)
+    solver = IkSolver(robot)
     answers = solver.solve(rotation, position)
     missed = np.flatnonzero(~answers.reached)
-    free = Solver(robot, limited=False).solve(rotation[missed], position[missed], starts=UNLIMITED_STARTS_PER_TARGET)
+    free = IkSolver(robot, limited=False).solve(rotation[missed], position[missed], starts=UNLIMITED_STARTS_PER_TARGET)
     without_limits = dict(zip(missed.tolist(), zip(free.reached, free.q, strict=True), strict=True))
     misses = []
     for index, at in enumerate(s):

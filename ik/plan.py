@@ -6,7 +6,7 @@ from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, c
 from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.solver import REACHED_TOLERANCE, Solver, descend
+from ik.solver import REACHED_TOLERANCE, IkSolver, descend
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -80,7 +80,7 @@ class Planner:
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
-            found = Solver(self.robot).postures(rotation[:, :, start], position[:, start])
+            found = IkSolver(self.robot).postures(rotation[:, :, start], position[:, start])
             if not len(found):
                 raise UnreachableError(f"the arm cannot reach s = {self.s[start]:.3f} m")
             postures[start] = found[np.abs(found - self.robot.home).max(axis=1).argmin()]

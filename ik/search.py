@@ -13,7 +13,7 @@ from ik.chain import KinematicChain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
 from ik.plan import Planner
-from ik.solver import Solver
+from ik.solver import IkSolver
 from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
@@ -139,7 +139,7 @@ def axis_aligned_rotation(rotation: Array) -> Array:
 class _Search:
     def __init__(self, robot: Robot, demand: LineRequirements) -> None:
         self.robot, self.demand = robot, demand
-        self.chain, self.solver, self.collisions = KinematicChain.of(robot), Solver(robot), CollisionModel(robot)
+        self.chain, self.solver, self.collisions = KinematicChain.of(robot), IkSolver(robot), CollisionModel(robot)
         self.torque = JointTorque(robot, springs=True)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])

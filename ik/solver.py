@@ -106,7 +106,7 @@ class Answers:
     angle: Array
 
 
-class Solver:
+class IkSolver:
     """Solves inverse kinematics from the nearest of many random postures, and where this fails from the next ones.
 
     Args:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
-from ik.solver import REACHED_TOLERANCE, Solver, descend
+from ik.solver import REACHED_TOLERANCE, IkSolver, descend
 from ik.volume.grid import Grid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
@@ -30,7 +30,7 @@ def build_skeleton(robot: Robot, grid: Grid) -> Array:
     Raises:
         UnreachableError: no target of the grid can be reached.
     """
-    solver, collisions = Solver(robot), CollisionModel(robot)
+    solver, collisions = IkSolver(robot), CollisionModel(robot)
     position = grid.positions().reshape(-1, 3)
     parts = []
     q = np.full((len(position), len(robot.home)), np.nan)
@@ -58,7 +58,7 @@ class _Layer:
     """Solves the targets of one orientation; postures q are (k, n), nan where there is none."""
 
     def __init__(
-        self, robot: Robot, solver: Solver, rotation: Array, position: Array, counts: tuple[int, int, int]
+        self, robot: Robot, solver: IkSolver, rotation: Array, position: Array, counts: tuple[int, int, int]
     ) -> None:
         self.limits, self.solver = robot.limits, solver
         self.rotation, self.position, self.neighbours = rotation, position, _neighbours(counts)

@@ -10,12 +10,12 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from ik.misses import find_unreachable_targets
-from ik.solver import Solver
+from ik.solver import IkSolver
 
 
 @pytest.fixture(scope="module")
-def solver(baxter) -> Solver:
-    return Solver(baxter)
+def solver(baxter) -> IkSolver:
+    return IkSolver(baxter)
 
 
 def poses_of(robot: urdf.Robot, postures):

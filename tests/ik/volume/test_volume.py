@@ -42,13 +42,13 @@ def test_the_share_of_neighbours_apart_is_that_of_all_pairs(volume) -> None:
 
 
 def test_what_is_given_up_is_out_of_reach_for_a_search_from_anywhere(volume, baxter, small) -> None:
-    from ik.solver import Solver
+    from ik.solver import IkSolver
 
     status = np.asarray(volume.status[:])
     missed = np.argwhere(status == Status.UNREACHABLE)
     chosen = np.random.default_rng(1).permutation(missed)[:300]
     position = small.positions()[chosen[:, 1], chosen[:, 2], chosen[:, 3]]
-    answers = Solver(baxter).solve(small.rotations[chosen[:, 0]], position)
+    answers = IkSolver(baxter).solve(small.rotations[chosen[:, 0]], position)
     assert answers.reached.mean() < 0.25  # what can be held on another branch only is not on this one
 
 
