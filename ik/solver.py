@@ -90,7 +90,7 @@ def descend(
 
 
 @dataclass(frozen=True)
-class Answers:
+class IkSolutions:
     """Solutions of inverse kinematics for k targets.
 
     Attributes:
@@ -124,7 +124,7 @@ class IkSolver:
 
     def solve(
         self, rotation: Array, position: Array, tolerance: float = REACHED_TOLERANCE, starts: int = STARTS_PER_TARGET
-    ) -> Answers:
+    ) -> IkSolutions:
         """Find one posture for each target pose of the tool.
 
         Args:
@@ -161,7 +161,7 @@ class IkSolver:
             unsolved = unsolved[np.abs(errors[:, unsolved]).max(axis=0) >= tolerance]
             if not len(unsolved):
                 break
-        return Answers(
+        return IkSolutions(
             q=best,
             reached=np.abs(errors).max(axis=0) < tolerance,
             distance=np.linalg.norm(errors[:3], axis=0),
