@@ -6,7 +6,7 @@ from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, c
 from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.solver import REACHED_TOLERANCE, IkSolver, descend
+from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -75,7 +75,7 @@ class Planner:
 
         def reach(node: int, guess: Array, iterations: int) -> tuple[Array, bool]:
             target = rotation[:, :, [node]], position[:, [node]]
-            q, error = descend(self.chain, None, *target, guess[None], iterations=iterations)
+            q, error = damped_least_squares(self.chain, None, *target, guess[None], iterations=iterations)
             return q[0], bool(np.abs(error).max() < REACHED_TOLERANCE)
 
         postures[start], reached = reach(start, self.robot.home, 31)
@@ -108,7 +108,7 @@ class Planner:
             here, direction = q, sign * reference
             walked, good = [here], [np.full(len(s), True)]
             for _ in range(int(MAX_SELF_MOTION / SELF_MOTION_STEP)):
-                here, error = descend(self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3)
+                here, error = damped_least_squares(self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3)
                 turned = self._spare_motions(here)[:, :, 0]
                 direction = turned * np.where((turned * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
                 walked.append(here)
@@ -143,7 +143,7 @@ class Planner:
             index.append(int(choice[index[-1]]))
         course = postures[index[::-1], np.arange(len(s))]
         guess = np.array([np.interp(self.s, s, course[:, joint]) for joint in range(self.chain.joints)]).T
-        return descend(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
+        return damped_least_squares(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
 
     def _refined(self, q: Array) -> tuple[Branch, Array]:
         """The branch that is fitted to postures q (k, n) and then optimised, and its postures, (k, n)."""

@@ -22,7 +22,7 @@ POSTURES_TRIED = 64  # nearest random postures that are tried to find different 
 REACH_SCALE = 0.5  # m; distance that counts as much as an angle of 1 rad when poses are compared
 
 
-def descend(
+def damped_least_squares(
     chain: KinematicChain,
     limits: Limits | None,
     rotation: Array,
@@ -153,7 +153,7 @@ class IkSolver:
             if start == 1:  # few targets get this far; looking for more starting postures costs as much as a descent
                 nearest[unsolved, 1:] = self._tree.query(features[unsolved], k=np.arange(2, starts + 1))[1]
             guess = self._library[nearest[unsolved, start]]
-            q, error = descend(
+            q, error = damped_least_squares(
                 self.chain, self._limits, turned[:, :, unsolved], placed[:, unsolved], guess, tolerance=tolerance
             )
             better = (error**2).sum(axis=0) < (errors[:, unsolved] ** 2).sum(axis=0)
@@ -181,7 +181,7 @@ class IkSolver:
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
         nearest = self._tree.query(_features(turned, placed)[0], k=POSTURES_TRIED)[1]
         guess = self._library[nearest]
-        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess)
+        q, error = damped_least_squares(self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess)
         return q[np.abs(error).max(axis=0) < REACHED_TOLERANCE]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.chain import KinematicChain
-from ik.solver import REACHED_TOLERANCE, descend
+from ik.solver import REACHED_TOLERANCE, damped_least_squares
 from ik.volume.grid import Block, Grid, Status
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
@@ -61,7 +61,7 @@ class BlockSolver:
         for start in range(0, len(known), BATCH_TARGETS):
             part = known[start : start + BATCH_TARGETS]
             placed = np.ascontiguousarray(position[part].T)
-            q[part], error = descend(
+            q[part], error = damped_least_squares(
                 chain,
                 self.robot.limits,
                 rotation,

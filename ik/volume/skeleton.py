@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
-from ik.solver import REACHED_TOLERANCE, IkSolver, descend
+from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
 from ik.volume.grid import Grid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
@@ -66,7 +66,7 @@ class _Layer:
     def reach(self, targets: NDArray[np.intp], guess: Array, farthest: float) -> tuple[Array, NDArray[np.bool_]]:
         """Postures of targets (m,) from guesses (m, n), and which reach them within `farthest` rad of the guess."""
         placed = np.ascontiguousarray(self.position[targets].T)
-        q, error = descend(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
+        q, error = damped_least_squares(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
         return q, (np.abs(error).max(axis=0) < REACHED_TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
 
     def follow(self, guess: Array) -> Array:
