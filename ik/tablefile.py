@@ -77,7 +77,7 @@ def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
 
 
 @contextmanager
-def reading(source: File) -> Iterator[None]:
+def table_errors(source: File) -> Iterator[None]:
     """Convert every exception in the ``with`` block, which reads a table's file, to an error with a clear message.
 
     Raises:
