@@ -40,7 +40,7 @@ def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, An
         InputError: the file cannot be written.
     """
     said = json.dumps({"format": TABLE_FORMAT, **about})
-    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": digest_of(said, arrays)})
+    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": arrays_digest(said, arrays)})
     with replacing(target) as file:
         np.savez(file, about=np.array(text), **arrays)
 
@@ -62,12 +62,12 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
             raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD_REMEDY}")
         arrays = {name: file[name] for name in names}
     digest = about.pop("digest")
-    if digest != digest_of(json.dumps(about), arrays):
+    if digest != arrays_digest(json.dumps(about), arrays):
         raise StaleTableError(f"{source}: its numbers were changed; {REBUILD_REMEDY}")
     return about, arrays
 
 
-def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
+def arrays_digest(said: str, arrays: Mapping[str, Array]) -> str:
     """SHA-256 digest of a text and of the names, types, shapes and numbers of arrays."""
     digest = hashlib.sha256(said.encode())
     for name, values in sorted(arrays.items()):

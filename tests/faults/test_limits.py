@@ -11,7 +11,7 @@ import urdf
 from armdyn.errors import InputError
 from ik import tablefile
 from ik.table import SHAPES
-from ik.tablefile import digest_of, read_arrays, write_arrays
+from ik.tablefile import arrays_digest, read_arrays, write_arrays
 from ik.volume import Grid, VolumeTable, build_volume
 
 SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
@@ -113,8 +113,8 @@ def test_a_table_of_another_path_is_refused(saved, tmp_path, complains) -> None:
 
 def test_what_a_table_is_about_is_part_of_its_digest() -> None:
     arrays = {"q": np.zeros((2, 3))}
-    assert digest_of("a", arrays) != digest_of("b", arrays)
-    assert digest_of("a", arrays) != digest_of("a", {"q": np.zeros((3, 2))})
+    assert arrays_digest("a", arrays) != arrays_digest("b", arrays)
+    assert arrays_digest("a", arrays) != arrays_digest("a", {"q": np.zeros((3, 2))})
 
 
 def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, complains) -> None:
