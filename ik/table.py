@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
 from ik.pathfile import path_from_description
-from ik.tablefile import REBUILD_REMEDY, check_motion, check_robot, check_shapes, read_arrays, table_errors, write_arrays
+from ik.tablefile import REBUILD_REMEDY, check_consistency, check_robot, check_shapes, read_arrays, table_errors, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze_arrays, read_only_copy
@@ -254,7 +254,7 @@ class PathTable:
                     torque=PathTorque(**{name: arrays[name] for name in TORQUE_ARRAYS}),
                     fingerprint=about["fingerprint"],
                 )
-                check_motion(arrays, own)
+                check_consistency(arrays, own)
                 if robot is not None:
                     check_robot(arrays, own, robot)
             except (InputError, UrdfError) as error:

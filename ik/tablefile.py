@@ -129,7 +129,7 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
         raise InputError("'s' does not grow evenly")
 
 
-def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
+def check_consistency(arrays: Mapping[str, Array], path: Path) -> None:
     """Check that a table's postures keep the joint limits and agree with their derivatives, the Jacobians and the path.
 
     From one node to the next, h apart, q grows by h (q' + q'_next)/2 + h^2 (q'' - q''_next)/12 + O(h^5 q^(5)), and J q'
