@@ -19,7 +19,7 @@ from urdf.robot import Array, freeze_arrays, read_only_copy
 
 LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
-NODES = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
+NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
 SHAPES = (
@@ -99,7 +99,7 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, "tool_offset", *NODES)
+        freeze_arrays(self, "tool_offset", *NODE_ARRAYS)
         object.__setattr__(self, "joint_margin", float(self.margin.min()))
         object.__setattr__(self, "speed_limit", self._speed(self.dq_ds))
         acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit)
@@ -219,7 +219,7 @@ class PathTable:
             "path": self.path.describe(),
             "fingerprint": self.fingerprint,
         }
-        arrays = {name: getattr(self, name) for name in ("tool_offset", *NODES)}
+        arrays = {name: getattr(self, name) for name in ("tool_offset", *NODE_ARRAYS)}
         write_arrays(File(path), about, arrays | asdict(self.limits) | asdict(self.torque))
 
     @classmethod
@@ -249,7 +249,7 @@ class PathTable:
                     tool_frame=about["tool_frame"],
                     tool_offset=arrays["tool_offset"],
                     path=own,
-                    **{name: arrays[name] for name in NODES},
+                    **{name: arrays[name] for name in NODE_ARRAYS},
                     limits=Limits(**{name: arrays[name] for name in LIMITS}),
                     torque=PathTorque(**{name: arrays[name] for name in TORQUE_ARRAYS}),
                     fingerprint=about["fingerprint"],
