@@ -20,12 +20,12 @@ from urdf.robot import Array, freeze_arrays, read_only_copy
 LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
 NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
-LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
 SHAPES = (
     {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
     | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUE_ARRAYS), "kn")
-    | dict.fromkeys(LIMITS, "n")
+    | dict.fromkeys(LIMIT_ARRAYS, "n")
 )
 """Axes of each array in the file of an IK table: k nodes, n joints, or a number."""
 
@@ -250,7 +250,7 @@ class PathTable:
                     tool_offset=arrays["tool_offset"],
                     path=own,
                     **{name: arrays[name] for name in NODE_ARRAYS},
-                    limits=Limits(**{name: arrays[name] for name in LIMITS}),
+                    limits=Limits(**{name: arrays[name] for name in LIMIT_ARRAYS}),
                     torque=PathTorque(**{name: arrays[name] for name in TORQUE_ARRAYS}),
                     fingerprint=about["fingerprint"],
                 )
