@@ -22,7 +22,7 @@ LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because
 NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
-SHAPES = (
+ARRAY_AXES = (
     {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
     | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUE_ARRAYS), "kn")
     | dict.fromkeys(LIMIT_ARRAYS, "n")
@@ -233,7 +233,7 @@ class PathTable:
         """
         source = File(path)
         with table_errors(source):
-            about, arrays = read_arrays(source, SHAPES)
+            about, arrays = read_arrays(source, ARRAY_AXES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
                 raise StaleTableError(
                     f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}"
@@ -241,7 +241,7 @@ class PathTable:
             if robot is not None:
                 check_built_for(source, about, robot, REBUILD_REMEDY)
             try:
-                check_shapes(arrays, SHAPES, len(about["joints"]))
+                check_shapes(arrays, ARRAY_AXES, len(about["joints"]))
                 own = path_from_description(about["path"])
                 table = cls(
                     robot_name=about["robot"],

@@ -161,13 +161,13 @@ def mcap(rng: random.Random | None = None) -> bytes:
 
 @cache
 def _table() -> tuple[dict[str, object], dict[str, np.ndarray]]:
-    from ik.table import SHAPES
+    from ik.table import ARRAY_AXES
     from ik.tablefile import read_arrays
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "t.npz"
         default_table(urdf.load("baxter")).save(path)
-        about, arrays = read_arrays(path, SHAPES)
+        about, arrays = read_arrays(path, ARRAY_AXES)
     return {key: value for key, value in about.items() if key != "format"}, arrays
 
 

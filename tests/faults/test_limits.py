@@ -10,7 +10,7 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from ik import tablefile
-from ik.table import SHAPES
+from ik.table import ARRAY_AXES
 from ik.tablefile import arrays_digest, read_arrays, write_arrays
 from ik.volume import Grid, VolumeTable, build_volume
 
@@ -96,7 +96,7 @@ CHANGES = {
 def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(
     saved, baxter, tmp_path, change, complains
 ) -> None:
-    about, arrays = read_arrays(saved, SHAPES)
+    about, arrays = read_arrays(saved, ARRAY_AXES)
     about.pop("format")
     write_arrays(tmp_path / "table.npz", about, {**arrays, **change(arrays)})
     with complains(ik.StaleTableError):
@@ -104,7 +104,7 @@ def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(
 
 
 def test_a_table_of_another_path_is_refused(saved, tmp_path, complains) -> None:
-    about, arrays = read_arrays(saved, SHAPES)
+    about, arrays = read_arrays(saved, ARRAY_AXES)
     about["path"]["direction"] = [1.0, 0.0, 0.0]
     write_arrays(tmp_path / "table.npz", {key: value for key, value in about.items() if key != "format"}, arrays)
     with complains(ik.StaleTableError):
