@@ -18,7 +18,7 @@ BATCH_TARGETS = 4096  # targets that are solved together: their arrays fit into 
 MAX_CORNER_DISTANCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
 
 
-class Solved(NamedTuple):
+class BlockSolution(NamedTuple):
     """Inverse kinematics of one block of a grid.
 
     Attributes:
@@ -46,7 +46,7 @@ class BlockSolver:
     skeleton: Array
     collisions: bool
 
-    def __call__(self, block: Block) -> Solved:
+    def __call__(self, block: Block) -> BlockSolution:
         """Solve the targets of a block.
 
         The guess is the skeleton, interpolated at the target's position. The smallest joint motion leads from the guess
@@ -76,7 +76,7 @@ class BlockSolver:
             model = CollisionModel(self.robot)
             touching = [i for i in np.flatnonzero(status) if model.touching(q[i]) is not None]
             status[touching] = Status.COLLIDING
-        return Solved(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
+        return BlockSolution(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
 
     def _guess(self, rotation: int, position: Array) -> Array:
         """Trilinear interpolation of the skeleton at positions (k, 3), (k, n); nan where no corner has a posture."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
-from ik.volume.blocks import Solved
+from ik.volume.blocks import BlockSolution
 from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, Status
 from urdf import Robot
 from urdf.robot import Array
@@ -141,7 +141,7 @@ class VolumeTable:
             raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE_REMEDY}")
         return table
 
-    def write(self, block: Block, solved: Solved) -> None:
+    def write(self, block: Block, solved: BlockSolution) -> None:
         """Write a solved block to disk; its digest, which marks it as finished, is written last.
 
         Raises:
