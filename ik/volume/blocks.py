@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ik.chain import KinematicChain
 from ik.solver import REACHED_TOLERANCE, damped_least_squares
-from ik.volume.grid import Block, Grid, Status
+from ik.volume.grid import Block, Grid, TargetStatus
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -23,7 +23,7 @@ class BlockSolution(NamedTuple):
 
     Attributes:
         q: postures, (x, y, z, n) [rad or m]; nan where a target is unreachable.
-        status: result of each target, (x, y, z), a value of `Status`.
+        status: result of each target, (x, y, z), a value of `TargetStatus`.
     """
 
     q: Array
@@ -56,7 +56,7 @@ class BlockSolver:
         position = place.reshape(-1, 3)
         q = self._guess(block[0], position)
         rotation = self.grid.rotations[block[0]][:, :, None]
-        status = np.full(len(q), Status.UNREACHABLE, dtype=np.uint8)
+        status = np.full(len(q), TargetStatus.UNREACHABLE, dtype=np.uint8)
         known = np.flatnonzero(~np.isnan(q[:, 0]))
         for start in range(0, len(known), BATCH_TARGETS):
             part = known[start : start + BATCH_TARGETS]
@@ -70,12 +70,12 @@ class BlockSolver:
                 iterations=BLOCK_ITERATIONS,
                 hopeless=HOPELESS_ERROR,
             )
-            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = Status.REACHED
-        q[status == Status.UNREACHABLE] = np.nan
+            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = TargetStatus.REACHED
+        q[status == TargetStatus.UNREACHABLE] = np.nan
         if self.collisions:
             model = CollisionModel(self.robot)
             touching = [i for i in np.flatnonzero(status) if model.touching(q[i]) is not None]
-            status[touching] = Status.COLLIDING
+            status[touching] = TargetStatus.COLLIDING
         return BlockSolution(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
 
     def _guess(self, rotation: int, position: Array) -> Array:

@@ -21,7 +21,7 @@ Block = tuple[int, int, int, int]
 """Index of an orientation, and indices of a block of its targets along x, y and z."""
 
 
-class Status(IntEnum):
+class TargetStatus(IntEnum):
     """Result of the inverse kinematics of one target pose."""
 
     UNREACHABLE = 0  # no posture within the joint limits close to those of the neighbouring targets

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.volume.blocks import BlockSolution
-from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, Status
+from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, TargetStatus
 from urdf import Robot
 from urdf.robot import Array
 
@@ -37,7 +37,7 @@ class VolumeTable:
         joint_names: names of the joints from base to tool.
         grid: the targets.
         q: postures, (m, x, y, z, n) [rad or m]; indexing reads them from disk; nan where a target is unreachable.
-        status: result of each target, (m, x, y, z), a value of `Status`.
+        status: result of each target, (m, x, y, z), a value of `TargetStatus`.
         skeleton: postures on the coarse grid from which the blocks were solved, (m, x, y, z, n) [rad or m].
         digests: digest of each finished block, (m, blocks along x, y and z); 0 where a block is not finished.
     """
@@ -181,7 +181,7 @@ class VolumeTable:
 
     def reached(self) -> float:
         """Share of the targets that are reached without a collision, from 0 to 1."""
-        return float(np.mean(np.asarray(self.status[:]) == Status.REACHED))
+        return float(np.mean(np.asarray(self.status[:]) == TargetStatus.REACHED))
 
     def apart(self, limit: float = 0.2) -> float:
         """Share of pairs of neighbouring reached targets between which a joint differs by more than `limit` [rad]."""

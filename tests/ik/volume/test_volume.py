@@ -7,7 +7,7 @@ import ik.volume.build as building
 import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
-from ik.volume import Grid, Status, VolumeTable, build_volume
+from ik.volume import Grid, TargetStatus, VolumeTable, build_volume
 
 
 @pytest.fixture(scope="module")
@@ -19,13 +19,13 @@ def test_every_reached_posture_holds_its_target_by_yourdfpy(volume, baxter, smal
     rng = np.random.default_rng(0)
     status, q = np.asarray(volume.status[:]), np.asarray(volume.q[:])
     positions = small.positions()
-    chosen = rng.permutation(np.argwhere(status == Status.REACHED))[:150]
+    chosen = rng.permutation(np.argwhere(status == TargetStatus.REACHED))[:150]
     rotation, position = tool_poses(baxter, q[tuple(chosen.T)])
     assert np.abs(position - positions[tuple(chosen[:, 1:].T)]).max() < 1e-8
     assert np.abs(rotation - small.rotations[chosen[:, 0]]).max() < 1e-8
-    reached = q[status == Status.REACHED]
+    reached = q[status == TargetStatus.REACHED]
     assert baxter.limits.margin(reached).min() >= -1e-9
-    assert np.isnan(q[status == Status.UNREACHABLE]).all()
+    assert np.isnan(q[status == TargetStatus.UNREACHABLE]).all()
 
 
 def test_neighbours_are_on_one_branch(volume) -> None:
@@ -45,7 +45,7 @@ def test_what_is_given_up_is_out_of_reach_for_a_search_from_anywhere(volume, bax
     from ik.solver import IkSolver
 
     status = np.asarray(volume.status[:])
-    missed = np.argwhere(status == Status.UNREACHABLE)
+    missed = np.argwhere(status == TargetStatus.UNREACHABLE)
     chosen = np.random.default_rng(1).permutation(missed)[:300]
     position = small.positions()[chosen[:, 1], chosen[:, 2], chosen[:, 3]]
     answers = IkSolver(baxter).solve(small.rotations[chosen[:, 0]], position)
@@ -81,9 +81,9 @@ def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path, complain
     table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
     status = np.asarray(table.status[:])
     collisions = urdf.CollisionModel(baxter)
-    for index in np.argwhere(status != Status.UNREACHABLE)[::7]:
+    for index in np.argwhere(status != TargetStatus.UNREACHABLE)[::7]:
         touches = collisions.touching(np.asarray(table.q[tuple(index)])) is not None
-        assert touches == (status[tuple(index)] == Status.COLLIDING)
+        assert touches == (status[tuple(index)] == TargetStatus.COLLIDING)
     with complains(StaleTableError):
         build_volume(baxter, near, table.path)
 
