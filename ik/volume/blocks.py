@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ik.chain import KinematicChain
 from ik.solver import REACHED_TOLERANCE, damped_least_squares
-from ik.volume.grid import Block, Grid, TargetStatus
+from ik.volume.grid import Block, TargetGrid, TargetStatus
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -42,7 +42,7 @@ class BlockSolver:
     """
 
     robot: Robot
-    grid: Grid
+    grid: TargetGrid
     skeleton: Array
     collisions: bool
 

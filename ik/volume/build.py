@@ -7,7 +7,7 @@ from pathlib import Path
 
 from armdyn.errors import InputError, TaskFailedError
 from ik.volume.blocks import BlockSolver
-from ik.volume.grid import Grid
+from ik.volume.grid import TargetGrid
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
 from ik.workers import Lost, in_processes, on_cluster
@@ -35,7 +35,7 @@ class VolumeReport:
 
 def build_volume(
     robot: Robot,
-    grid: Grid,
+    grid: TargetGrid,
     path: str | Path,
     *,
     processes: int = 1,

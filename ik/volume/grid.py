@@ -30,7 +30,7 @@ class TargetStatus(IntEnum):
 
 
 @dataclass(frozen=True)
-class Grid:
+class TargetGrid:
     """Target poses of a tool: evenly spaced positions in the robot's base frame, each with every orientation.
 
     Attributes:
@@ -95,7 +95,7 @@ class Grid:
         """A coarser grid with the corners of this one and a few centimetres between targets."""
         wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))
-        return Grid(self.low, self.high, (x, y, z), self.rotations)
+        return TargetGrid(self.low, self.high, (x, y, z), self.rotations)
 
     def describe(self) -> dict[str, Any]:
         """The grid as a dictionary of numbers and lists, from which `Grid.of` restores it."""

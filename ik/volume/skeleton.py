@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
 from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
-from ik.volume.grid import Grid
+from ik.volume.grid import TargetGrid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
@@ -16,7 +16,7 @@ RANDOM_STARTS_PER_TARGET = 4  # random starting postures per target that no neig
 CENTRING_SHARE = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 
 
-def build_skeleton(robot: Robot, grid: Grid) -> Array:
+def build_skeleton(robot: Robot, grid: TargetGrid) -> Array:
     """Solve the inverse kinematics on a coarse grid, with postures close to their neighbours and without collisions.
 
     The target nearest to the tool at home is solved from the home posture. Then each neighbour of solved targets is

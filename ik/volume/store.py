@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.volume.blocks import BlockSolution
-from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, TargetStatus
+from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, TargetGrid, TargetStatus
 from urdf import Robot
 from urdf.robot import Array
 
@@ -45,14 +45,14 @@ class VolumeTable:
     path: Path
     robot_name: str
     joint_names: tuple[str, ...]
-    grid: Grid
+    grid: TargetGrid
     q: "zarr.Array[Any]"
     status: "zarr.Array[Any]"
     skeleton: Array
     digests: "zarr.Array[Any]"
 
     @classmethod
-    def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
+    def create(cls, path: Path, robot: Robot, grid: TargetGrid, skeleton: Array, collisions: bool) -> Self:
         """Create an empty volume in a zarr directory, or open it if another process has just created it.
 
         Args:
@@ -123,7 +123,7 @@ class VolumeTable:
                 path=source,
                 robot_name=about["robot"],
                 joint_names=tuple(about["joints"]),
-                grid=Grid.from_description(about["grid"]),
+                grid=TargetGrid.from_description(about["grid"]),
                 q=group["q"],
                 status=group["status"],
                 skeleton=np.asarray(group["skeleton"][:]),

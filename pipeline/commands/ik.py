@@ -44,14 +44,14 @@ def volume(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from ik.volume import Grid, build_volume
+    from ik.volume import TargetGrid, build_volume
 
     arm = choice.load()
     sides = [round(count) for count in exactly(3, counts, "--counts")]
     if not tool_rpy and arm.given_line is None:
         raise InputError(f"--tool-rpy: robot '{arm.name}' has no line to take the tool's orientation from; give one")
     rotations = [tool_rotation(rpy) for rpy in tool_rpy] if tool_rpy else [arm.line.rotation]
-    grid = Grid(
+    grid = TargetGrid(
         np.array(exactly(3, low, "--low")),
         np.array(exactly(3, high, "--high")),
         (sides[0], sides[1], sides[2]),

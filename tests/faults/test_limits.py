@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik import tablefile
 from ik.table import ARRAY_AXES
 from ik.tablefile import arrays_digest, read_arrays, write_arrays
-from ik.volume import Grid, VolumeTable, build_volume
+from ik.volume import TargetGrid, VolumeTable, build_volume
 
 SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
 ACCELERATION, JERK = "acceleration = [20.0", "jerk = [1000.0"
@@ -128,7 +128,7 @@ def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, comp
 @pytest.fixture(scope="module")
 def volume(baxter, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("volume") / "small.zarr"
-    grid = Grid(np.array([0.7, -0.4, -0.2]), np.array([0.8, -0.3, -0.1]), (4, 4, 4), baxter.line.rotation[None])
+    grid = TargetGrid(np.array([0.7, -0.4, -0.2]), np.array([0.8, -0.3, -0.1]), (4, 4, 4), baxter.line.rotation[None])
     build_volume(baxter, grid, path)
     return path
 
@@ -176,4 +176,4 @@ def test_a_grid_that_no_disk_holds_is_refused(complains) -> None:
         ((0, 0, 0), (1, 1, 1e9), (3, 3, 3)),
     ):
         with complains(InputError):
-            Grid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)
+            TargetGrid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)

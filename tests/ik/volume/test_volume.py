@@ -7,7 +7,7 @@ import ik.volume.build as building
 import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
-from ik.volume import Grid, TargetStatus, VolumeTable, build_volume
+from ik.volume import TargetGrid, TargetStatus, VolumeTable, build_volume
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_a_pool_of_processes_gives_the_same(volume, baxter, small, tmp_path) -> 
 
 
 def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path, complains) -> None:
-    near = Grid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
+    near = TargetGrid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
     table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
     status = np.asarray(table.status[:])
     collisions = urdf.CollisionModel(baxter)
@@ -92,7 +92,7 @@ def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other,
     with complains(StaleTableError):
         VolumeTable.open(volume.path, other)
     with complains(InputError):
-        build_volume(baxter, Grid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
+        build_volume(baxter, TargetGrid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
     with complains(InputError):
         VolumeTable.open(tmp_path / "none.zarr")
     (tmp_path / "empty").mkdir()
@@ -101,7 +101,7 @@ def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other,
 
 
 def test_a_volume_far_away_is_out_of_reach(baxter, tmp_path, complains) -> None:
-    far = Grid(np.array([3.0, 3.0, 3.0]), np.array([3.2, 3.2, 3.2]), (4, 4, 4), baxter.line.rotation[None])
+    far = TargetGrid(np.array([3.0, 3.0, 3.0]), np.array([3.2, 3.2, 3.2]), (4, 4, 4), baxter.line.rotation[None])
     with complains(UnreachableError):
         build_volume(baxter, far, tmp_path / "far.zarr")
 
@@ -111,4 +111,4 @@ def test_a_volume_far_away_is_out_of_reach(baxter, tmp_path, complains) -> None:
 )
 def test_grids_that_span_nothing_are_refused(low, high, counts, complains) -> None:
     with complains(InputError):
-        Grid(np.array(low), np.array(high), counts, np.eye(3)[None])
+        TargetGrid(np.array(low), np.array(high), counts, np.eye(3)[None])
