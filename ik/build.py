@@ -93,7 +93,7 @@ def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str)
     )
 
 
-def default_path(robot: Robot) -> File:
+def default_table_path(robot: Robot) -> File:
     """Path of the file in which the IK table of the line in a robot's settings is cached."""
     return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{TABLE_FORMAT}.npz"
 
@@ -108,7 +108,7 @@ def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
         UnreachableError: the arm cannot follow the line.
         UrdfError: the settings contain no line.
     """
-    path = default_path(robot)
+    path = default_table_path(robot)
     try:
         return LineTable.load(path, robot)
     except InputError:

@@ -122,7 +122,7 @@ def build(
     json_file: JsonOption = None,
 ) -> None:
     """Build the table of a robot's line, of a path, or of a line that is searched for."""
-    from ik.build import build_line_table, build_path_table, default_path
+    from ik.build import build_line_table, build_path_table, default_table_path
     from ik.pathfile import read_path
     from ik.search import search_line
     from pipeline.report.ik import ik_document
@@ -142,7 +142,7 @@ def build(
         table = build_path_table(arm, read_path(path), progress=_say)
     else:
         table = build_line_table(arm, progress=_say)
-        target = target or default_path(arm)
+        target = target or default_table_path(arm)
     if target is not None:
         table.save(target)
     extra: dict[str, Any] = {} if target is None else {"file": str(target)}
