@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostItem:
     """Result of an item whose workers died repeatedly; `reason` says what happened, without a full stop."""
 
     reason: str
@@ -42,7 +42,7 @@ def in_processes(
     workers: int,
     start: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | Lost]]:
+) -> Iterator[tuple[Item, Result | LostItem]]:
     """Call a function for each item in several processes of this computer; yield items and results as they finish.
 
     Args:
@@ -78,7 +78,7 @@ def in_processes(
                     continue
                 deaths[number] += 1
                 if deaths[number] >= MAX_DEATHS_PER_ITEM and not together:
-                    yield item, Lost(f"the process that worked on it died {deaths[number]} times")
+                    yield item, LostItem(f"the process that worked on it died {deaths[number]} times")
                 else:
                     alone.append((number, item))
 
@@ -89,7 +89,7 @@ def on_cluster(
     scheduler: str,
     extra: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | Lost]]:
+) -> Iterator[tuple[Item, Result | LostItem]]:
     """Call a function for each item on a dask cluster; yield items and results as they finish.
 
     The items of a worker that dies are given to other workers.
@@ -124,11 +124,11 @@ def on_cluster(
                 gone += "the same command continues"
                 if future.status in ("cancelled", "lost"):
                     raise TaskFailedError(gone)
-                result: Result | Lost
+                result: Result | LostItem
                 try:
                     result = future.result()
                 except KilledWorker:
-                    result = Lost("several workers died of it")
+                    result = LostItem("several workers died of it")
                 except OSError as error:
                     raise TaskFailedError(gone) from error
                 future.release()

@@ -10,7 +10,7 @@ from ik.volume.blocks import BlockSolver
 from ik.volume.grid import TargetGrid
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
-from ik.workers import Lost, in_processes, on_cluster
+from ik.workers import LostItem, in_processes, on_cluster
 from urdf import Robot
 
 Progress = Callable[[int, int], None]
@@ -85,7 +85,7 @@ def build_volume(
     else:
         answers = ((block, solver(block)) for block in blocks)
     for block, solved in answers:
-        if isinstance(solved, Lost):
+        if isinstance(solved, LostItem):
             raise TaskFailedError(
                 f"volume: block {block}: {solved.reason}; free some memory and run the same command again to continue"
             )
