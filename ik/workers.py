@@ -36,7 +36,7 @@ class _StoppedError(Exception):
     """The user wants to stop."""
 
 
-def in_processes(
+def map_in_processes(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     workers: int,

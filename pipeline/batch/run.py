@@ -17,7 +17,7 @@ from typing import Any
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
-from ik.workers import LostItem, in_processes, on_cluster
+from ik.workers import LostItem, map_in_processes, on_cluster
 from pipeline.batch.spec import BatchItem, Spec
 from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
 from pipeline.processes import Closing
@@ -165,7 +165,7 @@ def _outcomes(
     if scheduler is None:
         if START_METHOD == "forkserver":
             set_forkserver_preload(list(PRELOADED))
-        done = in_processes(work, jobs, processes, START_METHOD, stopped)
+        done = map_in_processes(work, jobs, processes, START_METHOD, stopped)
     else:
         done = on_cluster(work, jobs, scheduler, "batch", stopped)
     for job, outcome in done:

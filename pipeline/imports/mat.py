@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
-from ik.workers import LostItem, in_processes
+from ik.workers import LostItem, map_in_processes
 from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
 from urdf.bounds import MAX_TABLE_COLUMNS, MAX_UNPACKED_BYTES, MIB
 
@@ -30,7 +30,7 @@ def read_mat(path: Path) -> Foreign:
     data = read_bytes(path)
     with at(path):
         # In a process of its own, because scipy ends the process on some damaged files.
-        ((_, content),) = in_processes(partial(_content, data), [path.name], 1, "forkserver")
+        ((_, content),) = map_in_processes(partial(_content, data), [path.name], 1, "forkserver")
         if isinstance(content, LostItem):
             raise InputError("is no MATLAB file that can be read: it is damaged")
         arrays = {
