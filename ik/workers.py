@@ -83,7 +83,7 @@ def map_in_processes(
                     alone.append((number, item))
 
 
-def on_cluster(
+def map_on_cluster(
     work: Callable[[Item], Result],
     items: Sequence[Item],
     scheduler: str,

@@ -10,7 +10,7 @@ from ik.volume.blocks import BlockSolver
 from ik.volume.grid import TargetGrid
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
-from ik.workers import LostItem, map_in_processes, on_cluster
+from ik.workers import LostItem, map_in_processes, map_on_cluster
 from urdf import Robot
 
 Progress = Callable[[int, int], None]
@@ -79,7 +79,7 @@ def build_volume(
     say = progress or (lambda _done, _targets: None)
     say(done, grid.targets)
     if scheduler is not None:
-        answers = on_cluster(solver, blocks, scheduler, "volume")
+        answers = map_on_cluster(solver, blocks, scheduler, "volume")
     elif processes > 1:  # spawned, not forked: a forked copy of a process with threads can hang
         answers = map_in_processes(solver, blocks, processes, "spawn")
     else:

@@ -17,7 +17,7 @@ from typing import Any
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
-from ik.workers import LostItem, map_in_processes, on_cluster
+from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, Spec
 from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
 from pipeline.processes import Closing
@@ -167,7 +167,7 @@ def _outcomes(
             set_forkserver_preload(list(PRELOADED))
         done = map_in_processes(work, jobs, processes, START_METHOD, stopped)
     else:
-        done = on_cluster(work, jobs, scheduler, "batch", stopped)
+        done = map_on_cluster(work, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
         if isinstance(outcome, LostItem):
             outcome = JobOutcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
