@@ -7,7 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, Robot, UrdfError
 
 

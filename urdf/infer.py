@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.gripper import gripper_joints
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link

@@ -15,7 +15,7 @@ import pinocchio as pin
 from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, remove_shapes_without_mesh, make_mesh_paths_absolute
 from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limit_sentences
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers

@@ -10,7 +10,7 @@ import numpy as np
 
 from urdf.bounds import MAX_MESH_BYTES
 from urdf.find import locate_mesh
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import FrameSettings
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES

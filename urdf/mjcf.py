@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import MJCF_NOTE_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 

@@ -14,7 +14,7 @@ from armdyn.recording.channels import FloatArray
 from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Mesh, SceneBody, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
-from urdf.quiet import captured_output
+from urdf.library_output import captured_output
 
 MAX_TRIANGLES = 40_000
 """Largest number of triangles of an arm: the page then has about 1 MB, and a small computer turns it smoothly."""
