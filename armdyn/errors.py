@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from urdf.table_file import TomlFileError, name_suggestion
+from urdf.toml_tables import TomlFileError, name_suggestion
 
 MAX_SHOWN_NAME_LENGTH = 60
 """Largest number of characters of a name in a message."""

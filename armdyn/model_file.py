@@ -16,7 +16,7 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
 from urdf.bounds import MAX_MAGNITUDE
-from urdf.table_file import ValueCheck, table_to_dataclass
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base; a user's own base is the path of a Python file."""

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from armdyn.errors import InputError, at
-from urdf.table_file import read_toml
+from urdf.toml_tables import read_toml
 
 
 def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from armdyn.errors import InputError, UnknownNameError
 from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_from_rpy
-from urdf.table_file import TomlFileError, check_keys, read_toml_with_text
+from urdf.toml_tables import TomlFileError, check_keys, read_toml_with_text
 
 PATH_KINDS = ("line", "circle", "spline")
 PATH_KEYS = (

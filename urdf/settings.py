@@ -8,7 +8,7 @@ import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_from_rpy
-from urdf.table_file import TomlFileError, table_to_dataclass, read_toml_with_text
+from urdf.toml_tables import TomlFileError, table_to_dataclass, read_toml_with_text
 
 Vector3 = tuple[float, float, float]
 Interval = tuple[float, float]

@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.units import Known, parse_quantity, sliding_unit
 from armdyn.run import Run
-from urdf.table_file import table_to_dataclass
+from urdf.toml_tables import table_to_dataclass
 
 Law = Literal["position", "velocity", "torque", "current"]
 GAIN_UNITS: Mapping[Law, str] = {"position": "N m/rad", "velocity": "N m s/rad", "torque": "1", "current": "N m/A"}

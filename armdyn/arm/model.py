@@ -28,7 +28,7 @@ from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.table_file import ValueCheck, table_to_dataclass
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange

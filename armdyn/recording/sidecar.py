@@ -26,7 +26,7 @@ from armdyn.quoting import toml_string
 from armdyn.recording.channels import channel_kind, channel_unit, in_contract, is_auxiliary
 from armdyn.recording.units import Known, parse_quantity
 from armdyn.toml_file import read_toml
-from urdf.table_file import TomlFileError, parse_toml_text
+from urdf.toml_tables import TomlFileError, parse_toml_text
 
 POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""

@@ -23,7 +23,7 @@ from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
-from urdf.table_file import ValueCheck, table_to_dataclass
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 TASKS = ("compare", "repair")
 ROBOT = "{robot}"

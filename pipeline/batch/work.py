@@ -16,7 +16,7 @@ from armdyn.errors import ArmdynError, InputError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.read_files import keeping_inputs
 from urdf import DescriptionWarning
-from urdf.table_file import read_toml_with_text
+from urdf.toml_tables import read_toml_with_text
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel

@@ -30,7 +30,7 @@ from pipeline.imports.foreign import Account, Foreign, ForeignColumn
 from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
 from pipeline.imports.stamps import dated
 from pipeline.imports.words import fits
-from urdf.table_file import join_problems
+from urdf.toml_tables import join_problems
 
 YEARS = 2000, 2100
 """Years of stamps that are dates, in seconds since 1970; no recording lasts so long that its own time goes so far."""

@@ -31,7 +31,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
-from urdf.table_file import ValueCheck, TomlFileError, join_problems, table_to_dataclass
+from urdf.toml_tables import ValueCheck, TomlFileError, join_problems, table_to_dataclass
 
 TIME_LINE = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '

@@ -10,7 +10,7 @@ from armdyn.errors import InputError, at
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS_DIRECTORY, known_robots
-from urdf.table_file import ValueCheck, table_to_dataclass
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 
 class CommandKind(Enum):
