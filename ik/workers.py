@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from armdyn.errors import InputError, TaskFailedError
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 
 STOP_CHECK_SECONDS = 0.2
 """Interval at which it is checked whether the user wants to stop [s]."""

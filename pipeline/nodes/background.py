@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from armdyn.errors import InputError, TaskFailedError, sentence_of
-from ik.children import initialise_child
+from ik.child_processes import initialise_child
 from pipeline.processes import be_ordinary
 
 Work = Callable[[Any], Any]

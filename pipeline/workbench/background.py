@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import sentence_of
-from ik.children import initialise_child
+from ik.child_processes import initialise_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 

@@ -21,7 +21,7 @@ from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_m
 from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
 from armdyn.run import Run, read_run, write_run_csv
-from ik.children import is_running
+from ik.child_processes import is_running
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 

@@ -12,7 +12,7 @@ from armdyn.identify.estimator import Estimator
 from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
 from armdyn.threads import one_thread
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 from pipeline.cli import ONE_THREAD
 from pipeline.motion.excitation import excitation
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 from descendants import PATIENCE, becomes, linux, marked, of_mark
 
-from ik.children import is_running, worker_pool
+from ik.child_processes import is_running, worker_pool
 from ik.workers import LostItem, map_in_processes
 
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
