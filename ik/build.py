@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.errors import UnreachableError
-from ik.misses import find_unreachable_targets
+from ik.unreachable_targets import find_unreachable_targets
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable

@@ -9,7 +9,7 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.misses import find_unreachable_targets
+from ik.unreachable_targets import find_unreachable_targets
 from ik.solver import IkSolver
 
 
