@@ -15,7 +15,7 @@ from ik.unreachable_targets import find_unreachable_targets
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
-from ik.tablefile import TABLE_FORMAT
+from ik.table_archive import TABLE_FORMAT
 from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 

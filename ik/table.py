@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
 from ik.pathfile import path_from_description
-from ik.tablefile import REBUILD_REMEDY, check_consistency, check_robot, check_shapes, read_arrays, table_errors, write_arrays
+from ik.table_archive import REBUILD_REMEDY, check_consistency, check_robot, check_shapes, read_arrays, table_errors, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze_arrays, read_only_copy

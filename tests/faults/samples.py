@@ -14,7 +14,7 @@ import numpy as np
 
 import urdf
 from ik import default_table
-from ik.tablefile import write_arrays
+from ik.table_archive import write_arrays
 from pipeline.batch.work import JobOutcome
 
 TOY = """<robot name="toy">
@@ -162,7 +162,7 @@ def mcap(rng: random.Random | None = None) -> bytes:
 @cache
 def _table() -> tuple[dict[str, object], dict[str, np.ndarray]]:
     from ik.table import ARRAY_AXES
-    from ik.tablefile import read_arrays
+    from ik.table_archive import read_arrays
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "t.npz"

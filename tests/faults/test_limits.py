@@ -9,9 +9,9 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik import tablefile
+from ik import table_archive
 from ik.table import ARRAY_AXES
-from ik.tablefile import arrays_digest, read_arrays, write_arrays
+from ik.table_archive import arrays_digest, read_arrays, write_arrays
 from ik.volume import TargetGrid, VolumeTable, build_volume
 
 SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
@@ -118,7 +118,7 @@ def test_what_a_table_is_about_is_part_of_its_digest() -> None:
 
 
 def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, complains) -> None:
-    monkeypatch.setattr(tablefile, "MAX_TABLE_ARRAY_BYTES", 2**20)
+    monkeypatch.setattr(table_archive, "MAX_TABLE_ARRAY_BYTES", 2**20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, s=np.zeros(2**18), about=np.array("{}"))
     with complains(ik.StaleTableError):
