@@ -48,9 +48,9 @@ class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
     value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
-    std: Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None = (
-        None
-    )
+    std: (
+        Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None
+    ) = None
     unit: str | None = None
     fitted: bool | None = None
     prior: str | None = None
@@ -61,7 +61,9 @@ class _BackgroundEntry:
     """The entries of the background; values are in SI units."""
 
     width: float
-    values: dict[str, Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]]
+    values: dict[
+        str, Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    ]
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,9 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[[history]]: write a list of tables")
     declared = {each.name for each in fields(_Change)}
     for number, change in enumerate(history, start=1):
-        table_to_dataclass(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
+        table_to_dataclass(
+            _Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}"
+        )
     return ModelFile(model, description, tuple(history))
 
 

@@ -77,8 +77,8 @@ class Branch:
         q = guess.copy()
         residual = np.full(len(s), np.inf)
         for _ in range(BRANCH_ITERATIONS):
-            motion = chain.motion(q)
-            error = np.concatenate((motion.error(rotation, position), height.T - self.weights @ q.T))
+            motion = chain.forward_kinematics(q)
+            error = np.concatenate((motion.pose_error(rotation, position), height.T - self.weights @ q.T))
             previous, residual = residual, np.abs(error).max(axis=0)
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
@@ -104,7 +104,7 @@ class Branch:
         Returns:
             The derivatives q' and q'', (k, n) each [rad/m, rad/m^2], and the tool's Jacobians, (k, 6, n).
         """
-        motion = chain.motion(q)
+        motion = chain.forward_kinematics(q)
         jacobian = chain.jacobian(motion)
         matrix = self.system_matrix(jacobian)
         first = np.concatenate((path.twist(s), self.polynomial(s, 1).T))
@@ -144,7 +144,9 @@ class _Candidate(NamedTuple):
     cost: float
 
 
-def optimise_branch(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
+def optimise_branch(
+    chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array
+) -> tuple[Branch, Array]:
     r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
     Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and
@@ -197,7 +199,7 @@ def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s
     cost += step * CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
     cost += MARGIN_WEIGHT * max(0.0, WANTED_JOINT_MARGIN - float(limits.margin(q).min()))
     lift = np.asarray(
-        np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
+        np.linalg.inv(branch.system_matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
     )
     return _Candidate(branch, q, rate, bending, lift, float(cost))
 
@@ -207,7 +209,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
     rows, degree = now.branch.coefficients.shape
     nodes, joints = now.q.shape
     step = s[1] - s[0]
-    basis, slopes, bends = (now.branch.basis(s, derivative) for derivative in range(3))
+    basis, slopes, bends = (now.branch.chebyshev_basis(s, derivative) for derivative in range(3))
     # dq = L dh, hence dq' = L dh' + L' dh and so on, with L = dq/dh.
     lift = now.lift
     lift_slope = np.gradient(lift, step, axis=0)

@@ -11,12 +11,12 @@ from scipy.interpolate import CubicSpline
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.errors import UnreachableError
-from ik.unreachable_targets import find_unreachable_targets
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
 from ik.table_archive import TABLE_FORMAT
 from ik.torque import JointTorque
+from ik.unreachable_targets import find_unreachable_targets
 from urdf import CollisionModel, Line, Robot
 
 TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
@@ -74,7 +74,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
         "d2q_ds2": bending,
         "jacobian": jacobian,
         "limits": robot.limits,
-        "torque": JointTorque(robot, springs=True).along(q, rate, bending),
+        "torque": JointTorque(robot, springs=True).path_terms(q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 

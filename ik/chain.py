@@ -33,7 +33,7 @@ class ToolKinematics:
     axes: Array
     levers: Array
 
-    def error(self, rotation: Array, position: Array) -> Array:
+    def pose_error(self, rotation: Array, position: Array) -> Array:
         """Position and rotation errors of the tool with respect to target poses, (6, b) [m and rad].
 
         Target orientations have the shape (3, 3, b), or (3, 3, 1) for a common one; target positions (3, b) [m].
@@ -56,7 +56,7 @@ class KinematicChain:
     prismatic: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, robot: Robot) -> "Chain":
+    def from_robot(cls, robot: Robot) -> "KinematicChain":
         """The chain from the base of a robot to its tool point.
 
         Raises:
@@ -98,7 +98,7 @@ class KinematicChain:
         """Number of joints."""
         return len(self.prismatic)
 
-    def motion(self, q: Array) -> ToolKinematics:
+    def forward_kinematics(self, q: Array) -> ToolKinematics:
         """Forward kinematics at postures (b, n) [rad or m]."""
         angles = np.ascontiguousarray(q.T)
         sines, cosines = np.sin(angles), np.cos(angles)
@@ -130,7 +130,7 @@ class KinematicChain:
         r"""The part of the tool's acceleration that joint velocities cause, $\dot J \dot q$.
 
         Args:
-            motion: result of `motion` for the postures.
+            motion: result of `forward_kinematics` for the postures.
             rate: joint velocities, (b, n).
 
         Returns:

@@ -46,7 +46,7 @@ class Path(Protocol):
         """Derivative of the twist with respect to s, (6, k) [1/m, rad/m^2]."""
 
     def describe(self) -> dict[str, Any]:
-        """The path as a dictionary of texts, numbers and lists, from which `ik.pathfile.path_of` restores it."""
+        """The path as a dictionary; `ik.pathfile.path_from_description` restores it."""
 
 
 class _WithoutCore:
@@ -115,7 +115,7 @@ class CirclePath(_WithoutCore):
         return np.concatenate((-out / self.radius, np.zeros((3, len(s)))))
 
     def describe(self) -> dict[str, Any]:
-        """The circle as a dictionary of texts, numbers and lists, from which `ik.pathfile.path_of` restores it."""
+        """The circle as a dictionary; `ik.pathfile.path_from_description` restores it."""
         return {
             "kind": "circle",
             "centre": self.centre.tolist(),
@@ -208,7 +208,7 @@ class SplinePath(_WithoutCore):
         return np.concatenate((bending, turning))
 
     def describe(self) -> dict[str, Any]:
-        """The spline's points and orientations as a dictionary, from which `ik.pathfile.path_of` restores it."""
+        """The spline's points and orientations as a dictionary; `ik.pathfile.path_from_description` restores it."""
         return {"kind": "spline", "points": self.points.tolist(), "rotations": self.rotations.tolist()}
 
     def _rotation(self, u: Array) -> Array:

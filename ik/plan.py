@@ -34,7 +34,7 @@ class Planner:
 
     def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
         self.robot, self.path, self.collisions = robot, path, collisions
-        self.chain = KinematicChain.of(robot)
+        self.chain = KinematicChain.from_robot(robot)
         nodes = COARSE_STRIDE * max(4, round((path.s_max - path.s_min) / PLAN_SPACING / COARSE_STRIDE)) + 1
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
@@ -108,7 +108,9 @@ class Planner:
             here, direction = q, sign * reference
             walked, good = [here], [np.full(len(s), True)]
             for _ in range(int(MAX_SELF_MOTION / SELF_MOTION_STEP)):
-                here, error = damped_least_squares(self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3)
+                here, error = damped_least_squares(
+                    self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3
+                )
                 turned = self._spare_motions(here)[:, :, 0]
                 direction = turned * np.where((turned * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
                 walked.append(here)
@@ -158,7 +160,7 @@ class Planner:
 
     def _spare_motions(self, q: Array) -> Array:
         """Orthonormal basis of the Jacobian's null space at postures q (k, n): (k, n, n - 6)."""
-        jacobian = self.chain.jacobian(self.chain.motion(q)).transpose(2, 0, 1)
+        jacobian = self.chain.jacobian(self.chain.forward_kinematics(q)).transpose(2, 0, 1)
         return np.linalg.svd(jacobian)[2][:, POSE_EQUATIONS:, :].transpose(0, 2, 1)
 
     def _objection(self, q: Array) -> str:

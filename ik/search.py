@@ -84,7 +84,9 @@ class LineRequirements:
             )
 
 
-def search_line(robot: Robot, demand: LineRequirements | None = None, progress: Callable[[str], None] | None = None) -> LineCandidate:
+def search_line(
+    robot: Robot, demand: LineRequirements | None = None, progress: Callable[[str], None] | None = None
+) -> LineCandidate:
     """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
     The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
@@ -96,7 +98,7 @@ def search_line(robot: Robot, demand: LineRequirements | None = None, progress: 
 
     Args:
         robot: the arm.
-        demand: requirements on the line; by default those of `Demand()`.
+        demand: requirements on the line; by default those of `LineRequirements()`.
         progress: function that is called with a sentence about each step.
 
     Raises:
@@ -139,7 +141,11 @@ def axis_aligned_rotation(rotation: Array) -> Array:
 class _Search:
     def __init__(self, robot: Robot, demand: LineRequirements) -> None:
         self.robot, self.demand = robot, demand
-        self.chain, self.solver, self.collisions = KinematicChain.of(robot), IkSolver(robot), CollisionModel(robot)
+        self.chain, self.solver, self.collisions = (
+            KinematicChain.from_robot(robot),
+            IkSolver(robot),
+            CollisionModel(robot),
+        )
         self.torque = JointTorque(robot, springs=True)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
@@ -158,7 +164,7 @@ class _Search:
         postures = np.random.default_rng(0).uniform(
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
         )
-        corners = frame @ self.chain.motion(postures).position
+        corners = frame @ self.chain.forward_kinematics(postures).position
         corners[0] = np.maximum(corners[0], SEARCH_GRID)
         axes = [
             np.arange(low, high, SEARCH_GRID)
@@ -207,7 +213,7 @@ class _Search:
             return None
         s, limits = planner.s, self.robot.limits
         rate, bending, _ = branch.derivatives(self.chain, line, s, q)
-        without, helped = self.torque.along(q, rate, bending).holding_torque_shares(limits.effort)
+        without, helped = self.torque.path_terms(q, rate, bending).holding_torque_shares(limits.effort)
         torque = float(without.max()), float(helped.max())
         if max(torque) > 1.0:
             return None
@@ -230,7 +236,7 @@ class _Search:
         """Possible tool speed at each target in one posture, (k,) [m/s]; 0 where no posture was found."""
         rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
         answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
-        jacobian = self.chain.jacobian(self.chain.motion(answers.q)).transpose(2, 0, 1)
+        jacobian = self.chain.jacobian(self.chain.forward_kinematics(answers.q)).transpose(2, 0, 1)
         twist = np.concatenate((self.direction, np.zeros(3)))
         rate = np.linalg.pinv(jacobian, rcond=1e-6) @ twist
         speed = 1.0 / np.maximum(np.abs(rate / self.robot.limits.velocity).max(axis=1), 1e-6)

@@ -59,8 +59,8 @@ def damped_least_squares(
     final, errors = q.copy(), np.full((POSE_EQUATIONS, len(q)), np.inf)
     active = np.arange(len(q))
     for step in range(iterations):
-        motion = chain.motion(q)
-        error = motion.error(rotation, position)
+        motion = chain.forward_kinematics(q)
+        error = motion.pose_error(rotation, position)
         final[active], errors[:, active] = q, error
         size = np.abs(error).max(axis=0)
         going = size >= tolerance
@@ -115,11 +115,11 @@ class IkSolver:
     """
 
     def __init__(self, robot: Robot, limited: bool = True) -> None:
-        self.chain = KinematicChain.of(robot)
+        self.chain = KinematicChain.from_robot(robot)
         self._limits = robot.limits if limited else None
         rng = np.random.default_rng(LIBRARY_SEED)
         self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_POSTURES, self.chain.joints))
-        motion = self.chain.motion(self._library)
+        motion = self.chain.forward_kinematics(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
     def solve(
@@ -181,7 +181,9 @@ class IkSolver:
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
         nearest = self._tree.query(_features(turned, placed)[0], k=POSTURES_TRIED)[1]
         guess = self._library[nearest]
-        q, error = damped_least_squares(self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess)
+        q, error = damped_least_squares(
+            self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess
+        )
         return q[np.abs(error).max(axis=0) < REACHED_TOLERANCE]
 
 

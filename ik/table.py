@@ -12,7 +12,15 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
 from ik.pathfile import path_from_description
-from ik.table_archive import REBUILD_REMEDY, check_consistency, check_robot, check_shapes, read_arrays, table_errors, write_arrays
+from ik.table_archive import (
+    REBUILD_REMEDY,
+    check_consistency,
+    check_robot,
+    check_shapes,
+    read_arrays,
+    table_errors,
+    write_arrays,
+)
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze_arrays, read_only_copy
@@ -164,7 +172,7 @@ class PathTable:
         Both results have the shape of the path coordinates s [m]. The tool's speed v [m/s] is a scalar or has this
         shape. With `springs`, the torque of the robot's springs is included.
         """
-        return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
+        return self.torque.interpolate(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
 
     @cached_property
     def margin(self) -> Array:

@@ -52,7 +52,7 @@ class JointTorque:
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
 
-    def along(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+    def path_terms(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
         """Terms of the torque for a motion along a path.
 
         Args:
@@ -92,7 +92,7 @@ class PathTorque:
     def __post_init__(self) -> None:
         freeze_arrays(self, *(item.name for item in fields(self)))
 
-    def at(self, s: Array, at: ArrayLike) -> "PathTorque":
+    def interpolate(self, s: Array, at: ArrayLike) -> "PathTorque":
         """Interpolate the terms linearly at path coordinates `at` [m], a scalar or (m,); s (k,) [m] are the nodes."""
         place = (np.asarray(at, dtype=np.float64) - s[0]) / (s[-1] - s[0]) * (len(s) - 1)
         node = np.clip(place.astype(int), 0, len(s) - 2)

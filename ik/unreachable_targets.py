@@ -21,24 +21,26 @@ class UnreachableTarget:
         position: target of the tool point, (3,) [m].
         distance: smallest distance of the tool point from the target within the joint limits [m]; 0 for a collision.
         angle: angle between the tool and its target at this distance [rad]; 0 for a collision.
-        why: the reason, as the end of a sentence: the arm's reach, a joint's limit, or two links that would collide.
+        reason: the reason, as the end of a sentence: the arm's reach, a joint's limit, or two links that would collide.
     """
 
     s: float
     position: Array
     distance: float
     angle: float
-    why: str
+    reason: str
 
     @property
     def sentence(self) -> str:
         """The target, its distance from the reachable poses, and the reason, as a sentence."""
         where = ", ".join(f"{value:.3f}" for value in self.position)
         off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
-        return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
+        return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.reason}"
 
 
-def find_unreachable_targets(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[UnreachableTarget, ...]:
+def find_unreachable_targets(
+    robot: Robot, path: Path, s: Array, collisions: CollisionModel
+) -> tuple[UnreachableTarget, ...]:
     """Find the poses on a path that an arm cannot reach, of those at path coordinates s (k,) [m], in this order."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T

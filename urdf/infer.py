@@ -11,7 +11,7 @@ from urdf.gripper import gripper_joints
 from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
-from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints, joint_link
+from urdf.validate import MOVING_JOINT_TYPES, joint_link, mimicked_joints
 
 ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
 ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.find import distribution_file, find_meshes, remove_shapes_without_mesh, make_mesh_paths_absolute
-from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
+from urdf.find import distribution_file, find_meshes, make_mesh_paths_absolute, remove_shapes_without_mesh
 from urdf.library_output import library_errors
-from urdf.robot import URDF_DYNAMICS, DescriptionWarning, ArmDynamics, Limits, Robot, UrdfError, missing_limit_sentences
+from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
+from urdf.robot import URDF_DYNAMICS, ArmDynamics, DescriptionWarning, Limits, Robot, UrdfError, missing_limit_sentences
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
 from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
@@ -91,7 +91,7 @@ class _Description:
     root: ET.Element
     notes: tuple[str, ...]
     changed: tuple[str, ...]
-    mjcf: "Mjcf | None" = None
+    mjcf: "CompiledMjcf | None" = None
 
     def dynamics(self, joints: tuple[str, ...]) -> ArmDynamics:
         """Gravity, rotors, damping and springs of an arm."""
@@ -134,7 +134,11 @@ def _read(path: Path) -> _Description:
     if mjcf is None:
         changed = validate.check_schema(path)
     return _Description(
-        path, root, mjcf.sentences if mjcf else validate.suspicious_entries(root), (*changed, *rename_ambiguous_links(root)), mjcf
+        path,
+        root,
+        mjcf.sentences if mjcf else validate.suspicious_entries(root),
+        (*changed, *rename_ambiguous_links(root)),
+        mjcf,
     )
 
 
@@ -244,7 +248,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
         notes=tuple(notes),
         warnings=tuple(_warnings(model, judged)),
         fingerprint=hashlib.sha256(f"{digest}\n{text}\n{dynamics}".encode()).hexdigest(),
-        given_line=None if settings.line is None else settings.line.line(),
+        given_line=None if settings.line is None else settings.line.to_line(),
     )
 
 

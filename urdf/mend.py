@@ -150,7 +150,9 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
     return found
 
 
-def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> InertiaFault | None:
+def _judge(
+    name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]
+) -> InertiaFault | None:
     """Fault of one link's inertia; None without one."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= MIN_SHAPE_EXTENT and mass > 0 else None

@@ -66,8 +66,8 @@ def read_mjcf(path: Path) -> CompiledMjcf:
     tree = _Tree(path.stem, model, bodies, joints)
     sentences = [*tree.held, *noticed]
     sentences.append(
-        f"it has no speed limits; {ASSUMED_SPEED_LIMITS['revolute']:g} rad/s and {ASSUMED_SPEED_LIMITS['prismatic']:g} m/s were "
-        "assumed"
+        f"it has no speed limits; {ASSUMED_SPEED_LIMITS['revolute']:g} rad/s and "
+        f"{ASSUMED_SPEED_LIMITS['prismatic']:g} m/s were assumed"
     )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")

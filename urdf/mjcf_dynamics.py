@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, CompiledMjcf
-from urdf.robot import Array, ArmDynamics, JointDynamics, Spring, UrdfError
+from urdf.robot import ArmDynamics, Array, JointDynamics, Spring, UrdfError
 
 CHECKED_STATES = 5
 """Number of random states at which the model's torques are compared with MuJoCo's."""

@@ -146,7 +146,7 @@ class Line:
         return np.zeros((6, len(s)))
 
     def describe(self) -> dict[str, Any]:
-        """The line as a dictionary of texts and numbers, from which `ik.pathfile.path_of` restores it."""
+        """The line as a dictionary of texts and numbers, from which `ik.pathfile.path_from_description` restores it."""
         return {
             "kind": "line",
             "origin": self.origin.tolist(),
@@ -305,7 +305,8 @@ class Robot:
         """
         if self.given_limits is None:
             raise UrdfError(
-                f"{self.urdf_path}: {missing_limit_sentences(self.model)[0]}: write it into its description, it is needed here"
+                f"{self.urdf_path}: {missing_limit_sentences(self.model)[0]}: "
+                "write it into its description, it is needed here"
             )
         return self.given_limits
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from urdf.bounds import MAX_NAME_LENGTH
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_from_rpy
-from urdf.toml_tables import TomlFileError, table_to_dataclass, read_toml_with_text
+from urdf.toml_tables import TomlFileError, read_toml_with_text, table_to_dataclass
 
 Vector3 = tuple[float, float, float]
 Interval = tuple[float, float]
@@ -89,7 +89,7 @@ class LineSettings:
     core: Interval
     core_speed: float
 
-    def line(self) -> Line:
+    def to_line(self) -> Line:
         """Convert the entries of the settings to a `urdf.Line`.
 
         Raises:
@@ -186,7 +186,7 @@ def _check(settings: RobotSettings) -> None:
             raise UrdfError(f"[line] core: {low:g} to {high:g} m does not lie within range; give two numbers inside it")
         if not 0.0 < line.core_speed <= MAX_JOINT_LIMITS["velocity"]:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
-        line.line()
+        line.to_line()
     for where, place in places.items():
         if max(map(abs, place)) > MAX_OFFSET_METRES:
             raise UrdfError(f"{where}: {list(place)} m is too far away; write it in metres")

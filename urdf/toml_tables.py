@@ -44,7 +44,7 @@ def read_toml_with_text(path: Path, *, finite: bool = False) -> tuple[str, dict[
 
     Raises:
         FileNotFoundError: the file is missing.
-        TableFileError: the file cannot be read, is too large, or is not TOML.
+        TomlFileError: the file cannot be read, is too large, or is not TOML.
     """
     try:
         with path.open("rb") as file:
@@ -69,7 +69,7 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
     """Parse a TOML text; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:
-        TableFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
+        TomlFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
     """
     try:
         table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
@@ -96,7 +96,7 @@ def _float(text: str) -> float:
 
 
 _ODD = re.compile(r"\d_\d|0[xob][0-9a-fA-F]")
-"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `urdf.bounds.number` refuses, but also names."""
+"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `urdf.bounds.parse_number` refuses, but also names."""
 
 
 def _check_spelling(text: str) -> None:
@@ -126,7 +126,7 @@ def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     """Check that every key of a table is known.
 
     Raises:
-        TableFileError: a key is unknown; the message suggests the most similar known one.
+        TomlFileError: a key is unknown; the message suggests the most similar known one.
     """
     valid = tuple(known)
     for key in table:
@@ -145,7 +145,7 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 @dataclass(frozen=True)
 class ValueCheck:
-    """A condition that a value in a TOML file must satisfy besides its type; used as `Annotated[float, Check(...)]`.
+    """A condition on a value in a TOML file besides its type; used as `Annotated[float, ValueCheck(...)]`.
 
     Attributes:
         fits: function of the value that returns whether it is valid.
@@ -162,7 +162,7 @@ def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: st
     A field's type may be `str`, `float`, `bool`, `datetime`, `Any`, an enum (in the file, the text of a member's
     value), a dataclass (a table), a tuple (a list, of fixed length if the tuple's length is declared), `dict` (a table
     with any keys), the union of a type with None, the union of a type with a list of it, and any of these `Annotated`
-    with a `Check`. A key whose field has no default is required.
+    with a `ValueCheck`. A key whose field has no default is required.
 
     Args:
         kind: the dataclass; the field of a key that is a Python keyword ends in ``_``, as in ``from_``.
@@ -170,7 +170,7 @@ def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: st
         where: place of the table for messages, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
-        TableFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
+        TomlFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
     """
     declared = {field.name.rstrip("_"): field for field in fields(cast(Any, kind))}
     types, values, problems = get_type_hints(kind, include_extras=True), {}, list[str]()
@@ -212,7 +212,10 @@ def _value(kind: Any, value: Any, name: str) -> Any:
     if origin is tuple and is_dataclass(arguments[0]):
         if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
             raise TomlFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
-        return tuple(table_to_dataclass(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
+        return tuple(
+            table_to_dataclass(cast(Any, arguments[0]), part, f"[[{name}]] {i}")
+            for i, part in enumerate(value, start=1)
+        )
     if origin is tuple:
         if not isinstance(value, list):
             what = {str: "names", float: "numbers"}.get(arguments[0], "lists")

@@ -126,7 +126,9 @@ def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
     mimic = joint.find("mimic")
     if mimic is not None and (mimic.get("joint") not in joints or mimic.get("joint") == joint.get("name")):
-        raise UrdfError(f"{where} mimics '{printable_excerpt(mimic.get('joint', ''))}'; name another joint of this robot")
+        raise UrdfError(
+            f"{where} mimics '{printable_excerpt(mimic.get('joint', ''))}'; name another joint of this robot"
+        )
 
 
 def _check_shapes(link: ET.Element, where: str) -> None:

@@ -26,7 +26,13 @@ def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.E
 
 
 def add_joint(
-    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: ArrayLike = ZERO_VECTOR, rpy: ArrayLike = ZERO_VECTOR
+    root: ET.Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    xyz: ArrayLike = ZERO_VECTOR,
+    rpy: ArrayLike = ZERO_VECTOR,
 ) -> ET.Element:
     """Add a ``<joint>`` element between two links to a URDF.
 

@@ -119,7 +119,9 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
         kinetic_energy=float(pin.computeKineticEnergy(model, data, at, rate)),
         potential_energy=float(pin.computePotentialEnergy(model, data, at)),
         regressor=read_only_copy(pin.computeJointTorqueRegressor(model, data, at, rate, still).reshape(model.nv, -1)),
-        parameters=read_only_copy(np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])),
+        parameters=read_only_copy(
+            np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
+        ),
         jacobian=read_only_copy(jacobian),
         manipulability=float(np.sqrt(max(0.0, volume))),
         speed=_speed(linear, model.velocityLimit) if np.isfinite(model.velocityLimit).all() else None,
@@ -166,7 +168,9 @@ def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
             np.abs(per_force) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(per_force), 1e-300), np.inf
         )
     order = np.argsort(lengths)[::-1]
-    return Ellipsoid(read_only_copy(axes.T[:, order]), read_only_copy(lengths[order]), read_only_copy(along.min(axis=0)))
+    return Ellipsoid(
+        read_only_copy(axes.T[:, order]), read_only_copy(lengths[order]), read_only_copy(along.min(axis=0))
+    )
 
 
 def _tool_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:

@@ -44,7 +44,8 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
     header, proposal = header_of(text), f"'armdyn import {path} --output runs --guess'"
     if units is None and _is_foreign(header):
         raise InputError(
-            f"{path}: its columns ({printable_excerpt(header.strip())}) are not written as a run's, such as 'time [s]': make a run "
+            f"{path}: its columns ({printable_excerpt(header.strip())}) are not written as a run's, such as 'time [s]': "
+            "make a run "
             f"of it, {proposal}"
         )
     try:
@@ -78,7 +79,8 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
     for name in channels:
         if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_LENGTH:
             raise InputError(
-                f"channel {printable_excerpt(name)}: no table holds such a name: rename its joint, or map its column to another"
+                f"channel {printable_excerpt(name)}: no table holds such a name: rename its joint, "
+                "or map its column to another"
             )
     time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
     columns = [[repr(t) for t in time.tolist()]]
@@ -97,7 +99,9 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
     for place, label in enumerate(labels, start=1):
         name, written = name_and_unit(label)
         if not written and "[" in label and not label.endswith("]"):
-            raise InputError(f"column {place} '{printable_excerpt(label)}' is not 'name [unit]': the file may be cut off")
+            raise InputError(
+                f"column {place} '{printable_excerpt(label)}' is not 'name [unit]': the file may be cut off"
+            )
         name = name.partition("[")[0].strip()
         if not name:
             raise InputError(f"column {place} has no name: write it as 'name [unit]', or remove it")

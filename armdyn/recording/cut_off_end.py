@@ -48,7 +48,8 @@ def is_whole(cells: Sequence[str]) -> bool:
 def cut_off(row: int, cell: str, column: str) -> str:
     """Message about a file that ends in the middle of a row, or may do so."""
     return (
-        f"row {row}, column '{printable_excerpt(column)}': the file ends at '{printable_excerpt(cell.strip(), 40)}' without a newline, and may "
+        f"row {row}, column '{printable_excerpt(column)}': "
+        f"the file ends at '{printable_excerpt(cell.strip(), 40)}' without a newline, and may "
         "be cut off in the middle of a number: copy it again; if that is its whole last row, end it in a newline "
         "(echo >> FILE)"
     )

@@ -89,7 +89,8 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
     for place, label in enumerate(labels, start=1):
         if len(label) > MAX_NAME_LENGTH or not label.isprintable():
             raise InputError(
-                f"column {place} '{printable_excerpt(label)}': a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
+                f"column {place} '{printable_excerpt(label)}': "
+                f"a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
             )
     return labels
 

@@ -69,8 +69,8 @@ def _check_size(chunk: Any, number: int, total: int) -> None:
     size = max(chunk.uncompressed_size, len(chunk.data))
     if size > MAX_MCAP_CHUNK_BYTES:
         raise InputError(
-            f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_MCAP_CHUNK_BYTES / MIB:.0f} MiB is the most: write it "
-            "again with smaller chunks"
+            f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_MCAP_CHUNK_BYTES / MIB:.0f} MiB is the most: "
+            "write it again with smaller chunks"
         )
     if total > MAX_UNPACKED_BYTES:
         raise InputError(f"expands to more than {MAX_UNPACKED_BYTES / MIB:.0f} MiB: cut the recording")

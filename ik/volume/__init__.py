@@ -4,4 +4,4 @@ from ik.volume.build import VolumeReport, build_volume
 from ik.volume.grid import TargetGrid, TargetStatus
 from ik.volume.store import VolumeTable
 
-__all__ = ["Grid", "Status", "VolumeReport", "VolumeTable", "build_volume"]
+__all__ = ["TargetGrid", "TargetStatus", "VolumeReport", "VolumeTable", "build_volume"]

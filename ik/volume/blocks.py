@@ -52,7 +52,7 @@ class BlockSolver:
         The guess is the skeleton, interpolated at the target's position. The smallest joint motion leads from the guess
         to the target. Both depend smoothly on the position, and so do the postures, also across blocks.
         """
-        chain, place = KinematicChain.of(self.robot), self.grid.positions(block)
+        chain, place = KinematicChain.from_robot(self.robot), self.grid.positions(block)
         position = place.reshape(-1, 3)
         q = self._guess(block[0], position)
         rotation = self.grid.rotations[block[0]][:, :, None]

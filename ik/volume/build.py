@@ -73,7 +73,7 @@ def build_volume(
     if table.grid.describe() != grid.describe():
         raise InputError(f"{target}: holds a volume of other targets; choose another directory, or remove it")
     solver = BlockSolver(robot, grid, table.skeleton, collisions)
-    blocks = table.missing()
+    blocks = table.unfinished_blocks()
     left = sum(grid.positions(block)[..., 0].size for block in blocks)
     resumed = done = grid.targets - left
     say = progress or (lambda _done, _targets: None)

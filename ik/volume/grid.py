@@ -74,7 +74,7 @@ class TargetGrid:
         x, y, z = (-(-count // BLOCK_EDGE_TARGETS) for count in self.counts)
         return len(self.rotations), x, y, z
 
-    def place(self, block: Block) -> tuple[int, slice, slice, slice]:
+    def indices(self, block: Block) -> tuple[int, slice, slice, slice]:
         """Index of a block's orientation, and slices of its targets along x, y and z, to index arrays of the grid."""
         rotation, *numbers = block
         x, y, z = (
@@ -88,22 +88,22 @@ class TargetGrid:
         bounds = zip(self.low, self.high, self.counts, strict=True)
         axes = [np.linspace(low, high, count) for low, high, count in bounds]
         if block is not None:
-            axes = [axis[part] for axis, part in zip(axes, self.place(block)[1:], strict=True)]
+            axes = [axis[part] for axis, part in zip(axes, self.indices(block)[1:], strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
-    def coarse(self) -> "Grid":
+    def coarse(self) -> "TargetGrid":
         """A coarser grid with the corners of this one and a few centimetres between targets."""
         wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))
         return TargetGrid(self.low, self.high, (x, y, z), self.rotations)
 
     def describe(self) -> dict[str, Any]:
-        """The grid as a dictionary of numbers and lists, from which `Grid.of` restores it."""
+        """The grid as a dictionary of numbers and lists, from which `TargetGrid.from_description` restores it."""
         arrays = {name: getattr(self, name).tolist() for name in ("low", "high", "rotations")}
         return arrays | {"counts": list(self.counts)}
 
     @classmethod
-    def from_description(cls, content: dict[str, Any]) -> "Grid":
+    def from_description(cls, content: dict[str, Any]) -> "TargetGrid":
         """Make a grid from a dictionary that `describe` returned."""
         x, y, z = content["counts"]
         return cls(np.array(content["low"]), np.array(content["high"]), (x, y, z), np.array(content["rotations"]))

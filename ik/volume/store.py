@@ -147,7 +147,7 @@ class VolumeTable:
         Raises:
             InputError: the disk is full, or the directory was removed.
         """
-        place = self.grid.place(block)
+        place = self.grid.indices(block)
         try:
             self.q[place], self.status[place] = solved.q, solved.status
             self.digests[block] = _digest(*solved)
@@ -171,7 +171,7 @@ class VolumeTable:
         if wrong is not None:
             raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {REMOVE_REMEDY}")
         for block, digest in np.ndenumerate(np.asarray(self.digests[:])):
-            place = grid.place(block)
+            place = grid.indices(block)
             if digest and digest != _digest(np.asarray(self.q[place]), np.asarray(self.status[place])):
                 raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE_REMEDY}")
 
@@ -179,11 +179,11 @@ class VolumeTable:
         """Blocks that are not finished."""
         return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
 
-    def reached(self) -> float:
+    def reached_share(self) -> float:
         """Share of the targets that are reached without a collision, from 0 to 1."""
         return float(np.mean(np.asarray(self.status[:]) == TargetStatus.REACHED))
 
-    def apart(self, limit: float = 0.2) -> float:
+    def discontinuity_share(self, limit: float = 0.2) -> float:
         """Share of pairs of neighbouring reached targets between which a joint differs by more than `limit` [rad]."""
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):

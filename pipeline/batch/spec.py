@@ -44,7 +44,9 @@ class _Recordings:
     """A table ``[[recordings]]``: a model and its recordings."""
 
     model: _Text
-    runs: Annotated[_Text | tuple[_Text, ...], ValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
+    runs: Annotated[
+        _Text | tuple[_Text, ...], ValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')
+    ]
     robot: str = ""
     calibrate: tuple[_Text, ...] = ()
     times: dict[str, Any] = field(default_factory=dict)
@@ -55,7 +57,9 @@ class _Time:
     """The table ``[time]``: see `Clock`."""
 
     from_: Annotated[str, ValueCheck(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
-    form: Annotated[str, ValueCheck(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
+    form: Annotated[
+        str, ValueCheck(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
+    ] = ""
 
 
 @dataclass(frozen=True)

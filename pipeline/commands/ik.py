@@ -13,7 +13,7 @@ from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from ik import PathTable
-    from ik.search import LineRequirements, LineCandidate
+    from ik.search import LineCandidate, LineRequirements
 
 PANEL = "Motions of an arm"
 
@@ -78,15 +78,15 @@ def volume(
         "resumed": done.resumed,
         "seconds": done.seconds,
         "targets_per_second": done.solved / max(done.seconds, 1e-9),
-        "reached": done.table.reached(),
-        "neighbours_apart": done.table.apart(),
+        "reached": done.table.reached_share(),
+        "neighbours_apart": done.table.discontinuity_share(),
     }
     if write_answer(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
             f"({answer['targets_per_second']:.0f} per second), {done.resumed} were there\n"
-            f"reached      {100 * done.table.reached():.2f} %\n"
-            f"neighbours   {100 * done.table.apart():.4f} % of pairs are more than 0.2 rad apart\n"
+            f"reached      {100 * done.table.reached_share():.2f} %\n"
+            f"neighbours   {100 * done.table.discontinuity_share():.4f} % of pairs are more than 0.2 rad apart\n"
             f"written to {out}"
         )
 
@@ -133,7 +133,7 @@ def build(
     target, found = out, None
     table: PathTable
     if search:
-        found = search_line(arm, _demand(extent, core, direction, tool_rpy), progress=_say)
+        found = search_line(arm, _requirements(extent, core, direction, tool_rpy), progress=_say)
         arm = replace(arm, home=found.home, given_line=found.line)
         table = build_line_table(arm, progress=_say)
     elif path is not None:
@@ -176,7 +176,7 @@ def _say(stage: str) -> None:
     typer.echo(f"{stage} ...", err=True)
 
 
-def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
+def _requirements(extent: str, core: str, direction: str, tool_rpy: str | None) -> "LineRequirements":
     from ik.search import LineRequirements
 
     first, last = exactly(2, extent, "--extent")
@@ -212,7 +212,7 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     }
 
 
-def as_settings(found: "Found") -> str:
+def as_settings(found: "LineCandidate") -> str:
     """A found line as entries of a robot's settings file."""
     import pinocchio as pin
 

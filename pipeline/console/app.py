@@ -110,7 +110,8 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
                 if isinstance(each, int | float) and not (has_plausible_magnitude(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
-                        f"{option} {each:g}: give a number between {-MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}, such as 1000"
+                        f"{option} {each:g}: give a number between {-MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}, "
+                        "such as 1000"
                     )
         return command(*arguments, **options)
 

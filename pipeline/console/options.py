@@ -161,7 +161,9 @@ def numbers(text: str, option: str) -> list[float]:
         except ValueError as error:
             raise InputError(f"{option}: {error}; give numbers separated by commas") from error
         if not has_plausible_magnitude(value):
-            raise InputError(f"{option}: {printable_excerpt(part.strip())} is of no size that anything has; write SI units")
+            raise InputError(
+                f"{option}: {printable_excerpt(part.strip())} is of no size that anything has; write SI units"
+            )
         values.append(value)
     return values
 

@@ -47,7 +47,9 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     notes = [f"{len(comments - used)} lines of comment left out"] if comments - used else []
     other = [lines[i].strip() for i, _ in above if i not in used and i not in comments]
     if other:
-        notes.append(f"lines above the header left out: {printable_excerpt(other[0], 40)!r}" + " ..." * (len(other) > 1))
+        notes.append(
+            f"lines above the header left out: {printable_excerpt(other[0], 40)!r}" + " ..." * (len(other) > 1)
+        )
     for i in {*comments, *(i for i, _ in above)}:
         lines[i] = ""
     head = separator.join(f'"{name}"' if separator in name else name for name in names)

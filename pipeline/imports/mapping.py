@@ -31,7 +31,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
-from urdf.toml_tables import ValueCheck, TomlFileError, join_problems, table_to_dataclass
+from urdf.toml_tables import TomlFileError, ValueCheck, join_problems, table_to_dataclass
 
 TIME_LINE = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
@@ -70,9 +70,9 @@ class Entry:
         float, ValueCheck(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
     ] = 1.0
     torque_constant: str = ""
-    scale: Annotated[float, ValueCheck(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")] = (
-        1.0
-    )
+    scale: Annotated[
+        float, ValueCheck(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")
+    ] = 1.0
     late: str = ""
     fast: Annotated[float, ValueCheck(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
     turn: str = ""

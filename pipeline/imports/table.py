@@ -88,7 +88,8 @@ def of_text(name: str, text: str) -> Foreign:
         if wrong:
             row, cell = next(iter(wrong.items()))
             raise InputError(
-                f"row {table.rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is no number that anything has: "
+                f"row {table.rows[row]}, column '{printable_excerpt(column)}': "
+                f"'{printable_excerpt(cell, 40)}' is no number that anything has: "
                 "mend it, or empty the cell"
             )
         if strange:
@@ -235,7 +236,9 @@ def _info(path: Path) -> dict[str, Any]:
         raise InputError(f"{path / INFO}: does not hold an object with features: give a LeRobot data set")
     rate = info.get("fps")
     if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= LARGEST_RATE):
-        raise InputError(f"{path / INFO}: fps is {printable_excerpt(str(rate))}: write frames per second, at most {LARGEST_RATE:g}")
+        raise InputError(
+            f"{path / INFO}: fps is {printable_excerpt(str(rate))}: write frames per second, at most {LARGEST_RATE:g}"
+        )
     return info
 
 

@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
-from urdf.toml_tables import ValueCheck, TomlFileError, table_to_dataclass, read_toml_with_text
+from urdf.toml_tables import TomlFileError, ValueCheck, read_toml_with_text, table_to_dataclass
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""

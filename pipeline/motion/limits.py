@@ -147,7 +147,7 @@ class LineLimits:
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
-    along, found = torque.along(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
+    along, found = torque.path_terms(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
     for share in TORQUE_SPEED_SHARES:
         low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
         most = np.minimum(high, -low)

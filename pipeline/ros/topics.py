@@ -26,7 +26,8 @@ MODES = {"position": 1, "raw_position": 4}
 
 
 _Name = Annotated[
-    str, ValueCheck(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise")
+    str,
+    ValueCheck(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise"),
 ]
 _Seconds = Annotated[float, ValueCheck(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
 

@@ -5,7 +5,7 @@ import pytest
 
 import ik
 import urdf
-from ik.search import LineRequirements, search_line, axis_aligned_rotation
+from ik.search import LineRequirements, axis_aligned_rotation, search_line
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.unreachable_targets import find_unreachable_targets
 from ik.solver import IkSolver
+from ik.unreachable_targets import find_unreachable_targets
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_targets_beyond_reach_are_named_with_their_distance(baxter, collisions) 
     line = shifted(baxter, 0.55, -0.18, -0.3, 1.0)
     misses = find_unreachable_targets(baxter, line, np.array([0.2, 0.8, 0.9]), collisions)
     assert [miss.s for miss in misses] == [0.8, 0.9]
-    assert {miss.why for miss in misses} == {"it is beyond the arm's reach"}
+    assert {miss.reason for miss in misses} == {"it is beyond the arm's reach"}
     # 0.1 m further away is missed by about 0.1 m more, because the arm is stretched along the line.
     assert 0.05 < misses[1].distance - misses[0].distance < 0.1
 

@@ -29,8 +29,8 @@ def test_every_reached_posture_holds_its_target_by_yourdfpy(volume, baxter, smal
 
 
 def test_neighbours_are_on_one_branch(volume) -> None:
-    assert volume.apart() < 0.01
-    assert volume.reached() > 0.4
+    assert volume.discontinuity_share() < 0.01
+    assert volume.reached_share() > 0.4
 
 
 def test_the_share_of_neighbours_apart_is_that_of_all_pairs(volume) -> None:
@@ -38,7 +38,7 @@ def test_the_share_of_neighbours_apart_is_that_of_all_pairs(volume) -> None:
     steps = [np.abs(np.diff(q, axis=axis)).max(axis=-1).ravel() for axis in (1, 2, 3)]
     steps = np.concatenate(steps)
     steps = steps[~np.isnan(steps)]
-    assert volume.apart(0.05) == pytest.approx(np.mean(steps > 0.05), rel=1e-12)
+    assert volume.discontinuity_share(0.05) == pytest.approx(np.mean(steps > 0.05), rel=1e-12)
 
 
 def test_what_is_given_up_is_out_of_reach_for_a_search_from_anywhere(volume, baxter, small) -> None:

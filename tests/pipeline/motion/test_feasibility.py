@@ -185,7 +185,7 @@ def test_what_is_no_mass_is_refused(robot, mass, complains):
 
 def test_torques_along_the_line_are_those_of_the_joints(robot, table):
     nodes = slice(0, None, 100)
-    line = JointTorque(robot).along(table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
+    line = JointTorque(robot).path_terms(table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
     rng = np.random.default_rng(1)
     v, a = rng.normal(0.0, [[0.5], [5.0]], (2, len(line.gravity)))
     expected = JointTorque(robot, springs=False)(*table.joint_motion(table.s[nodes], v, a))

@@ -15,7 +15,7 @@ METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiproc
 
 CODE = """
 import sys
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 from descendants import computes, waits
 if __name__ == "__main__":
     with worker_pool(3, sys.argv[1]) as pool:

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.toml_tables import ValueCheck, TomlFileError, parse_toml_text, table_to_dataclass
+from urdf.toml_tables import TomlFileError, ValueCheck, parse_toml_text, table_to_dataclass
 
 
 class Colour(Enum):
