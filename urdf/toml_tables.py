@@ -96,7 +96,7 @@ def _float(text: str) -> float:
 
 
 _ODD = re.compile(r"\d_\d|0[xob][0-9a-fA-F]")
-"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `urdf.bounds.parse_number` refuses, but also names."""
+"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `bounds.parse_number` refuses, but also names."""
 
 
 def _check_spelling(text: str) -> None:

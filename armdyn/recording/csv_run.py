@@ -44,8 +44,8 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
     header, proposal = header_of(text), f"'armdyn import {path} --output runs --guess'"
     if units is None and _is_foreign(header):
         raise InputError(
-            f"{path}: its columns ({printable_excerpt(header.strip())}) are not written as a run's, such as 'time [s]': "
-            "make a run "
+            f"{path}: its columns ({printable_excerpt(header.strip())}) are not written as a run's, such as "
+            "'time [s]': make a run "
             f"of it, {proposal}"
         )
     try:
