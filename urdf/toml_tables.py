@@ -196,7 +196,7 @@ def _value(kind: Any, value: Any, name: str) -> Any:
     if origin is Annotated:
         read = _value(arguments[0], value, name)
         for check in arguments[1:]:
-            if not check.fits(read):
+            if not check.is_valid(read):
                 raise TomlFileError(f"{name} = {value!r:.60}: {check.remedy}")
         return read
     if origin in (Union, UnionType):
