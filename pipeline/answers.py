@@ -1,4 +1,4 @@
-"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect give as JSON."""
+"""JSON output of the commands compare, diagnose, add, repair and inspect."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
-    """JSON of `compare`."""
+    """JSON output of the command `compare`, ``armdyn.comparison/1``."""
     return {
         "schema": "armdyn.comparison/1",
         "model": model_answer(study),
@@ -35,7 +35,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
 
 
 def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
-    """JSON of `diagnose`."""
+    """JSON output of the command `diagnose`, ``armdyn.diagnosis/1``."""
     candidate = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
     return {
         "schema": "armdyn.diagnosis/1",
@@ -50,7 +50,7 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
 
 
 def repair_answer(found: Repair) -> dict[str, Any]:
-    """JSON of `repair` and `add`; `removed` is always empty and belongs to the format."""
+    """JSON output of the commands `repair` and `add`, ``armdyn.repair/1``; its entry `removed` is always empty."""
     step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",
@@ -70,7 +70,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
 
 
 def inspection_answer(found: Inspection) -> dict[str, Any]:
-    """JSON of `inspect`, and of every command that a recording's mistake has ended."""
+    """JSON output of `inspect`, and of a command that stops because a recording has a mistake: ``armdyn.inspect/1``."""
     return {
         "schema": "armdyn.inspect/1",
         **fields(found, "usable sentence"),
@@ -79,15 +79,16 @@ def inspection_answer(found: Inspection) -> dict[str, Any]:
 
 
 def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
-    """The checks of any answer."""
+    """JSON of the mistakes that were found in recordings, a dictionary per mistake."""
     names = "kind severity run channels from=start to=end evidence sentence remedy"
     return [fields(check, names) for check in checks]
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
-    """Entries of a model file's history, one for each step of a repair.
+    """Entries for the history of a model file, one for each step of a repair.
 
-    `contribution` is the root mean square, by channel, of the effect of the step's terms in the repaired model.
+    The entry `contribution` has, for each channel, the root mean square of what the step's effects change in the
+    prediction of the repaired model.
     """
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
@@ -109,18 +110,18 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
 
 
 def link_answer(link: Any) -> dict[str, Any]:
-    """A link in kg, m and kg m^2, beside the URDF's values; see `armdyn.arm.links.LinkChange`."""
+    """JSON of an `armdyn.arm.links.LinkChange`: a link's identified and URDF mass, centre and inertia, in SI units."""
     quantities = {q.name: fields(q, "unit urdf=described value std determined") for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
 def model_answer(study: Study) -> dict[str, Any]:
-    """Base and effects of the model as given."""
+    """JSON of the model that a study starts from: its base model and its effects."""
     return {"base": study.model.base, "effects": [effect.name for effect in study.model.named_effects]}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
-    """Parameters, channels and places of one fit."""
+    """JSON of a fitted model: parameters, error by channel, and where in the recordings the error is largest."""
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value=white"
     bands = found.bands
     return {
@@ -140,14 +141,14 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:
-    """Per channel which part of the training runs was compared; empty where nothing was filtered."""
+    """JSON of the filters and sampling rates that were applied to each channel of the training runs before the fit."""
     names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
     done = of_all_runs(run.preparations for run in problem.runs)
     return {name: fields(each, names + "recorded left_out") for name, each in done.items()}
 
 
 def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
-    """What a model cannot explain, a curve for each run, joint and quantity that it may depend on, in six digits."""
+    """JSON of the force that a model lacks: a curve per run, joint and quantity it may depend on, in six digits."""
 
     def short(curve: ForceCurve, name: str) -> Any:
         values = getattr(curve, name)
@@ -162,12 +163,12 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
 
 
 def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-    """Values, standard deviations and units by name."""
+    """JSON of parameters by name: value, standard deviation, unit, and whether the parameter was fitted."""
     return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
 
 
 def background_answer(model: Model) -> dict[str, Any]:
-    """The background of a model as its file has it, in SI units; empty for a model without one."""
+    """JSON of a model's background, the smooth force without a named effect; empty for a model without one."""
     if model.background is None:
         return {}
     values = {name: number(model.value(name)) for name in model.background.names}
@@ -175,7 +176,7 @@ def background_answer(model: Model) -> dict[str, Any]:
 
 
 def rollout_answer(compared: Comparison) -> dict[str, Any]:
-    """Identified drives of an arm, and its simulated against its recorded motion; empty where there are none."""
+    """JSON of an arm's identified drives, and of the errors of its simulated motion; empty where there are none."""
     answer: dict[str, Any] = {}
     if compared.drives:
         answer["drives"] = {
@@ -193,7 +194,7 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
 
 
 def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
-    """What is known of an effect outside the catalogue."""
+    """JSON of the character of an unexplained residual: expressions and frequencies; None without such a residual."""
     if found is None:
         return None
     return {
@@ -204,5 +205,5 @@ def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
 
 
 def _joined(names: Iterable[str]) -> str | None:
-    """Null, one name, or several names joined by `` + `` where they only help together."""
+    """The names of effects that were added together, joined by `` + ``; None without a name."""
     return " + ".join(names) or None

@@ -1,4 +1,4 @@
-"""Results of `next` and `excite`: sentences, numbers for tables, and the JSON of the contract."""
+"""Results of the commands `next` and `excite`: sentences, numbers for tables, and JSON output."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
-    """JSON ``armdyn.next/1``.
+    """JSON output of the command `next`, ``armdyn.next/1``.
 
     Args:
         plan: the planned experiments; None where there are no effects to distinguish.
@@ -39,7 +39,7 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
 
 
 def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str, Any]:
-    """One experiment."""
+    """JSON of one proposed experiment; `output` is the file with its motion."""
     e, motion = proposal.experiment, proposal.experiment.motion
     answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
@@ -49,7 +49,10 @@ def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str,
 
 
 def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
-    """``investigation`` of a trial, an entry per experiment; the first one, which SAC chose, has no `experiment`."""
+    """JSON of the experiments that a trial made to find missing effects, one entry per experiment.
+
+    The motion of the first experiment is chosen by Sequential Action Control (SAC); its entry `experiment` is null.
+    """
     return [
         fields(stage.diagnosis, "verdict sentence")
         | fields(
@@ -62,14 +65,19 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
 
 
 def separations(found: Excitation) -> np.ndarray:
-    """(k, 3) standard deviations by which each case of two rivals stands out; columns as in `of_each_motion`."""
+    """Expected separation of two rival effects, in standard deviations, for each of k cases: (k, 3).
+
+    A case is one of the two effects, present on one joint. The columns are three motions: the designed one, the best
+    random one, and the one with the smallest condition number.
+    """
     return np.sqrt(of_each_motion(found, "separations"))
 
 
 def of_each_motion(found: Excitation, what: str) -> np.ndarray:
-    """(k, 3) an attribute (k,) of `Expectation`: this motion's, the best random one's, the least condition number's.
+    """Compare an attribute (k,) of `Expectation` for three motions: the columns of (k, 3).
 
-    Columns of motions that were not made are nan.
+    The columns are the designed motion, the best random one, and the one with the smallest condition number; nan for a
+    motion that was not computed. `what` is the attribute's name.
     """
     motions = (found.expected, found.random, found.conditioned)
     own = np.asarray(getattr(found.expected, what))
@@ -77,23 +85,30 @@ def of_each_motion(found: Excitation, what: str) -> np.ndarray:
 
 
 def determined(found: Excitation) -> np.ndarray:
-    """Indices of the wanted unknowns that at least one motion determines."""
+    """Indices, among the parameters that the user wants to determine, of those that a motion can determine."""
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
 
 
 def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
-    """How many times smaller standard deviations are than with the best random motion, and the least condition number.
+    """Standard deviations of parameters with two other motions, divided by those with the designed motion.
+
+    The other motions are the best random one and the one with the smallest condition number. The ratios are geometric
+    means over parameters.
 
     Args:
-        found: the motion.
-        chosen: positions of the wanted unknowns whose geometric mean is taken; all that can be determined if not given.
+        found: the designed motion.
+        chosen: indices, among the wanted parameters, of those that are averaged; by default all that can be determined.
     """
     std = of_each_motion(found, "std")[determined(found) if chosen is None else chosen]
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
 def times_better(found: Excitation) -> list[float]:
-    """Gain over each other motion: `gains`, or, for two rivals, the ratio of the smallest separations."""
+    """How many times better the designed motion is than each other motion.
+
+    To determine parameters, these are the ratios of standard deviations (`gains`); to distinguish two rival effects,
+    the ratios of the smallest separations.
+    """
     if not found.goal.rivals:
         return gains(found)
     own, *others = separations(found).min(axis=0).tolist()
@@ -101,7 +116,7 @@ def times_better(found: Excitation) -> list[float]:
 
 
 def sentence(found: Excitation) -> str:
-    """Expected result of the motion beside that of others, in one or two sentences."""
+    """Sentence about the expected result of a designed motion, compared with other motions."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
     others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
     made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]
@@ -109,8 +124,8 @@ def sentence(found: Excitation) -> str:
         own, *smallest = separations(found).min(axis=0).tolist()
         beside = " and".join(f" {_short(s)} with {name}" for s, name in zip(smallest, made, strict=False))
         return (
-            f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of both is there, at its typical "
-            f"size, stands out by {_short(own)} standard deviations at least, against{beside}."
+            f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of the two is present, at its "
+            f"typical size, stands out by {_short(own)} standard deviations at least, against{beside}."
         )
     *names, last = dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)
     listed = f"{', '.join(names)} and {last}" if names else last
@@ -124,7 +139,10 @@ def _short(value: float) -> str:
 
 
 def peaks(found: Excitation) -> list[dict[str, Any]]:
-    """By joint: the range of its positions, and its largest speed, acceleration and torque, with shares of limits."""
+    """Position range and largest speed, acceleration and torque of each joint in a motion, with shares of the limits.
+
+    The result has a dictionary per joint.
+    """
     motion, limits = found.trajectory, found.goal.columns.arm.robot.limits
     rows = []
     for i, joint in enumerate(motion.joint_names):
@@ -142,7 +160,7 @@ def peaks(found: Excitation) -> list[dict[str, Any]]:
 
 
 def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
-    """JSON of `excite`."""
+    """JSON output of the command `excite`, ``armdyn.excite/1``; `output` is the file with the motion."""
     goal, motion, columns = found.goal, found.trajectory, found.goal.columns
     wanted = [columns.unknowns[i] for i in goal.wanted]
     hopeless = np.isin(goal.wanted, goal.hopeless).tolist()

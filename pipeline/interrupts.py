@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP end a command at any instant, whatever it is doing. Needs nothing but Python itself."""
+"""Let the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP end a command at any time, with Python's own modules only."""
 
 import _thread
 import os
@@ -12,14 +12,14 @@ from typing import NoReturn
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 GRACE_SECONDS = 1.0
-"""Time to clean up [s]; then the process ends as it is. Libraries swallow exceptions while they are imported."""
+"""Time after a signal until the process is ended by force [s]; some libraries suppress exceptions in their import."""
 
 
 class Interrupt(KeyboardInterrupt):
-    """A signal asks this process to end.
+    """Raised when a signal asks this process to end.
 
     Attributes:
-        number: of the signal.
+        number: number of the signal.
     """
 
     def __init__(self, number: int) -> None:
@@ -28,16 +28,16 @@ class Interrupt(KeyboardInterrupt):
 
 
 def numbers() -> list[int]:
-    """The signals of `NAMES` that this system has."""
+    """Numbers of the signals in `NAMES` that this operating system has."""
     return [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
 
 
 class Interrupts:
-    """Turns the first signal into an exception, and sees to it that the process ends; a second one ends it at once.
+    """Signal handler that raises `Interrupt` at the first signal, and ends the process at once at the second.
 
     Attributes:
         received: number of the signal that came; None before.
-        noted: likewise, of SIGTERM or SIGHUP where what ran ended in order, see `noted_signals`.
+        noted: number of a SIGTERM or SIGHUP that `noted_signals` has received; None before.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Interrupts:
         self.noted: int | None = None
 
     def install(self) -> None:
-        """Handle the signals from now on, but those that the process was told to ignore, as by nohup."""
+        """Handle the signals, except those that the process ignores, for example under the program nohup."""
         for number in numbers():
             if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self)
@@ -54,7 +54,11 @@ class Interrupts:
         sys.unraisablehook = lambda what: None if isinstance(what.exc_value, Interrupt) else usual(what)
 
     def __call__(self, number: int, _frame: FrameType | None) -> None:
-        """What the operating system calls."""
+        """Handle a signal; called by the operating system.
+
+        Raises:
+            Interrupt: always, unless this is the second signal, which ends the process.
+        """
         if self.received is not None:
             leave(self.received)
         self.received = number
@@ -63,7 +67,10 @@ class Interrupts:
         raise Interrupt(number)
 
     def check(self, *, ended: bool = False) -> None:
-        """Raise again what was swallowed, and, where the command has `ended`, what was noted.
+        """Raise `Interrupt` if a signal has come, also if a library has suppressed the first exception.
+
+        Args:
+            ended: whether the command has ended, so that a signal in `noted` is raised too.
 
         Raises:
             Interrupt: a signal has come.
@@ -73,7 +80,7 @@ class Interrupts:
             raise Interrupt(number)
 
     def finish(self) -> None:
-        """The command is over: from now on there is nothing to clean up."""
+        """Let every later signal end the process at once; called when the command is over."""
         for number in numbers():
             if signal.getsignal(number) == self:
                 signal.signal(number, lambda number, _frame: leave(number))
@@ -81,10 +88,11 @@ class Interrupts:
 
 @contextmanager
 def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
-    """Call `note` with the number of a signal, so that running work can end in order; a second Ctrl-C is raised.
+    """Call `note` with a signal's number in the ``with`` block, in place of raising, so that work can end normally.
 
     Raises:
-        Interrupt: a signal came before, and a library has swallowed what it raised.
+        Interrupt: a signal came before the block, and a library has suppressed its exception.
+        KeyboardInterrupt: Ctrl-C was pressed a second time.
     """
     pressed = False
 
@@ -117,7 +125,7 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
 
 
 def leave(number: int, status: int | None = None) -> NoReturn:
-    """End this process and its workers at once, with the exit status of the signal where none is given."""
+    """End this process and its child processes at once; the exit status is `status`, by default 128 + signal number."""
     processes = sys.modules.get("multiprocessing")
     if processes is not None:
         for worker in processes.active_children():

@@ -1,8 +1,8 @@
-"""Run the jobs of a SPEC that were not done before; outcomes go to a journal, then to a Parquet file.
+"""Run the unfinished jobs of a batch; write each outcome to a journal, and all of them to a Parquet file at the end.
 
-The journal has a line for each outcome, written as they come: whatever ends a batch, what was finished is kept. It is
-only ever added to, by one process at a time. A last line that was cut off by a crash is cut away; of two outcomes of
-one job the later counts. The Parquet file has a column per quantity, its unit in its name.
+The journal is a text file with one line per outcome, written when the job is finished, so that an interrupted batch can
+be continued. One process at a time appends to it. An incomplete last line is removed; of two outcomes of one job the
+later one is used. The Parquet file has a column per quantity, with the unit in its name.
 """
 
 import os
@@ -25,16 +25,16 @@ from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
 JOURNAL = "outcomes.jsonl"
 START_METHOD = "forkserver"
-"""How processes begin: with everything loaded, and free of the threads of this one."""
+"""Start method of `multiprocessing`: worker processes share imported modules, but none of this process's threads."""
 PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
-"""Modules that the processes share."""
+"""Modules that are imported once for all worker processes."""
 
 
 class Journal(Closing):
-    """File of a batch's outcomes in one folder, to which only this process writes; use it in a ``with`` block.
+    """The file with one line per outcome of a batch; use it in a ``with`` block.
 
     Attributes:
-        outcomes: outcomes by the key of their job.
+        outcomes: outcome of each finished job, by the key of the job.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -58,7 +58,7 @@ class Journal(Closing):
                 self.outcomes[outcome.key] = outcome
 
     def add(self, outcome: JobOutcome) -> None:
-        """Add an outcome to the journal.
+        """Append an outcome to the journal's file.
 
         Raises:
             InputError: the disk is full.
@@ -74,14 +74,14 @@ class Journal(Closing):
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:
-        """Close the journal; a full disk was reported when an outcome was added."""
+        """Close the journal's file."""
         with suppress(OSError):
             self._file.close()
 
 
 @dataclass(frozen=True)
 class Row:
-    """One recording of a batch: its entry in the SPEC, and its outcome."""
+    """One recording of a batch, and the outcome of its job."""
 
     item: BatchItem
     outcome: JobOutcome
@@ -92,9 +92,9 @@ class Done:
     """Results of a batch.
 
     Attributes:
-        rows: rows of all finished recordings, in the order of the SPEC.
+        rows: finished recordings with their outcomes, in the order of the batch's specification.
         left: number of recordings that are not finished.
-        worked: number of recordings that were done this time.
+        worked: number of recordings that this call has computed.
     """
 
     rows: tuple[Row, ...]
@@ -111,19 +111,22 @@ def run_batch(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda _: None,
 ) -> Done:
-    """Do the jobs of a SPEC that are not done yet, and store every outcome at once.
+    """Run the unfinished jobs of a batch, and store each outcome in the journal when it is finished.
 
     Args:
         spec: models and recordings.
-        folder: folder of the outcomes; only this process writes to it.
-        workers: number of processes on this machine; by default the number of cores.
-        scheduler: address of a dask cluster that does the work instead.
-        stopped: called often; where it returns True, the finished part is returned.
-        say: called to report the progress.
+        folder: folder of the journal.
+        workers: number of processes on this computer; by default the number of processor cores.
+        scheduler: address of a dask scheduler whose workers compute instead.
+        stopped: function that is called often; when it returns True, the batch stops.
+        say: function that is called with a sentence about the progress.
+
+    Returns:
+        The finished recordings.
 
     Raises:
-        InputError: a model cannot be used, or the folder cannot be written to, or there is no scheduler.
-        TaskFailedError: the scheduler is gone.
+        InputError: a model cannot be used, the folder cannot be written to, or the scheduler does not answer.
+        TaskFailedError: the connection to the scheduler was lost.
     """
     say("reading the models")
     models = {path: key_of_model(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
@@ -178,17 +181,17 @@ ROWS = "batch.parquet"
 
 
 def check_parquet() -> None:
-    """Refuse early where no library can write a Parquet file.
+    """Check that a Parquet file can be written, before a batch is computed.
 
     Raises:
-        InputError: pyarrow is missing.
+        InputError: the package pyarrow is not installed.
     """
     if find_spec("pyarrow") is None:
         raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'")
 
 
 def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
-    """Write the rows of a batch to a Parquet file, in one step.
+    """Write the rows of a batch to a Parquet file; an interrupted write leaves the old file unchanged.
 
     Raises:
         InputError: the file cannot be written.
@@ -236,6 +239,6 @@ def _numbers(outcome: JobOutcome) -> dict[str, float | None]:
 
 
 def _order(name: str) -> tuple[int, str, str]:
-    """Sorting key of a column: errors come first, and a standard deviation beside its value."""
+    """Sort key of a column's name: errors first, and each standard deviation next to its value."""
     kind, _, rest = name.partition(".")
     return (0 if kind in ("rmse", "noise") else 1, rest, "" if kind in ("rmse", "value") else kind)

@@ -1,11 +1,11 @@
-"""What a batch is to do: a small TOML file that names models and recordings.
+"""Read the specification (SPEC) of a batch: a TOML file that names the task, the models and the recordings.
 
 ```toml
 task = "compare"                            # or "repair"
 [[recordings]]
-model = "robots/{robot}/model.toml"         # {robot}: any folder or name, the same in `runs`
+model = "robots/{robot}/model.toml"         # {robot} stands for any name, here and in `runs`
 runs = ["robots/{robot}/logs/*.csv"]
-[time]                                      # optional; where a time is looked for
+[time]                                      # optional: the source of a recording's time
 from = "name"
 ```
 """
@@ -28,11 +28,11 @@ from urdf.toml_tables import ValueCheck, table_to_dataclass
 TASKS = ("compare", "repair")
 ROBOT = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
-"""Smallest probability that the simulated batches determine, and largest one with which a mark still has a meaning."""
+"""Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
 PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
-"""Where a time may be looked for, by its name in a SPEC."""
+"""Sources of a recording's time, by the name that the specification uses."""
 MAX_BATCH_FILES = 200_000
-"""Recordings; their rows are held in memory."""
+"""Largest number of recordings of a batch, whose results are held in memory."""
 
 
 _Text = Annotated[str, ValueCheck(bool, "give a name")]
@@ -86,11 +86,12 @@ class BatchItem:
     """One model and one recording of a batch.
 
     Attributes:
-        robot: name of the robot, for a person.
+        robot: name of the robot.
         model: file of the model.
         run: file of the recording.
         when: time of the recording.
-        calibrate: recordings of the robot's sound work, for a watch; none where it is not watched.
+        calibrate: recordings of the robot in good condition; if there are any, the recording is also searched for
+            events such as contacts.
     """
 
     robot: str
@@ -102,15 +103,15 @@ class BatchItem:
 
 @dataclass(frozen=True)
 class Spec:
-    """Contents of a SPEC: a task, models and recordings.
+    """Content of a batch's specification: a task, models and recordings.
 
     Attributes:
-        folder: folder of the SPEC; its paths are relative to this folder.
+        folder: folder of the specification's file, to which its paths are relative.
         task: one of `TASKS`.
-        effects: file with effects of the user's own.
-        items: in the order of the SPEC, recordings of one entry by name.
-        false_alarms: probability of a marked change in a batch where nothing changes.
-        trust: whether to go on where a recording is not what it says it is.
+        effects: file with effects that the user has written; None without one.
+        items: recordings with their models, in the order of the specification, sorted by name within an entry.
+        false_alarms: probability of a false change in a batch in which nothing changes.
+        trust: whether to use recordings in which a mistake was found.
     """
 
     folder: Path
@@ -121,15 +122,15 @@ class Spec:
     trust: bool = False
 
     def name(self, path: Path) -> str:
-        """Path relative to the SPEC's folder."""
+        """A file's path relative to the specification's folder."""
         return seen_from(path, self.folder)
 
 
 def read_spec(path: Path) -> Spec:
-    """Read a SPEC, and find the files that it names.
+    """Read the specification of a batch, and find the files that match its patterns.
 
     Raises:
-        InputError: the SPEC cannot be used; the message names the file, the field and a remedy.
+        InputError: the specification cannot be used; the message names the file, the entry and a remedy.
     """
     table = read_toml(path, ": see docs/batch.md for one", finite=True)
     with at(path):
@@ -181,7 +182,7 @@ def _runs(pattern: str, robot: str, where: str, folder: Path) -> list[Path]:
 
 
 def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
-    """Model files with the names of their robots, which are empty where the pattern has no ``{robot}``."""
+    """Names of robots and their model files; the name is empty if the pattern does not contain ``{robot}``."""
     found = [path for path in _matching(pattern.replace(ROBOT, "*"), folder) if path.is_file()]
     if not found:
         raise InputError(f"{where}: model: '{pattern}' matches no file: correct it")
@@ -194,7 +195,7 @@ def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
 
 
 def _matching(pattern: str, folder: Path) -> list[Path]:
-    """Sorted files that match a pattern; a name without wildcards is returned even where the file is missing."""
+    """Sorted files that match a pattern; a pattern without wildcards is returned even if the file is missing."""
     if not glob.has_magic(pattern):
         return [folder / pattern]
     if "**" in pattern:
@@ -203,11 +204,7 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
 
 
 def _look_through(start: Path) -> None:
-    """Refuse a pattern whose folder contains too many files, because the search would take hours.
-
-    Raises:
-        InputError: there are too many files.
-    """
+    """Refuse a folder that contains too many files, because searching it would take hours."""
     count = 0
     for _, folders, files in os.walk(start if start.is_dir() else start.parent):
         count += len(folders) + len(files)

@@ -1,4 +1,4 @@
-"""Times of recordings, from the SPEC, a sidecar, or a date in the name; they are never guessed silently."""
+"""Find the time of a recording in the batch's specification, in its sidecar file, or in a date in its file name."""
 
 import re
 from collections.abc import Mapping
@@ -11,16 +11,16 @@ from armdyn.errors import InputError
 from armdyn.recording.sidecar import read_sidecar
 
 EARLIEST_YEAR, LATEST_YEAR = 1990, 2100
-"""Years that a date in a name can have; other numbers of eight digits are none."""
+"""First and last year that a date in a file name may have; other numbers of eight digits are not dates."""
 DATE = re.compile(
     r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
     r"(?:[T_ -]{1,2}(?P<hour>\d{2})[-:.h_]?(?P<minute>\d{2})(?:[-:.m_]?(?P<second>\d{2}))?)?(?!\d)"
 )
-"""Year, month, day with the same sign between, or none, and a time of day after it."""
+"""Pattern of a date in a file name: year, month and day with equal or no separators, and an optional time of day."""
 
 
 class TimeFrom(Enum):
-    """Source of a recording's time; the value is a text for a person."""
+    """Source of a recording's time; the value is a text for messages."""
 
     SPEC = "the SPEC"
     SIDECAR = "the sidecar"
@@ -29,12 +29,12 @@ class TimeFrom(Enum):
 
     @property
     def key(self) -> str:
-        """Name of the source in files."""
+        """Name of the source in the specification and in result files."""
         return self.name.lower()
 
 
 def is_form(form: str) -> bool:
-    """Whether a text is a form for `datetime.strptime`: its letters are known, and each occurs once."""
+    """Whether a text is a valid format of `datetime.strptime`, such as ``log_%d%m%Y``."""
     try:
         datetime.strptime(datetime(2001, 2, 3, tzinfo=UTC).strftime(form), form)
     except (ValueError, re.error, OverflowError):
@@ -44,12 +44,12 @@ def is_form(form: str) -> bool:
 
 @dataclass(frozen=True)
 class When:
-    """Time of a recording, with its source.
+    """Time of a recording, and its source.
 
     Attributes:
-        time: time in UTC; None where it is not known.
+        time: time in UTC; None if it is unknown.
         source: where the time was found.
-        problem: why the time is not known; empty where it is known.
+        problem: why the time is unknown; empty if it is known.
     """
 
     time: datetime | None
@@ -59,23 +59,24 @@ class When:
 
 @dataclass(frozen=True)
 class Clock:
-    """Rules for finding the times of recordings.
+    """Rules for finding the time of a recording.
 
     Attributes:
-        only: the only source to use; None for the first of SPEC, sidecar and name that has a time.
-        form: of the date in a name, as `datetime.strptime` takes it, for the whole stem; empty for year, month, day.
+        only: the only source to use; None for the first of specification, sidecar file and file name that has a time.
+        form: format of the whole file name without suffix, for `datetime.strptime`; empty to search the name for a date
+            in the order year, month, day.
     """
 
     only: TimeFrom | None = None
     form: str = ""
 
     def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
-        """Time of a recording by these rules.
+        """Find the time of a recording.
 
         Args:
             path: file of the recording.
-            folder: folder of the SPEC; names of folders below it may hold the date, where the file's name does not.
-            given: times by name of a file or path from `folder`, as the SPEC has them.
+            folder: folder of the specification; the names of folders below it are searched for a date too.
+            given: times in the specification, by file name or by path relative to `folder`.
         """
         name = seen_from(path, folder)
         for source in [self.only] if self.only is not None else [TimeFrom.SPEC, TimeFrom.SIDECAR, TimeFrom.NAME]:
@@ -110,7 +111,7 @@ class Clock:
 
 
 def seen_from(path: Path, folder: Path) -> str:
-    """Path relative to the SPEC's folder, if the file is inside."""
+    """A file's path, relative to the given folder if the file is inside it."""
     return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
 
 
