@@ -1,4 +1,4 @@
-"""`armdyn arm`: the dynamics of an arm in closed form."""
+"""The command `armdyn arm`: show the terms of an arm's equations of motion."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 PANEL = "Motions of an arm"
 
 
-group = typer.Typer(help="The dynamics of an arm in closed form.", no_args_is_help=True)
+group = typer.Typer(help="Show the terms of an arm's equations of motion.", no_args_is_help=True)
 
 
 @group.callback()
 def about() -> None:
-    """The dynamics of an arm in closed form."""
+    """Show the terms of an arm's equations of motion."""
 
 
 @group.command()
 def show(
     choice: ArmChoice,
     at: Annotated[
-        str | None, typer.Option(help="Joint positions [rad or m], separated by commas; home if not given.")
+        str | None, typer.Option(help="Joint positions [rad or m], separated by commas; by default the home posture.")
     ] = None,
     velocity: Annotated[
-        str | None, typer.Option(help="Joint velocities [rad/s or m/s], separated by commas; rest if not given.")
+        str | None, typer.Option(help="Joint velocities [rad/s or m/s], separated by commas; by default zero.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Gravity, inertia, Coriolis, energy, regressor and what the tool can reach in speed and force, at a posture."""
+    """Show gravity, inertia, Coriolis terms, energy, regressor and the tool's possible speed and force at a posture."""
     from armdyn.arm.posture import arm_posture
 
     arm = choice.load()
@@ -109,7 +109,7 @@ def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
 
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
-    """JSON ``armdyn.arm/1`` of the arm's dynamics; infinite values, which JSON lacks, become null."""
+    """JSON output ``armdyn.arm/1``; infinite values become null."""
     from armdyn.arm.posture import PER_LINK
     from pipeline.fields import fields
 

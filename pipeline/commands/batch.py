@@ -1,4 +1,4 @@
-"""`armdyn batch`: compare or repair for many models and recordings."""
+"""The command `armdyn batch`: compare or repair many models with many recordings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,19 +19,21 @@ PANEL = "What a model lacks"
 
 
 def batch(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which models and recordings; see docs/batch.md.")],
+    spec: Annotated[
+        Path, typer.Argument(metavar="SPEC.toml", help="File that lists models and recordings; see docs/batch.md.")
+    ],
     output: Annotated[
-        Path, typer.Option("--output", "--out", help="Directory for rows and report; a batch in it is continued.")
+        Path, typer.Option("--output", "--out", help="Directory for results and report; a batch in it is continued.")
     ],
     scheduler: Annotated[
-        str | None, typer.Option(help="A dask scheduler whose workers do it, such as tcp://host:8786.")
+        str | None, typer.Option(help="Address of a dask scheduler whose workers compute, such as tcp://host:8786.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes of this machine; as many as it has cores when not given.")
+        int | None, typer.Option(min=1, help="Number of processes on this computer; by default one per processor core.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Compare or repair for a lab's thousand logs: one row each, and what changed on which day."""
+    """Compare or repair models with many recordings, and find out which parameter changed on which day."""
     from pipeline.batch.history import history
     from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec

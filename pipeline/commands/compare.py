@@ -1,4 +1,4 @@
-"""`armdyn compare`: a model compared with recordings."""
+"""The command `armdyn compare`: compare a model with recordings."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ PANEL = "What a model lacks"
 
 
 def compare(inputs: StudyInputs) -> None:
-    """Fit what is free, and say how well the model does and where it fails."""
+    """Fit a model's free parameters to recordings, and report how well it predicts them and where it fails."""
     from pipeline.answers import comparison_answer
     from pipeline.report.repair import comparison_report
 

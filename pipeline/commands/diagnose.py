@@ -1,4 +1,4 @@
-"""`armdyn diagnose`: which effect a model lacks."""
+"""The command `armdyn diagnose`: find which physical effect a model lacks."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ PANEL = "What a model lacks"
 
 
 def diagnose(inputs: StudyInputs) -> None:
-    """Find out which physical effect is missing, with an honest verdict."""
+    """Find out which physical effect a model lacks, or report that the recordings cannot decide."""
     from armdyn.identify.sentence import Verdict
     from pipeline.answers import diagnosis_answer
     from pipeline.report.repair import diagnosis_report

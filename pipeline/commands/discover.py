@@ -1,4 +1,4 @@
-"""`armdyn discover`: a formula for the force that a model lacks, as a file of effects."""
+"""The command `armdyn discover`: find a formula for the force that a model lacks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ PANEL = "What a model lacks"
 def discover(
     inputs: UnexaminedInputs,
     output: Annotated[
-        Path | None, typer.Option("--output", "--out", help="Python file of effects that holds what was discovered.")
+        Path | None, typer.Option("--output", "--out", help="Python file to write, with the formula as an effect.")
     ] = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""

@@ -1,4 +1,4 @@
-"""`armdyn effects`: the effects that a model can have."""
+"""The command `armdyn effects`: list the effects that a model can have."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ PANEL = "Models"
 
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
-    """Show the physical effects that a model can have, with their parameters."""
+    """List the physical effects that a model can have, with their parameters."""
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects

@@ -1,4 +1,4 @@
-"""`armdyn ik`: find a line, build and show SE(3) IK and Jacobian tables of paths and volumes."""
+"""The command `armdyn ik`: compute the inverse kinematics of paths and volumes, and search for a line."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,27 +19,29 @@ PANEL = "Motions of an arm"
 
 
 def volume(
-    low: Annotated[str, typer.Option(help="Lowest corner x,y,z in the base frame [m].")],
-    high: Annotated[str, typer.Option(help="Highest corner x,y,z [m].")],
+    low: Annotated[str, typer.Option(help="Lowest corner x,y,z of the volume in the base frame [m].")],
+    high: Annotated[str, typer.Option(help="Highest corner x,y,z of the volume in the base frame [m].")],
     out: Annotated[
-        Path, typer.Option("--out", "--output", help="The zarr directory; an interrupted build in it is continued.")
+        Path,
+        typer.Option("--out", "--output", help="The zarr directory to write; an interrupted build in it is continued."),
     ],
     choice: ArmChoice,
-    counts: Annotated[str, typer.Option(help="Targets along x, y and z.")] = "100,100,100",
+    counts: Annotated[str, typer.Option(help="Number of targets along x, y and z.")] = "100,100,100",
     tool_rpy: Annotated[
         list[str] | None,
         typer.Option(
-            help="The tool's roll, pitch, yaw [rad], several times for several; that of the line if not given."
+            help="The tool's roll, pitch, yaw [rad]; may be repeated for several orientations; by default that of the "
+            "robot's line."
         ),
     ] = None,
-    processes: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 2,
+    processes: Annotated[int, typer.Option(min=1, help="Number of processes on this computer.")] = 2,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask scheduler, tcp://host:port, whose workers do it instead.")
+        str | None, typer.Option(help="Address of a dask scheduler, tcp://host:port, whose workers compute instead.")
     ] = None,
     collisions: Annotated[bool, typer.Option("--collisions", help="Check every posture for collisions.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Solve a grid of positions on one consistent branch, into a zarr directory."""
+    """Compute the inverse kinematics on a 3-D grid, with postures that vary smoothly, into a zarr directory."""
     import numpy as np
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -84,14 +86,17 @@ def volume(
     if write_answer(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
-            f"({answer['targets_per_second']:.0f} per second), {done.resumed} were there\n"
+            f"({answer['targets_per_second']:.0f} per second), {done.resumed} solved before\n"
             f"reached      {100 * done.table.reached_share():.2f} %\n"
             f"neighbours   {100 * done.table.discontinuity_share():.4f} % of pairs are more than 0.2 rad apart\n"
             f"written to {out}"
         )
 
 
-group = typer.Typer(help="SE(3) IK and Jacobian tables of lines, paths and volumes.", no_args_is_help=True)
+group = typer.Typer(
+    help="Compute tables of inverse kinematics and Jacobians along lines and paths and in volumes.",
+    no_args_is_help=True,
+)
 group.command()(volume)
 
 
@@ -99,29 +104,34 @@ group.command()(volume)
 def build(
     choice: ArmChoice,
     path: Annotated[
-        Path | None, typer.Option(help="A path file (TOML: line, circle or spline) in place of the robot's own line.")
+        Path | None,
+        typer.Option(help="A path file (TOML: line, circle or spline), in place of the line in the robot's settings."),
     ] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Find a line first: fast, far from joint limits, free of collision.")
+        bool,
+        typer.Option("--search", help="First search for a line: fast, far from joint limits, without collisions."),
     ] = False,
     extent: Annotated[str, typer.Option(help="With --search: first and last line coordinate [m].")] = "-0.25,0.25",
-    core: Annotated[str, typer.Option(help="With --search: where speed matters most [m].")] = "-0.15,0.15",
+    core: Annotated[
+        str, typer.Option(help="With --search: first and last coordinate of the part where speed matters most [m].")
+    ] = "-0.15,0.15",
     direction: Annotated[str, typer.Option(help="With --search: direction of the line in the base frame.")] = "0,1,0",
     tool_rpy: Annotated[
         str | None,
         typer.Option(
-            help="With --search: the tool's roll, pitch, yaw [rad]; the right angles nearest to home if not given."
+            help="With --search: the tool's roll, pitch, yaw [rad]; by default parallel to the base's axes, nearest to "
+            "the tool's at home."
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "--output", help="Where to write the table; the cache if not given, for a robot's own line."
+            "--out", "--output", help="File of the table; by default, for the line in a robot's settings, the cache."
         ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Build the table of a robot's line, of a path, or of a line that is searched for."""
+    """Build the IK table of the line in a robot's settings, of a path, or of a line that is searched for."""
     from ik.build import build_line_table, build_path_table, default_table_path
     from ik.pathfile import read_path
     from ik.search import search_line
@@ -158,9 +168,11 @@ def build(
 def show(
     file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
     json_file: JsonOption = None,
-    report: Annotated[Path | None, typer.Option(help="Joint curves, margins and limits as one HTML page.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML file to write, with curves of the joints, their margins and limits.")
+    ] = None,
 ) -> None:
-    """Print what a table holds, and plot it."""
+    """Show the content of an IK table."""
     from ik import PathTable
     from pipeline.report.ik import ik_document, ik_report
     from urdf import known_robots, load
@@ -191,7 +203,7 @@ def _requirements(extent: str, core: str, direction: str, tool_rpy: str | None) 
 
 
 def table_json(table: "PathTable") -> dict[str, Any]:
-    """JSON ``armdyn.ik/1`` of an IK table; tool poses are the targets of the tool point."""
+    """JSON output ``armdyn.ik/1`` of an IK table; the tool's poses in it are those of the path."""
     import numpy as np
     from scipy.spatial.transform import Rotation
 
@@ -213,7 +225,7 @@ def table_json(table: "PathTable") -> dict[str, Any]:
 
 
 def as_settings(found: "LineCandidate") -> str:
-    """A found line as entries of a robot's settings file."""
+    """Text of a line that was searched for, as the tables ``[line]`` and ``[arm]`` of a robot's settings file."""
     import pinocchio as pin
 
     line = found.line

@@ -1,4 +1,4 @@
-"""`armdyn import`: runs from bags, data sets and tables of others."""
+"""The command `armdyn import`: convert recordings in other formats to runs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 PANEL = "Recordings"
 MAX_NAMED_COLUMNS = 8
-"""Columns that are named on the screen where there are more."""
+"""Largest number of columns that a printed list names."""
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options that say what is made of which files."""
+    """Arguments and options of the command `import`."""
 
     files: Annotated[
         list[Path],
@@ -37,26 +37,29 @@ class ImportOptions:
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
     ]
-    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")]
-    mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None
+    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is created.")]
+    mapping: Annotated[
+        Path | None, typer.Option("--map", help="TOML file that says which column is which channel.")
+    ] = None
     guess: Annotated[
-        bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
+        bool,
+        typer.Option("--guess", help="Propose such a file from names, units and ranges; nothing is imported."),
     ] = False
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
     ] = None
-    force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False
+    force: Annotated[bool, typer.Option("--force", help="Overwrite runs that exist.")] = False
 
     @property
     def rate_text(self) -> str:
-        """The rate as a mapping has it; empty where it is not given."""
+        """The rate with its unit, as a mapping file contains it; empty if it is not given."""
         return "" if self.rate is None else f"{self.rate:.12g} Hz"
 
 
 def import_(
     wanted: ImportOptions, choice: RobotChoice, trust_data: TrustOption = False, json_file: JsonOption = None
 ) -> None:
-    """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
+    """Convert recordings in other formats to runs, and inspect them; a robot gives the names of the joints."""
     from pipeline.imports import read_foreign
     from pipeline.imports.mapping import check_rate
 
@@ -185,7 +188,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
 
 
 def _words(choice: RobotChoice) -> list[str]:
-    """Text of the options that name the robot; a placeholder for its file where none was named."""
+    """Options of a command that name the robot; with a placeholder for its file if the user named none."""
     if choice.robot is not None:
         return ["--robot", choice.robot]
     return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]

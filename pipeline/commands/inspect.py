@@ -1,4 +1,4 @@
-"""`armdyn inspect`: are recordings what they say they are?"""
+"""The command `armdyn inspect`: search recordings for mistakes such as wrong units and signs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,18 +22,22 @@ PANEL = "Recordings"
 def inspect(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="[M.toml] RUN...", help="Recordings, and before them the model of what was recorded."),
+        typer.Argument(
+            metavar="[M.toml] RUN...", help="Recordings, and before them, optionally, the model that they belong to."
+        ),
     ],
     fix: Annotated[
         Path | None,
-        typer.Option("--fix", help="Directory for corrected copies, and for maps that do the same at import."),
+        typer.Option(
+            "--fix", help="Directory for corrected copies, and for mapping files that correct the data at import."
+        ),
     ] = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over corrected copies that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite corrected copies that exist.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
+    """Search recordings for mistakes: gaps, wrong units or signs, swapped columns, shifted clocks, tilted mountings."""
     from armdyn.checked_study import ModelWithCatalogue
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
@@ -72,7 +76,15 @@ def inspect(
 
 
 def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
-    """Write corrected copies of recordings with a mistake that can be undone, each with its map for `import`.
+    """Write corrected copies of the recordings with mistakes, each with a mapping file that corrects it at import.
+
+    Args:
+        found: result of inspecting the recordings.
+        folder: folder of the copies.
+        force: whether existing files may be overwritten.
+
+    Returns:
+        The files that were written.
 
     Raises:
         InputError: a file exists already or cannot be written.

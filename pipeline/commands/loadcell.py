@@ -1,4 +1,4 @@
-"""`armdyn loadcell`: calibrate an HX711 load cell on a serial port, and watch it."""
+"""The command `armdyn loadcell`: calibrate an HX711 load cell on a serial port, and show its forces."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,11 +24,13 @@ PANEL = "Experiments"
 
 EMULATED = "emulated"
 SAMPLE_TIMEOUT = 2.0
-"""Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
+"""Time without a sample after which a calibration fails [s]."""
 
-group = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
+group = typer.Typer(help="Calibrate a load cell (HX711 on a serial port), and show its forces.", no_args_is_help=True)
 
-Port = Annotated[str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' tries it without hardware.")]
+Port = Annotated[
+    str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' for a simulated cell without hardware.")
+]
 Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
 
 
@@ -36,16 +38,17 @@ Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller
 def calibrate(
     port: Port,
     weights: Annotated[
-        str, typer.Option(help="Known weights, the empty cell first; '200 g +/- 0.1 g' says how well one is known.")
+        str, typer.Option(help="Known weights, the empty cell first; '200 g +/- 0.1 g' gives a standard deviation.")
     ] = "0 g, 100 g, 200 g",
     out: Annotated[
-        Path | None, typer.Option("--out", "--output", help="Where to keep the result; your settings if not given.")
+        Path | None,
+        typer.Option("--out", "--output", help="File to write; by default a file in your settings directory."),
     ] = None,
-    samples: Annotated[int, typer.Option(min=40, help="Samples per weight.")] = 200,
+    samples: Annotated[int, typer.Option(min=40, help="Number of samples per weight.")] = 200,
     baud: Baud = 115200,
     json_file: JsonOption = None,
 ) -> None:
-    """Find offset, scale and noise with known weights."""
+    """Determine offset, scale and noise of a load cell with known weights."""
     import time
 
     from armdyn.pendulum.physics import STANDARD_GRAVITY
@@ -94,11 +97,13 @@ def monitor(
     port: Port,
     calibration: CalibrationOption = None,
     seconds: SecondsOption = None,
-    silent_after: Annotated[float, typer.Option(min=0.02, help="Seconds without a sample that are a fault.")] = 0.2,
+    silent_after: Annotated[
+        float, typer.Option(min=0.02, help="Time without a sample after which a fault is reported [s].")
+    ] = 0.2,
     baud: Baud = 115200,
     json_file: JsonOption = None,
 ) -> None:
-    """Show forces and faults as they come; exit status 1 where the cell cannot be relied on at the end."""
+    """Show forces and faults of a load cell continuously; exit status 1 if the cell is unreliable at the end."""
     from pipeline.loadcell.calibration import Calibration, default_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.emulator import emulated_calibration

@@ -1,4 +1,4 @@
-"""`armdyn record`: joint states and load cell of a ROS robot as a run."""
+"""The command `armdyn record`: record joint states and load cell of a ROS robot as a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,14 +14,16 @@ PANEL = "Experiments"
 
 def record(
     ros: RosOption,
-    output: Annotated[Path, typer.Option("--output", "--out", help="The run to write (CSV, and TOML beside it).")],
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
+    output: Annotated[Path, typer.Option("--output", "--out", help="CSV file to write; a TOML file is written too.")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="Duration of the recording [s].")] = 30.0,
     arm: ArmOption = "baxter",
-    loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,
+    loadcell: Annotated[
+        str | None, typer.Option(help="Serial port of the load cell; by default no load cell is recorded.")
+    ] = None,
     calibration: CalibrationOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Record joint states and load cell of a ROS robot as a run for 'compare' and 'repair'; nothing is commanded."""
+    """Record joint states and load cell of a ROS robot for 'compare' and 'repair'; the robot is not moved."""
     import urdf
     from pipeline.ros.record import record_run
     from pipeline.ros.topics import read_topics, settings_file

@@ -1,4 +1,4 @@
-"""`armdyn table`: success by first guess of the length, with and without estimation (the paper's Table I)."""
+"""The command `armdyn table`: repeat Table I of the paper in simulation, success by first guess of the length."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +12,12 @@ PANEL = "Experiments"
 
 
 def table(
-    seeds: Annotated[int, typer.Option(help="Trials per guess, with estimation and without.")] = 3,
-    first_seed: Annotated[int, typer.Option(help="Of the simulation's randomness; the others follow it.")] = 0,
+    seeds: Annotated[int, typer.Option(help="Number of trials per guess, each with and without estimation.")] = 3,
+    first_seed: Annotated[int, typer.Option(help="Random seed of the first trial; the others follow it.")] = 0,
     out: Annotated[Path, typer.Option("--out", "--output", help="Directory for the report.")] = Path("out/table"),
     json_file: JsonOption = None,
 ) -> None:
-    """Table I of the paper: nine guesses of the length, with and without estimation."""
+    """Repeat Table I of the paper in simulation: nine guesses of the string's length, with and without estimation."""
     from pipeline.report.table import table_report
     from pipeline.trial.table import run_table
 

@@ -1,4 +1,4 @@
-"""`armdyn twin`: the simulated Baxter behind Baxter's own topics."""
+"""The command `armdyn twin`: run a simulated Baxter that uses the ROS topics of the real one."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,27 +14,32 @@ PANEL = "Experiments"
 
 
 TWIN_LENGTH = 0.368
-"""m, pivot to the load's centre."""
+"""Default of the true length in the simulation, from the pivot to the load's centre [m]."""
 
 
 def twin(
     ros: RosOption,
     hidden: Annotated[
         list[str] | None,
-        typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows; FILE.py:EFFECT of your own."),
+        typer.Option(
+            help="EFFECT or EFFECT=VALUE that the simulated robot has and models lack; FILE.py:EFFECT for your own."
+        ),
     ] = None,
-    length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    length: Annotated[
+        float, typer.Option(help="True length of the string, from the pivot to the load's centre [m].")
+    ] = TWIN_LENGTH,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the simulation.")] = 0,
     start: Annotated[
-        str | None, typer.Option(help="Joint positions at the start in rad, separated by commas; else s = 0.")
+        str | None,
+        typer.Option(help="Joint positions at the start [rad], separated by commas; by default the line's middle."),
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Where to write the calibration of its load cell (TOML), for 'armdyn trial'.")
+        Path | None, typer.Option(help="File to write, the calibration of the simulated load cell for 'armdyn trial'.")
     ] = None,
     seconds: SecondsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """The simulated Baxter behind Baxter's own topics, in real time, its load cell on a pseudo-terminal."""
+    """Run a simulated Baxter in real time, with the ROS topics of the real one and a load cell on a pseudo-terminal."""
     import time
     from dataclasses import replace
 

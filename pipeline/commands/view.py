@@ -1,4 +1,4 @@
-"""`armdyn view`: a motion in three dimensions, as one offline page."""
+"""The command `armdyn view`: show a motion in three dimensions, as an HTML file."""
 
 import sys
 from pathlib import Path
@@ -20,16 +20,17 @@ def view(
     ],
     choice: RobotChoice,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Model of the load or the arm; a trial's own where it has one.")
+        Path | None, typer.Option("--model", help="Model of the load or the arm; by default that in a trial's folder.")
     ] = None,
     effects: EffectsOption = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "--out", help="The HTML file to write; <name>_view.html here, if not given."),
+        typer.Option("--output", "--out", help="HTML file to write; by default <name>_view.html in this folder."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Only write the file; with --output that is so in any case.")
+        bool,
+        typer.Option("--no-browser", help="Do not open the file in a browser; with --output it is never opened."),
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
