@@ -1,4 +1,4 @@
-"""Collect the commands; print their errors as one line and return an exit status."""
+"""Build the command line from the commands, run a command, and convert its errors to one line and an exit status."""
 
 import os
 import sys
@@ -25,15 +25,15 @@ from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerp
 
 
 def command_files() -> dict[str, str]:
-    """File of every command in `pipeline.commands`, by name; names such as `import_` lose their underscore."""
+    """Module of every command in `pipeline.commands`, by the command's name; ``import`` is in module ``import_``."""
     return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
 
 
 def application(files: Iterable[str]) -> typer.Typer:
-    """The command line with the commands of some files; no other command is loaded.
+    """Build the command line from some modules of `pipeline.commands`; other commands are not imported.
 
-    A file holds a function of its own name, or `group`, several commands behind that name, and `PANEL`, the heading
-    under which `armdyn --help` lists it.
+    Each module defines a function of its own name, or `group`, a Typer application with several subcommands. Its
+    constant `PANEL` is the heading under which `armdyn --help` lists the command.
     """
     app = typer.Typer(
         name="armdyn",
@@ -70,10 +70,14 @@ def _common(
 
 
 def run(interrupts: Interrupts) -> int:
-    """Run the command of this process's arguments.
+    """Run the command that the arguments of this process name.
+
+    Args:
+        interrupts: handler of signals such as Ctrl-C.
 
     Returns:
-        The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
+        The exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself,
+        128 + n if signal n ended the command.
     """
     with keeping_inputs(), tolerant_streams() as problem_of_output, noticing():
         try:
@@ -99,7 +103,7 @@ def _run_command(interrupts: Interrupts) -> int:
 
 
 def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that refuses unusable numbers in its options: ``nan``, ``1e300``, and ``1_000``, which Python reads."""
+    """Wrap a command so that it refuses numbers such as ``nan``, ``1e300`` and ``1_000`` in its options."""
 
     @wraps(command)
     def checked(*arguments: Any, **options: Any) -> Any:
@@ -119,7 +123,7 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _check_leads_somewhere(path: Path) -> None:
-    """Refuse symbolic links in a circle and impossible file names, before a path is resolved."""
+    """Refuse circular symbolic links and impossible file names."""
     try:
         path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -154,13 +158,13 @@ def _say_why(error: BaseException, interrupts: Interrupts) -> int:
 
 
 def _is_urdf_error(error: BaseException) -> bool:
-    """Whether `urdf` raised an error; `urdf` is not loaded for this question, since that takes half a second."""
+    """Whether an error is a `urdf.UrdfError`; found without importing `urdf`, which takes half a second."""
     module = sys.modules.get("urdf.robot")
     return module is not None and isinstance(error, module.UrdfError)
 
 
 MAX_WORD_LENGTH = 300
-"""Letters; a path of a deep folder has 100."""
+"""Largest number of characters of a word in an error message; longer words are cut."""
 
 
 def _say(message: str, status: int) -> int:

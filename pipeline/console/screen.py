@@ -1,4 +1,4 @@
-"""Output of every command: its answer on the screen and as JSON, and its progress."""
+"""Print the answer of a command on the screen, write it as JSON, and show the command's progress."""
 
 import json
 import os
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 
 PIPED_WIDTH = 140
-"""Columns of what is not written to a terminal: a table is then read by somebody else, or kept."""
+"""Width of the output in characters if it is not written to a terminal."""
 
 
 def to_screen() -> "Console":
-    """Console on standard output; colours are given as `style`, so that a unit such as ``[m]`` is text.
+    """Make a console on standard output, in which square brackets such as in ``[m]`` are text, not a style.
 
-    What the encoding of standard output or error lacks becomes a question mark.
+    Characters that the encoding of the terminal lacks are printed as question marks.
     """
     from rich.console import Console
 
@@ -43,14 +43,14 @@ def to_screen() -> "Console":
 
 
 def plain_table(*heads: "str | Column") -> "Table":
-    """A table for the screen, without lines around it."""
+    """Make an empty table for the screen, without lines, from the headings of its columns."""
     from rich.table import Table
 
     return Table(*heads, box=None, header_style="dim")
 
 
 def show(document: "Document") -> None:
-    """Print a document: verdict, key figures, sections that have a table or no figure, and notes."""
+    """Print a document on the screen: verdict, key figures, tables and notes; sections with charts only are skipped."""
     from rich.table import Column
 
     console = to_screen()
@@ -90,20 +90,20 @@ def finish(
     *,
     failed: bool = False,
 ) -> None:
-    """End a command: write its report and its JSON where requested, or print its answer on the screen.
+    """Write the report and the JSON of a command, and print its answer on the screen.
 
     Args:
         document: answer for the screen.
-        answer: answer for JSON.
+        answer: function that returns the JSON output.
         json_file: file of the JSON; None for none; ``-`` for standard output, on which nothing else is then printed.
         report: HTML file; None for none.
-        page: document with figures for the report.
-        written: a sentence for every other file that was written.
-        failed: whether the answer is no.
+        page: function that returns the document for the report, with charts.
+        written: a sentence for each other file that was written.
+        failed: whether the command ends with exit status 1.
 
     Raises:
         InputError: a file cannot be written.
-        Exit: with status 1 where the answer is no.
+        Exit: with status 1 if `failed`.
     """
     if report is not None and page is not None:
         save_report(page(), report)
@@ -122,7 +122,7 @@ def finish(
 
 
 def save_report(document: "Document", file: Path) -> None:
-    """Write a document as one HTML page that says by which command it was made.
+    """Write a document to an HTML file, which shows the command that made it.
 
     Raises:
         InputError: the file cannot be written.
@@ -135,7 +135,7 @@ def save_report(document: "Document", file: Path) -> None:
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:
-    """Write the answer to a file, in one step, or to standard output for ``-``.
+    """Write the JSON output of a command to a file, or to standard output for ``-``, with the collected warnings.
 
     Raises:
         InputError: the file cannot be written.
@@ -161,7 +161,14 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
 
 
 def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
-    """Write the answer where JSON is requested; returns whether standard output is free for text.
+    """Write the JSON output of a command if a file was given.
+
+    Args:
+        json_file: the file; None for none, ``-`` for standard output.
+        answer: function that returns the JSON output.
+
+    Returns:
+        Whether text may be printed on standard output, because JSON was not written there.
 
     Raises:
         InputError: the file cannot be written.
@@ -172,22 +179,23 @@ def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -
 
 
 class ProgressDisplay(Protocol):
-    """Function that reports a command's progress."""
+    """Function that shows a command's progress."""
 
     def __call__(self, what: str, share: float | None = None) -> None:
-        """Report the present activity, and the `share` of it that is done, from 0 to 1; None where it is unknown."""
+        """Show the present activity, and the share of it that is done, from 0 to 1; None if the share is unknown."""
 
 
 COUNTED = re.compile(r"(\d+) of (\d+) ")
-"""Start of a message such as ``3 of 12 candidates tried``, which gets a bar and an estimate of the remaining time."""
+"""Pattern of the first words of a message such as ``3 of 12 candidates tried``, for which a bar is shown."""
 
 
 @contextmanager
 def spinner() -> Iterator[ProgressDisplay]:
-    """Show a command's activity, elapsed time and progress on a terminal's standard error, until the block ends.
+    """Show a command's activity, progress and elapsed time on the terminal during the ``with`` block.
 
     Yields:
-        ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes, a share a bar.
+        The function that shows an activity. For a text such as ``"3 of 12 candidates tried"`` it also shows a bar and
+        the remaining time.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -222,7 +230,7 @@ def spinner() -> Iterator[ProgressDisplay]:
 
 
 def about(seconds: float) -> str:
-    """Text of a remaining time, rounded as coarsely as it is known: ``about 40 s left``."""
+    """Text of a remaining time [s], rounded, such as ``about 40 s left``."""
     if seconds < 10.0:
         return "a few seconds left"
     return f"about {10 * round(seconds / 10)} s left" if seconds < 90.0 else f"about {round(seconds / 60)} min left"

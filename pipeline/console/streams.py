@@ -1,7 +1,7 @@
-"""Standard output and error that never raise, and reports of unforeseen errors.
+"""Print to standard output and error without ever raising an exception, and report unexpected errors.
 
-A stream may be full or closed, may lose its reader, and may have any encoding. After an unforeseen error the user gets
-one line, and a file with all facts that a developer needs.
+A stream may be full or closed, may lose its reader, or may lack characters. After an unexpected error the user gets a
+message of one line, and a file with the details that a developer needs.
 """
 
 import errno
@@ -24,7 +24,7 @@ PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
 
 def report_unforeseen(error: BaseException) -> str:
-    """Write the report of an unforeseen error; returns a sentence that names the error and the report's file."""
+    """Write a report of an unexpected error to a temporary file; returns a sentence with the error and the file."""
     what = f"{type(error).__name__}{': ' if str(error) else ''}{' '.join(str(error).split())[:200]}"
     try:
         with tempfile.NamedTemporaryFile(
@@ -60,10 +60,10 @@ def _version(name: str) -> str:
 
 
 class Tolerant(io.RawIOBase):
-    """Binary output to a standard stream; bytes that cannot be written are dropped.
+    """Binary output stream to a file descriptor that drops bytes which cannot be written, in place of raising.
 
     Attributes:
-        problem: why bytes were dropped; None where none were, or where the reader simply closed the pipe.
+        problem: why bytes were dropped; None if none were dropped, or if the reader closed the pipe.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -73,7 +73,7 @@ class Tolerant(io.RawIOBase):
         self.problem: str | None = None
 
     def writable(self) -> bool:
-        """Always True: the stream accepts bytes."""
+        """True: the stream accepts bytes."""
         return True
 
     def fileno(self) -> int:
@@ -85,7 +85,7 @@ class Tolerant(io.RawIOBase):
         return not self._gone and os.isatty(self._descriptor)
 
     def write(self, data: Any) -> int | None:
-        """Write bytes; returns the number written, which is that of all bytes once the stream has failed."""
+        """Write bytes; returns the number of bytes written. After a failure all bytes are dropped and counted."""
         if not self._gone:
             try:
                 return os.write(self._descriptor, data)
@@ -100,12 +100,12 @@ class Tolerant(io.RawIOBase):
 
 @contextmanager
 def tolerant_streams() -> Iterator[Callable[[], str | None]]:
-    """Replace the standard streams so that printing never raises, and a failing thread prints one line.
+    """Replace standard output and error in the ``with`` block so that printing never raises an exception.
 
-    Standard streams are replaced where they are files, not where a test has put something in their place.
+    An exception in a thread prints one line. Streams that a test has replaced are kept.
 
     Yields:
-        A function that returns why output was dropped; None where none was dropped.
+        A function that returns why output was dropped; None if none was dropped.
     """
     usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, Tolerant]]()
     for number, name in ((1, "stdout"), (2, "stderr")):

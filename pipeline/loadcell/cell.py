@@ -1,4 +1,4 @@
-"""The real load cell: a thread reads the serial line, stamps the samples and detects faults."""
+"""The real load cell: a thread reads the serial line, adds times to the samples, and detects faults."""
 
 import contextlib
 import math
@@ -16,16 +16,16 @@ from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample
 
 MIN_SAMPLE_SPACING = 1e-6
-"""Least time between two samples [s]: a recording's times strictly increase."""
+"""Smallest time between two samples [s]: the times of a recording must increase."""
 RATE_SAMPLES = 100
-"""Samples over which the rate is measured."""
+"""Number of samples over which the rate is measured."""
 
 
 class ReceptionTimes:
-    """Stamps samples with the time of their reception and measures their rate.
+    """Assigns times of reception to samples, and measures their rate.
 
-    A busy computer, or a USB adapter that collects bytes, hands over several samples at once. The last of them has just
-    arrived; the others are dated back by the measured period, at most to an even spread since the sample before.
+    A busy computer or a USB adapter may deliver several samples at once. The last of them gets the present time; the
+    others get earlier times at the measured period, but not before the previous sample.
     """
 
     def __init__(self) -> None:
@@ -33,13 +33,13 @@ class ReceptionTimes:
 
     @property
     def rate(self) -> float:
-        """Samples per second over the last `RATE_SAMPLES` samples; 0 before the second one."""
+        """Samples per second over the last `RATE_SAMPLES` samples [Hz]; 0 before the second sample."""
         if len(self._times) < 2:
             return 0.0
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
     def stamp(self, now: float, count: int) -> list[float]:
-        """Strictly increasing times of `count` samples that came in one piece, handed over at `now` [s]."""
+        """Times of reception [s], strictly increasing, of `count` samples that were delivered together at `now` [s]."""
         step, earliest = MIN_SAMPLE_SPACING, now - (count - 1) * MIN_SAMPLE_SPACING
         if self._times and count:
             step = (now - self._times[-1]) / count
@@ -53,23 +53,28 @@ class ReceptionTimes:
 
 
 QUEUE_LENGTH = 1000
-"""Samples and events that wait to be taken; the oldest go first."""
+"""Largest number of samples, and of events, that wait to be read; the oldest ones are dropped."""
 START_UP_SECONDS = 5.0
-"""Longest time to the first line [s]; a board with an Arduino boot loader takes about 2 s after its port is opened."""
+"""Longest time until the first line [s]; a board with an Arduino boot loader takes 2 s after its port is opened."""
 UNCALIBRATED_NOISE_COUNTS = 0.5
-"""Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
+"""Noise that is assumed for a cell without a calibration [counts]; the noise of an HX711 is about 40 counts."""
 SPIKE_RANGE_SHARE = 1e-3
-"""Share of the converter's range by which a spike stands out at least, about 0.1 N of a 1 kg cell; and ..."""
+"""Smallest size of a spike as a share of the converter's range, about 0.1 N for a 1 kg cell, without the noise."""
 SPIKE_NOISE_DEVIATIONS = 10.0
-"""... so many standard deviations of the noise."""
+"""Standard deviations of the noise that are added to the smallest size of a spike."""
 MAX_PUSH_FORCE = 0.1
-"""A string cannot push: a force below minus this [N] is more than the zero of a cell moves in a day."""
+"""Largest pushing force that the drift of a cell's zero explains [N]; a string cannot push."""
 MAX_DRIFT_RATE = 0.1
-"""Faster than this [N/s] no cell creeps or warms up."""
+"""Largest rate of drift of a cell that works, by creep or temperature [N/s]."""
 
 
 def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
-    """Fault limits for the counts of an HX711, and with a calibration for the forces too."""
+    """Limits for detecting faults in the counts of an HX711.
+
+    Args:
+        calibration: calibration of the cell; without it, drift and pushing forces are not detected.
+        silent_after: time without a sample after which the cell counts as silent [s].
+    """
     noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
         FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
@@ -89,22 +94,28 @@ def count_limits(calibration: Calibration | None = None, silent_after: float = 0
 
 
 class CountSample(NamedTuple):
-    """Counts and the time of their reception [s]."""
+    """One sample of the load cell's converter in counts, with its time of reception [s]."""
 
     time: float
     counts: int
 
 
 class LoadCell(Closing):
-    """An HX711 on a microcontroller that speaks the line protocol of `pipeline.loadcell.protocol`.
+    """A load cell with an HX711 on a microcontroller, which sends lines as in `pipeline.loadcell.protocol`.
 
-    It reads in a thread of its own from creation to `close`; use it as a context manager. Every method may be called
-    from any thread. After a disconnection nothing more arrives: a cell that was unplugged in the middle of a motion
-    must not come back unnoticed. Without a calibration it gives only counts. The clock gives the time of reception [s];
-    a time without a sample [s] counts as silence.
+    A thread reads the serial port from creation to `close`; use the object in a ``with`` block. Every method may be
+    called from any thread. After a disconnection the cell stays disconnected, so that a plug which was pulled during a
+    motion is noticed.
+
+    Args:
+        port: serial port, such as ``/dev/ttyUSB0`` or ``COM3``.
+        calibration: conversion to newtons; None if only counts are needed.
+        baud: baud rate.
+        clock: function that returns the present time [s].
+        silent_after: time without a sample after which the cell counts as silent [s].
 
     Raises:
-        InputError: the port, such as ``/dev/ttyUSB0`` or ``COM3``, cannot be opened.
+        InputError: the port cannot be opened.
     """
 
     def __init__(
@@ -133,7 +144,7 @@ class LoadCell(Closing):
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread, then release the port; samples that were received can still be read."""
+        """End the thread and close the port; received samples can still be read."""
         self._stop.set()
         self._thread.join()
         with contextlib.suppress(OSError):  # a disconnected port may refuse to close
@@ -142,12 +153,12 @@ class LoadCell(Closing):
             self._connected = False
 
     def read(self) -> list[ForceSample]:
-        """Forces received since the last call, oldest first; those of a faulty cell are among them, see `status`."""
+        """Samples of force received since the last call, oldest first; also those of a faulty cell, see `status`."""
         assert self._calibration is not None, "a cell without a calibration gives counts"
         return [ForceSample(sample.time, self._calibration.force(sample.counts)) for sample in self.read_counts()]
 
     def read_counts(self) -> list[CountSample]:
-        """Counts received since the last call, oldest first, with their times of reception."""
+        """Samples in counts received since the last call, oldest first."""
         with self._lock:
             samples = list(self._samples)
             self._samples.clear()
@@ -163,7 +174,7 @@ class LoadCell(Closing):
             return events
 
     def status(self) -> LoadCellStatus:
-        """Present status of the cell."""
+        """Present status of the cell: connection, rate and faults."""
         with self._lock:
             self._watch()
             active = self._detector.active

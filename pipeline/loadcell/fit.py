@@ -1,4 +1,4 @@
-"""The guided calibration: known weights, samples at each of them, their mean, and the line through the means."""
+"""Calibrate a load cell with known weights: take samples with each weight, and fit a line through their means."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,12 +19,12 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 
 @dataclass(frozen=True)
 class Weight:
-    """A known weight.
+    """A known weight for the calibration of a load cell.
 
     Attributes:
-        text: as the user wrote it.
+        text: the weight as the user wrote it.
         force: force of the weight [N].
-        force_std: standard deviation of the force [N], 0 where none was given.
+        force_std: standard deviation of the force [N]; 0 if none was given.
     """
 
     text: str
@@ -33,12 +33,13 @@ class Weight:
 
 
 def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
-    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too. Gravity is in m/s^2.
+    """Parse a list of known weights such as ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are allowed.
 
-    The empty cell comes first, even where it was not listed.
+    The empty cell (0 g) is the first weight, also if it was not listed. `gravity` is the free-fall acceleration
+    [m/s^2].
 
     Raises:
-        InputError: an entry is no mass or force, is negative, or there are fewer than two different weights.
+        InputError: an entry is not a mass or force, or is negative, or there are fewer than two different weights.
     """
     weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
     if not weights or weights[0].force > 0.0:
@@ -61,28 +62,34 @@ def _parse(text: str, gravity: float) -> Weight:
 
 
 MIN_PLATEAU_SAMPLES = 40
+"""Smallest number of samples per weight."""
 OUTLIER_DEVIATIONS = 5.0
-"""Robust standard deviations from the median beyond which a sample is left out."""
+"""Distance from the median, in robust standard deviations, beyond which a sample is left out."""
 MAX_OUTLIER_SHARE = 0.1
-"""Share of the samples; more means that somebody touched the cell."""
+"""Largest share of samples that may be left out; with more, somebody probably touched the cell."""
 PLATEAU_BLOCKS = 10
+"""Number of blocks into which the samples of a weight are divided, to detect a drift."""
 CORRELATION_FACTOR = 1.5
-"""Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
+"""Ratio above which the samples of a weight are correlated.
+
+It compares the standard deviation of the mean, computed from blocks of samples, with that computed from single samples.
+Independent samples exceed it once in 60 times.
+"""
 ROUNDING_STD_COUNTS = 1.0 / math.sqrt(12.0)
 """Standard deviation of rounding [counts]."""
 
 
 @dataclass(frozen=True)
 class Plateau:
-    """One weight and the counts measured with it.
+    """The counts of a load cell that were measured with one known weight.
 
     Attributes:
         weight: known weight on the cell.
-        mean: mean without outliers [counts].
-        mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) where the cell drifts.
+        mean: mean of the samples without outliers [counts].
+        mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) if the cell drifts.
         noise: standard deviation of one sample [counts].
-        samples: number of samples used.
-        outliers: number of samples left out.
+        samples: number of samples that were used.
+        outliers: number of samples that were left out.
     """
 
     weight: Weight
@@ -94,14 +101,16 @@ class Plateau:
 
     @classmethod
     def of(cls, weight: Weight, counts: npt.ArrayLike) -> "Plateau":
-        """Robust mean of `counts` (n,), in the order of their arrival.
+        """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
         deviation) from the median are left out. The standard deviation of the mean is that of independent samples,
-        unless the means of `PLATEAU_BLOCKS` consecutive blocks differ clearly more: drift, creep, a slow swing.
+        unless the means of `PLATEAU_BLOCKS` successive blocks differ clearly more, because the cell drifts or the
+        weight swings.
 
         Raises:
-            TaskFailedError: too few samples, a saturated or dead cell, or a cell that was touched.
+            TaskFailedError: there are too few samples, the cell is saturated or its counts do not change, or there are
+                too many outliers.
         """
         values = np.asarray(counts, dtype=np.float64)
         if len(values) < MIN_PLATEAU_SAMPLES:
@@ -133,26 +142,29 @@ class Plateau:
 
 
 MAX_NOISE_SHARE = 0.05
-"""Share of the span of the weights."""
+"""Largest noise, as a share of the difference between the heaviest and the lightest weight."""
 UNSTEADY_NOISE_FACTOR = 3.0
-"""Times the noise of the quietest plateau."""
+"""Largest ratio of the noise with one weight to the smallest noise; above it, the weight was probably swinging."""
 MIN_NOISE_SHARE = 1e-3
-"""Share of the span; less noise than this is no reason to refuse."""
+"""Noise below which a weight is never called unsteady, as a share of the range of the weights."""
 MIN_WEIGHT_STEP_DEVIATIONS = 5.0
-"""Standard deviations of one sample by which two neighbouring weights must differ."""
+"""Smallest difference of neighbouring weights, in standard deviations of one sample."""
 MAX_RESIDUAL_SHARE = 0.01
-"""Share of the span; cells are linear to 0.05 %, so this is a wrong weight or a cell that touches something."""
+"""Largest residual of the line, as a share of the range of the weights.
+
+Load cells are linear to 0.05 %, so that a larger residual means a wrong weight, or a cell that touches something.
+"""
 SIGNIFICANT_DEVIATIONS = 5.0
-"""Standard deviations."""
+"""Standard deviations beyond which a difference is significant."""
 
 
 @dataclass(frozen=True)
 class CalibrationFit(Calibration):
-    """A calibration with the measurements that it was made from.
+    """A calibration of a load cell, with the measurements from which it was computed.
 
     Attributes:
-        plateaus: one per weight.
-        residuals: force by the fit minus force of the weight, per plateau [N].
+        plateaus: the measured counts of each weight.
+        residuals: force by the calibration minus force of the weight, for each weight [N].
     """
 
     plateaus: tuple[Plateau, ...]
@@ -160,14 +172,18 @@ class CalibrationFit(Calibration):
 
 
 def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
-    r"""Fit counts = offset + F / scale by weighted least squares to two or more different weights.
+    r"""Fit the line counts = offset + F / scale to the measurements of two or more weights, by weighted least squares.
 
-    The weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the mean's and the known weight's standard
-    deviations and :math:`b` = 1 / scale (effective variance; Orear, Am. J. Phys. 50, 912, 1982). Where the line fits
-    worse than these say, the standard deviations grow by :math:`\sqrt{\chi^2 / (n - 2)}`.
+    The statistical weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the standard deviations of the mean
+    and of the known weight, and :math:`b` = 1 / scale (effective variance; Orear, Am. J. Phys. 50, 912, 1982). If the
+    residuals are larger than expected, the standard deviations are multiplied by :math:`\sqrt{\chi^2 / (n - 2)}`.
+
+    Args:
+        plateaus: measured counts of each weight.
+        source: how the measurements were made, for the calibration's file.
 
     Raises:
-        TaskFailedError: the counts are no calibration: too noisy, weights that cannot be told apart, or not on a line.
+        TaskFailedError: the counts are too noisy, are equal for different weights, or do not lie on a line.
     """
     _require_order(plateaus)
     force = np.array([plateau.weight.force for plateau in plateaus])
@@ -206,7 +222,7 @@ def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
 
 
 def _require_order(plateaus: Sequence[Plateau]) -> None:
-    """The counts must rise with the weight, or fall with it, by far more than the noise."""
+    """Check that the counts rise or fall with the weight, by far more than the noise."""
     ordered = sorted(plateaus, key=lambda plateau: plateau.weight.force)
     first, last = ordered[0], ordered[-1]
     span = abs(last.mean - first.mean)
@@ -241,7 +257,8 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
 
 
 SETTLING_SAMPLES = 8
-"""Samples left out after a weight was changed: the HX711's filter takes four to settle (datasheet, "Settling Time")."""
+"""Number of samples that are dropped after a weight was changed; the HX711's filter needs four (datasheet, "Settling
+Time")."""
 
 
 def calibrate(
@@ -253,13 +270,19 @@ def calibrate(
     progress: Callable[[Weight, int], None],
     wait: Callable[[float], None],
 ) -> CalibrationFit:
-    """Take so many samples at each of the known weights and fit a line; the method is for the file.
+    """Calibrate a load cell with known weights.
 
-    `ask` asks the user to hang a weight, and returns when it hangs still; `progress` is called with the weight and its
-    present number of samples; `wait` waits some seconds.
+    Args:
+        cell: the load cell.
+        weights: the known weights, in the order of the measurement.
+        samples: number of samples per weight.
+        source: how the measurements are made, for the calibration's file.
+        ask: function that asks the user to hang a weight, and returns when the weight is at rest.
+        progress: function that is called with the weight and the number of its samples so far.
+        wait: function that waits for a time [s].
 
     Raises:
-        TaskFailedError: the cell fails, or its counts give no calibration.
+        TaskFailedError: the cell fails, or no line can be fitted to its counts.
     """
     while not cell.status().samples:
         _require_alive(cell)

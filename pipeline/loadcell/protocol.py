@@ -1,11 +1,11 @@
-r"""The serial line of the load cell: ``HX711 <sequence> <counts> <crc>``, one line per conversion, ended by ``\n``.
+r"""The text protocol of the load cell: one line ``HX711 <sequence> <counts> <crc>`` per sample on a serial port.
 
-- sequence: 0 to 65535, then 0 again; one more for every conversion, so that lost and repeated lines show.
-- counts: what the HX711 gives, a 24-bit signed number.
-- crc: CRC-16/XMODEM of everything before it (without the blank), in hexadecimal. It finds damaged lines that
-  still look like a sample: every burst of up to 16 wrong bits, and all other damage except one case in 65536.
+- sequence: sequence number from 0 to 65535, then 0 again; it shows lost and repeated lines.
+- counts: the output of the HX711, a 24-bit signed number.
+- crc: CRC-16/XMODEM of the text before it, without the blank, in hexadecimal. It detects every burst of up to 16 wrong
+  bits, and all other damage except one case in 65536.
 
-Lines that start with ``#`` are remarks. Both ``\n`` and ``\r\n`` end a line.
+Lines that start with ``#`` are comments. A line ends with ``\n`` or ``\r\n``.
 """
 
 import binascii
@@ -24,32 +24,34 @@ if TYPE_CHECKING:
     import serial
 
 MINIMUM_COUNTS = -0x800000
-"""What the HX711 gives when its input is below its range (datasheet, "Output Data Rate and Format")."""
+"""Output of the HX711 if its input is below its range (datasheet, "Output Data Rate and Format")."""
 MAXIMUM_COUNTS = 0x7FFFFF
-"""What the HX711 gives when its input is above its range."""
+"""Output of the HX711 if its input is above its range."""
 SEQUENCE_MODULUS = 0x10000
+"""Number of different sequence numbers."""
 MAX_LINE_BYTES = 64
-"""Bytes; a sample takes at most 26, a remark should be no longer than this."""
+"""Largest length of a line [bytes]; a sample takes at most 26 bytes."""
 LINE_START = b"HX711 "
+"""First bytes of a line with a sample."""
 
 _LINE = re.compile(rb"(HX711 (\d{1,5}) (-?\d{1,7})) ([0-9A-Fa-f]{1,4})")
 
 
 class CellReading(NamedTuple):
-    """One conversion as the microcontroller sent it."""
+    """One sample from the load cell's microcontroller: its sequence number, and its value in counts."""
 
     sequence: int
     counts: int
 
 
 def encode(reading: CellReading) -> bytes:
-    """The line of one conversion, ended by a line feed."""
+    """Encode a sample as a line of the protocol, with a line feed at the end."""
     payload = LINE_START + b"%d %d" % reading
     return payload + b" %04X\n" % checksum(payload)
 
 
 def decode(line: bytes) -> CellReading | None:
-    """The conversion in one line without its end; None where it is not exactly one."""
+    """Decode a line of the protocol, without its line feed; None if it is not a valid sample."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
@@ -60,26 +62,26 @@ def decode(line: bytes) -> CellReading | None:
 
 
 def checksum(payload: bytes) -> int:
-    """CRC-16/XMODEM: polynomial 0x1021, initial value 0, nothing reflected; 0x31C3 for ``b"123456789"``."""
+    """CRC-16/XMODEM of bytes: polynomial 0x1021, initial value 0, no reflection; 0x31C3 for ``b"123456789"``."""
     return binascii.crc_hqx(payload, 0)
 
 
 MAX_SEQUENCE_GAP = 1000
-"""Largest gap in the sequence numbers, 10 s at 100 Hz; a larger jump means that the microcontroller restarted."""
+"""Largest number of lost samples, 10 s at 100 Hz; a larger jump of the sequence number is a restart."""
 
 
 @dataclass
 class Decoded:
-    """Content of a piece of the stream: conversions, oldest first, and the number of faults of each kind."""
+    """Result of decoding a part of the byte stream: samples, oldest first, and the number of faults of each kind."""
 
     readings: list[CellReading] = field(default_factory=list)
     faults: Counter[Fault] = field(default_factory=Counter)
 
 
 class Decoder:
-    """Splits the stream into lines, drops what is not a sample, and follows the sequence numbers.
+    """Decodes the byte stream of a load cell: splits it into lines, and checks checksums and sequence numbers.
 
-    The first line is usually a torn one, because the port was opened in its middle: that is no fault.
+    The first line may be incomplete, because the port was opened in its middle; this is not a fault.
     """
 
     def __init__(self) -> None:
@@ -89,7 +91,7 @@ class Decoder:
         self._sequence: int | None = None
 
     def feed(self, data: bytes) -> Decoded:
-        """Decode the next piece of the stream."""
+        """Decode the next bytes of the stream."""
         decoded = Decoded()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
@@ -127,15 +129,23 @@ def _is_remark(line: bytes) -> bool:
 
 
 BAUD = 115200
+"""Default baud rate."""
 READ_TIMEOUT_SECONDS = 0.05
-"""How long a read waits for the first byte [s], and so how soon a reader notices that it shall end."""
+"""Longest wait of a read for the first byte [s]."""
 
 
 def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
-    """Open `port` for this program alone; reading waits for `READ_TIMEOUT_SECONDS`, and raises OSError once it is gone.
+    """Open a serial port for this program alone.
+
+    Reading from the port waits at most `READ_TIMEOUT_SECONDS`, and raises OSError after a disconnection.
+
+    Args:
+        port: name of the port, such as ``/dev/ttyUSB0``.
+        baud: baud rate.
 
     Raises:
-        InputError: the port is missing, forbidden, in use, no serial port, or does not support the baud rate.
+        InputError: the port does not exist, is not a serial port, may not be used, is used by another program, or does
+            not support the baud rate.
     """
     import serial
 
