@@ -1,4 +1,4 @@
-"""Design of an arm's motion that determines chosen effects well, within all limits and free of collisions."""
+"""Design an arm's motion that determines the parameters of chosen effects, within all limits, without collisions."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -21,15 +21,20 @@ from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
 AMPLE_CLEARANCE = 0.1
-"""m; links that are so much further apart than asked for are far from touching."""
+"""Unit of the margin in the optimisation: an additional distance of links that is ample [m]."""
 DESIGN_CLEARANCE_FACTOR = 1.5
-"""Times what the check asks for: a motion is designed on a grid, and checked in between."""
+"""Distance of links in the design over that in the check, because the design uses fewer instants."""
 CACHED_POSTURES = 5000
-"""Postures whose distances are kept: a motion is looked at twice, and meshes take milliseconds each time."""
+"""Number of postures whose distances are stored, because a posture is evaluated twice and takes milliseconds."""
 
 
 class FreePostures:
-    """The postures that the feasibility check allows with a required distance between links [m], for a search."""
+    """Tells for a robot's postures whether they are free of collisions, and their distance from a collision.
+
+    Attributes:
+        robot: the robot.
+        clearance: required distance between links [m].
+    """
 
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
         self.robot, self.clearance = robot, clearance
@@ -39,32 +44,33 @@ class FreePostures:
         )
 
     def free(self, q: Array) -> bool:
-        """Whether no links touch in a posture; always True where the URDF's meshes are missing."""
+        """Whether a posture q (n,) [rad or m] has no collision; always True if the URDF's meshes are missing."""
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond the required clearance, in units of `AMPLE_CLEARANCE`."""
+        """Distance between links beyond the required one at a posture q (n,), in units of `AMPLE_CLEARANCE`."""
         if not self._collision.pairs:
             return np.inf
         return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / AMPLE_CLEARANCE
 
 
 MAX_REPAIRS = 4
-"""How often a motion that breaks a limit between the instants of its design is designed again with less room."""
+"""Largest number of times that a motion which violates a limit is designed again with narrower limits."""
 REPAIR_SHARE = 0.99
-"""Share of the room that is kept beyond what a violation asks for."""
+"""Factor by which a limit is narrowed in addition to the excess of a violation."""
 REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
-"""Sizes that are tried at last."""
+"""Factors on the amplitude of a motion that are tried when designing it again has failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Expected results from a recording of a motion.
+    """What a recording of a motion is expected to determine.
 
     Attributes:
-        coefficients: (nj, size) of the motion's series [rad or m].
-        std: (W,) standard deviations of the wanted unknowns, in their units.
-        separations: by hidden case of the goal, the smallest rise of chi2 after the rival is refitted.
+        coefficients: coefficients of the motion's series for nj joints, (nj, size) [rad or m].
+        std: standard deviations of the W wanted parameters, in their units, (W,).
+        separations: for each case of two rival effects (one of them present, on one joint), the increase of chi-square
+            when the other effect is fitted in its place.
     """
 
     coefficients: Array
@@ -74,18 +80,18 @@ class Expectation:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A designed motion, with the expected results of it and of other motions.
+    """A designed motion, with what it and other motions are expected to determine.
 
     Attributes:
-        goal: which unknowns are wanted, or which effects are to be distinguished.
+        goal: the parameters to determine, or the effects to distinguish.
         series: basis functions that generate motions from coefficients.
-        trajectory: sampled at the goal's rate.
+        trajectory: the motion, sampled at the goal's rate.
         check: report on the motion's feasibility.
-        expected: expected results of the motion.
-        random: expected results of the best of some random motions; None where there was none.
-        conditioned: expected results of the motion with the least condition number; None where it was not requested.
+        expected: what the motion is expected to determine.
+        random: what the best of the random motions is expected to determine; None without random motions.
+        conditioned: the same for the motion with the smallest condition number; None if it was not computed.
         tried: number of random motions.
-        torque: (n, nj) of the motors along the trajectory [N m or N].
+        torque: torques of the motors along the trajectory, (n, nj) [N m or N].
     """
 
     goal: Goal
@@ -103,7 +109,7 @@ class Excitation:
 
     @property
     def motion(self) -> Run:
-        """The motion as a run, with q, v and a of every joint: write it with `write_run_csv`, play it, record it."""
+        """The motion as a run with position q, velocity v and acceleration a of every joint."""
         motion, units = self.trajectory, ["m" if slides else "rad" for slides in self.goal.columns.arm.slides]
         channels = {
             f"{kind}.{joint}": Channel(motion.time, column, unit + per)
@@ -114,13 +120,13 @@ class Excitation:
 
     @property
     def energy(self) -> float:
-        """Mechanical work of all motors, braking counted like driving [J]."""
+        """Mechanical work of all motors during the motion, with braking counted as positive [J]."""
         power = np.abs(self.torque * self.trajectory.v).sum(axis=1)
         return float(np.trapezoid(power, self.trajectory.time))
 
 
 SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
-"""Joints that are led one by one race for no tool."""
+"""Settings of the check for motions of single joints: singular postures are allowed."""
 
 
 @one_thread
@@ -133,10 +139,15 @@ def excitation(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> Excitation:
-    """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
+    """Design a motion that determines parameters, or distinguishes effects, as well as possible.
 
-    It begins with so many random motions, and is compared with the best of them and, with `compare`, with the motion of
-    the least condition number. `say` reports the progress.
+    Args:
+        goal: the parameters to determine, or the effects to distinguish.
+        seconds: duration of the motion [s].
+        random: number of random motions from which the design starts.
+        compare: whether to compute also the motion with the smallest condition number, for comparison.
+        seed: seed of the random motions.
+        say: function that is called with a sentence about the progress.
 
     Raises:
         TaskFailedError: no feasible motion was found.
@@ -175,7 +186,7 @@ def excitation(
 
 
 def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
-    """Expected results from a recording of the motion with (nj, size) coefficients."""
+    """Compute what a recording of a motion, given by its coefficients x (nj, size), is expected to determine."""
     information, prior = problem.information(x), goal.columns.prior
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
@@ -184,7 +195,7 @@ def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
 
 
 def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
-    """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
+    """Sample a motion, given by its coefficients x (nj, size), at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
     motion = problem.series.at(time).motion(x)
@@ -192,12 +203,9 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
 
 
 def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Array, JointTrajectory, FeasibilityReport]:
-    """The motion if the check passes, otherwise one designed again for narrower limits.
+    """Make a motion feasible: design it again with narrower limits where the check finds violations.
 
-    Where that motion breaks a limit too, it or the `best` random motion is scaled down, whichever determines more.
-
-    Raises:
-        TaskFailedError: even the smaller motion breaks a limit.
+    If this fails, this motion or the `best` random one is scaled down, whichever determines more.
     """
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
@@ -230,7 +238,7 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
 
 
 def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem:
-    """A design with narrower limits where a check found a violation."""
+    """The problem with narrower limits where the check found a violation."""
     joints, postures = problem.columns.arm.joints, problem.postures
     assert isinstance(postures, FreePostures)
     for margin in check.margins:
