@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.recording.preparation import of_all_runs
 from armdyn.recording.spikes import outliers_of
-from pipeline.fields import fields, number, plain
+from pipeline.fields import fields, finite_or_none, plain
 
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
@@ -133,7 +133,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
         "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
-        "behaves_like_dynamics": number(found.process_error),
+        "behaves_like_dynamics": finite_or_none(found.process_error),
         "where": [
             fields(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
         ],
@@ -171,7 +171,7 @@ def background_answer(model: Model) -> dict[str, Any]:
     """JSON of a model's background, the smooth force without a named effect; empty for a model without one."""
     if model.background is None:
         return {}
-    values = {name: number(model.value(name)) for name in model.background.names}
+    values = {name: finite_or_none(model.value(name)) for name in model.background.names}
     return {"background": {"width": model.background.width, "values": values}}
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 
-def number(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """The value as a float, or None if it is None, infinite or nan."""
     return float(value) if value is not None and math.isfinite(value) else None
 
@@ -26,7 +26,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return getattr(value, "key", value.value)
     if isinstance(value, float):
-        return number(value)
+        return finite_or_none(value)
     return str(value) if isinstance(value, Path) else value
 
 

@@ -138,7 +138,7 @@ def _found(job: Job) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
     from pipeline.answers import fit_answer
-    from pipeline.fields import fields, number
+    from pipeline.fields import fields, finite_or_none
 
     known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
     choosing = None if job.task == "repair" else ()
@@ -155,7 +155,7 @@ def _found(job: Job) -> dict[str, Any]:
     return {
         **answer,
         "effects": tuple(effect.name for effect in model.named_effects),
-        "chi2_per_sample": number(compared.fit.chi2_per_sample),
+        "chi2_per_sample": finite_or_none(compared.fit.chi2_per_sample),
         "intervals_hold": compared.intervals_hold,
         "channels": {
             name: {key: channel[key] for key in ("unit", "rmse", "noise_std")}

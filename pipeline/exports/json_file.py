@@ -10,7 +10,7 @@ from armdyn.model_file import ModelFile
 from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import parts_of
-from pipeline.fields import fields, number
+from pipeline.fields import fields, finite_or_none
 from urdf.write import INERTIA_INDICES
 
 
@@ -33,7 +33,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
         **background_answer(model),
     }
     if (arm := model.as_arm()) is not None:
-        answer["gravity"] = {"value": [number(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
+        answer["gravity"] = {"value": [finite_or_none(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
         answer["links"] = [
             {"joint": joint.name, "urdf": link_answer(joint.described), "model": link_answer(joint.link)}
             for joint in parts_of(arm)
@@ -45,9 +45,9 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     """Mass, centre and inertia about it of (10,) inertial parameters, in the frame of the joint that moves the link."""
     mass, centre, inertia = about_centre(link)
     return {
-        "mass": {"value": number(mass), "unit": "kg"},
-        "centre": {"value": dict(zip("xyz", map(number, centre), strict=True)), "unit": "m"},
-        "inertia": {"value": {name: number(inertia[at]) for name, at in INERTIA_INDICES.items()}, "unit": "kg m^2"},
+        "mass": {"value": finite_or_none(mass), "unit": "kg"},
+        "centre": {"value": dict(zip("xyz", map(finite_or_none, centre), strict=True)), "unit": "m"},
+        "inertia": {"value": {name: finite_or_none(inertia[at]) for name, at in INERTIA_INDICES.items()}, "unit": "kg m^2"},
     }
 
 

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.fields import fields, number
+from pipeline.fields import fields, finite_or_none
 from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
@@ -128,7 +128,7 @@ def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[st
     return {
         "schema": "armdyn.loadcell_monitor/1",
         **fields(status, "reliable connected samples rate"),
-        "force": {"unit": "N", **{name: number(value) for name, value in force.items()}},
+        "force": {"unit": "N", **{name: finite_or_none(value) for name, value in force.items()}},
         "active": [fault.name.lower() for fault in status.active],
         "faults": {fault.name.lower(): count for fault, count in status.counts.items()},
         "events": [
