@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.recording.preparation import of_all_runs
 from armdyn.recording.spikes import outliers_of
-from pipeline.fields import fields, finite_or_none, plain
+from pipeline.fields import fields, finite_or_none, json_value
 
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
@@ -98,12 +98,12 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "added": _joined(step.added),
             "joints": list(step.joints) or None,
             **names,
-            "rmse": plain(step.rmse),
-            "held_out_rmse": plain(step.held_out_rmse) or None,
-            "exam_rmse": plain(step.exam_rmse) or None,
+            "rmse": json_value(step.rmse),
+            "held_out_rmse": json_value(step.held_out_rmse) or None,
+            "exam_rmse": json_value(step.exam_rmse) or None,
             **fields(step, "chi2_per_sample bic"),
-            "contribution": plain(found.steps[-1].fit.contribution(step.added)),
-            "as_given_rmse": plain(found.path[0].rmse) if k == 0 else None,
+            "contribution": json_value(found.steps[-1].fit.contribution(step.added)),
+            "as_given_rmse": json_value(found.path[0].rmse) if k == 0 else None,
         }
         for k, step in enumerate(found.path[1:])
     ]
@@ -152,7 +152,7 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
 
     def short(curve: ForceCurve, name: str) -> Any:
         values = getattr(curve, name)
-        return None if values is None else plain([float(f"{value:.6g}") for value in values])
+        return None if values is None else json_value([float(f"{value:.6g}") for value in values])
 
     names = ("x", "as_given", "std", "repaired")
     return [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.fields import fields, plain
+from pipeline.fields import fields, json_value
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan, Proposal
@@ -32,7 +32,7 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
     names = [h.name for h in plan.rivals.hypotheses]
     return answer | {
         "rivals": names,
-        "belief": plain(dict(zip(names, plan.belief, strict=True))),
+        "belief": json_value(dict(zip(names, plan.belief, strict=True))),
         "experiments": [proposal_answer(p, output) for p in plan.proposals],
         "inseparable": [fields(p, "effects why") for p in plan.inseparable],
     }
@@ -168,7 +168,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     apart = zip(goal.hidden, separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:
-        return dict(zip((name, f"random_{name}", f"condition_number_{name}"), plain(row), strict=True))
+        return dict(zip((name, f"random_{name}", f"condition_number_{name}"), json_value(row), strict=True))
 
     return {
         "schema": "armdyn.excite/1",
@@ -190,7 +190,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
             fields(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
-        "times_better_than": plain(dict(zip(("random", "condition_number"), times_better(found), strict=True))),
+        "times_better_than": json_value(dict(zip(("random", "condition_number"), times_better(found), strict=True))),
         "random_motions": found.tried,
         "peaks": peaks(found),
         "energy": found.energy,

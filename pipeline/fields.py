@@ -12,7 +12,7 @@ def finite_or_none(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Convert a value to JSON's types.
 
     Numbers that are not finite become None, enums their `key` or value, tuples and arrays lists, paths texts.
@@ -20,9 +20,9 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # numpy's arrays and scalars; without its import, `armdyn --help` is a fifth faster
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {name: plain(entry) for name, entry in value.items()}
+        return {name: json_value(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [json_value(entry) for entry in value]
     if isinstance(value, Enum):
         return getattr(value, "key", value.value)
     if isinstance(value, float):
@@ -41,5 +41,5 @@ def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
     """
     made = {}
     for name, equals, attribute in (each.partition("=") for each in names.split()):
-        made[name] = plain(others[name] if equals and not attribute else getattr(item, attribute or name))
+        made[name] = json_value(others[name] if equals and not attribute else getattr(item, attribute or name))
     return made

@@ -65,7 +65,7 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
     from pipeline.answers import missing_force_answer, parameters_answer
-    from pipeline.fields import fields, plain
+    from pipeline.fields import fields, json_value
 
     return {
         "schema": "armdyn.discover/1",
@@ -75,7 +75,7 @@ def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
                 **fields(one, "effect joint acts_on kind formula depends_on"),
                 "values": parameters_answer(one.values),
                 "explains": one.explains,
-                "held_out_rmse": plain(found.held_out_rmse),
+                "held_out_rmse": json_value(found.held_out_rmse),
                 **fields(one, "known_as rivals"),
                 "output": str(output) if output is not None and one.term is not None else None,
             }
