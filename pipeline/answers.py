@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.recording.preparation import of_all_runs
 from armdyn.recording.spikes import outliers_of
-from pipeline.fields import fields, finite_or_none, json_value
+from pipeline.fields import attributes_as_json, finite_or_none, json_value
 
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
@@ -27,7 +27,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
     return {
         "schema": "armdyn.comparison/1",
         "model": model_answer(study),
-        **fields(found, "verdict explained sentence"),
+        **attributes_as_json(found, "verdict explained sentence"),
         **fit_answer(found),
         **rollout_answer(found),
         "missing_force": missing_force_answer(found.missing_force),
@@ -40,10 +40,10 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
     return {
         "schema": "armdyn.diagnosis/1",
         "model": model_answer(study),
-        **fields(found, "verdict sentence"),
+        **attributes_as_json(found, "verdict sentence"),
         **fit_answer(found.comparison),
-        "candidates": [fields(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
-        **fields(found, "remedies cannot_be_seen=unseen"),
+        "candidates": [attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
+        **attributes_as_json(found, "remedies cannot_be_seen=unseen"),
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
     }
@@ -54,13 +54,13 @@ def repair_answer(found: Repair) -> dict[str, Any]:
     step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",
-        **fields(found, "verdict sentence explained"),
+        **attributes_as_json(found, "verdict sentence explained"),
         "effects": [effect.name for effect in found.model.named_effects],
         **fit_answer(found.after),
         **background_answer(found.model),
         **rollout_answer(found.after),
         "steps": [
-            fields(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
+            attributes_as_json(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
             for step in found.path
         ],
         "links": [link_answer(link) for link in found.links],
@@ -73,7 +73,7 @@ def inspection_answer(found: Inspection) -> dict[str, Any]:
     """JSON output of `inspect`, and of a command that stops because a recording has a mistake: ``armdyn.inspect/1``."""
     return {
         "schema": "armdyn.inspect/1",
-        **fields(found, "usable sentence"),
+        **attributes_as_json(found, "usable sentence"),
         "recording_checks": checks_answer(found.checks),
     }
 
@@ -81,7 +81,7 @@ def inspection_answer(found: Inspection) -> dict[str, Any]:
 def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
     """JSON of the mistakes that were found in recordings, a dictionary per mistake."""
     names = "kind severity run channels from=start to=end evidence sentence remedy"
-    return [fields(check, names) for check in checks]
+    return [attributes_as_json(check, names) for check in checks]
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
@@ -101,7 +101,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "rmse": json_value(step.rmse),
             "held_out_rmse": json_value(step.held_out_rmse) or None,
             "exam_rmse": json_value(step.exam_rmse) or None,
-            **fields(step, "chi2_per_sample bic"),
+            **attributes_as_json(step, "chi2_per_sample bic"),
             "contribution": json_value(found.steps[-1].fit.contribution(step.added)),
             "as_given_rmse": json_value(found.path[0].rmse) if k == 0 else None,
         }
@@ -111,7 +111,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
 
 def link_answer(link: Any) -> dict[str, Any]:
     """JSON of an `armdyn.arm.links.LinkChange`: a link's identified and URDF mass, centre and inertia, in SI units."""
-    quantities = {q.name: fields(q, "unit urdf=described value std determined") for q in link.quantities}
+    quantities = {q.name: attributes_as_json(q, "unit urdf=described value std determined") for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
@@ -127,15 +127,15 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **fields(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
-        "not_told_apart": [fields(one, "changes settled_by") for one in found.together],
+        **attributes_as_json(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
+        "not_told_apart": [attributes_as_json(one, "changes settled_by") for one in found.together],
         "outliers": outliers_of(found.fit.problem.runs),
         "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
-        "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
+        "channels": {name: attributes_as_json(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": finite_or_none(found.process_error),
         "where": [
-            fields(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
+            attributes_as_json(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
         ],
     }
 
@@ -144,7 +144,7 @@ def preparation_answer(problem: Problem) -> dict[str, Any]:
     """JSON of the filters and sampling rates that were applied to each channel of the training runs before the fit."""
     names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
     done = of_all_runs(run.preparations for run in problem.runs)
-    return {name: fields(each, names + "recorded left_out") for name, each in done.items()}
+    return {name: attributes_as_json(each, names + "recorded left_out") for name, each in done.items()}
 
 
 def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
@@ -156,7 +156,7 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
 
     names = ("x", "as_given", "std", "repaired")
     return [
-        fields(curve, "run joint unit against")
+        attributes_as_json(curve, "run joint unit against")
         | {name: short(curve, name) for name in names + ("with_background",) * (curve.with_background is not None)}
         for curve in curves
     ]
@@ -164,7 +164,7 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
 
 def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
     """JSON of parameters by name: value, standard deviation, unit, and whether the parameter was fitted."""
-    return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
+    return {name: attributes_as_json(p, "value std unit fitted") for name, p in parameters.items()}
 
 
 def background_answer(model: Model) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
     answer: dict[str, Any] = {}
     if compared.drives:
         answer["drives"] = {
-            name: fields(servo, "law gain= determined delay", gain=servo.gain and fields(servo.gain, "value std unit"))
+            name: attributes_as_json(servo, "law gain= determined delay", gain=servo.gain and attributes_as_json(servo.gain, "value std unit"))
             for name, servo in compared.drives.items()
         }
     if compared.rollout:
@@ -188,7 +188,7 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
                  for r in compared.rollout)  # fmt: skip
         names = "run role kind joint unit rms mae position_is_command="
         answer["rollout"] = [
-            fields(r, names, position_is_command=a) for r, a in zip(compared.rollout, aside, strict=True)
+            attributes_as_json(r, names, position_is_command=a) for r, a in zip(compared.rollout, aside, strict=True)
         ]
     return answer
 
@@ -198,9 +198,9 @@ def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        **fields(found, "sentence behaves_like_dynamics=process_error"),
-        "terms": [fields(term, "channel expression share") for term in found.terms],
-        "frequencies": [fields(peak, "channel frequency amplitude unit") for peak in found.peaks],
+        **attributes_as_json(found, "sentence behaves_like_dynamics=process_error"),
+        "terms": [attributes_as_json(term, "channel expression share") for term in found.terms],
+        "frequencies": [attributes_as_json(peak, "channel frequency amplitude unit") for peak in found.peaks],
     }
 
 

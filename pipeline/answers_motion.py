@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.fields import fields, json_value
+from pipeline.fields import attributes_as_json, json_value
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan, Proposal
@@ -34,17 +34,17 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
         "rivals": names,
         "belief": json_value(dict(zip(names, plan.belief, strict=True))),
         "experiments": [proposal_answer(p, output) for p in plan.proposals],
-        "inseparable": [fields(p, "effects why") for p in plan.inseparable],
+        "inseparable": [attributes_as_json(p, "effects why") for p in plan.inseparable],
     }
 
 
 def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str, Any]:
     """JSON of one proposed experiment; `output` is the file with its motion."""
     e, motion = proposal.experiment, proposal.experiment.motion
-    answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")
+    answer = attributes_as_json(e, "kind what") | attributes_as_json(proposal.outlook, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        answer |= fields(motion, "seconds effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
+        answer |= attributes_as_json(motion, "seconds effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
     return answer
 
 
@@ -54,8 +54,8 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
     The motion of the first experiment is chosen by Sequential Action Control (SAC); its entry `experiment` is null.
     """
     return [
-        fields(stage.diagnosis, "verdict sentence")
-        | fields(
+        attributes_as_json(stage.diagnosis, "verdict sentence")
+        | attributes_as_json(
             stage,
             "candidates experiment= belief gap residual",
             experiment=None if stage.proposal is None else proposal_answer(stage.proposal),
@@ -180,14 +180,14 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "rate": columns.rate,
         "samples": len(motion),
         "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
-        **fields(goal, "rivals beside taken_as_known=left_out inseparable"),
+        **attributes_as_json(goal, "rivals beside taken_as_known=left_out inseparable"),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
-            fields(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
+            attributes_as_json(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
             for unknown, lost, row in std
         ],
         "separations": [
-            fields(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
+            attributes_as_json(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
         "times_better_than": json_value(dict(zip(("random", "condition_number"), times_better(found), strict=True))),

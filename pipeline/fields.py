@@ -30,7 +30,7 @@ def json_value(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
+def attributes_as_json(item: Any, names: str, **others: Any) -> dict[str, Any]:
     """Choose attributes of an object for a JSON object, in the order of `names`.
 
     Args:

@@ -138,18 +138,18 @@ def _found(job: Job) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
     from pipeline.answers import fit_answer
-    from pipeline.fields import fields, finite_or_none
+    from pipeline.fields import attributes_as_json, finite_or_none
 
     known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
     choosing = None if job.task == "repair" else ()
     given = CheckedStudy.of(known, [run], effects=choosing, trusted=job.trust)
     if job.task == "compare":
         compared = given.compare()
-        answer, model = fields(compared, "verdict sentence"), given.study.model
+        answer, model = attributes_as_json(compared, "verdict sentence"), given.study.model
     else:
         repaired = given.repair()
         compared, model = repaired.after, repaired.model
-        answer = fields(repaired, "verdict sentence explained")
+        answer = attributes_as_json(repaired, "verdict sentence explained")
     fit, columns = fit_answer(compared), compared.fit.problem.columns
     of_the_run = {c.name for c in columns if c.parameter.scope == "per_run"}
     return {

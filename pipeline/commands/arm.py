@@ -111,7 +111,7 @@ def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
     """JSON output ``armdyn.arm/1``; infinite values become null."""
     from armdyn.arm.posture import PER_LINK
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     positions, torques = zip(*_units(robot), strict=True)
     posed = "q v margin gravity springs inertia coriolis damping kinetic_energy potential_energy regressor"
@@ -124,12 +124,12 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         },
         "tool_link": robot.tool_frame,
         "tool_offset": robot.tool_offset.tolist(),
-        **fields(posture, f"tool_position tool_rotation {posed}"),
+        **attributes_as_json(posture, f"tool_position tool_rotation {posed}"),
         "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in PER_LINK],
-        **fields(posture, "parameters jacobian manipulability"),
+        **attributes_as_json(posture, "parameters jacobian manipulability"),
         **{
             f"{name}_ellipsoid": ellipsoid
-            and fields(ellipsoid, "axes= lengths along_xyz=along", axes=ellipsoid.axes.T)
+            and attributes_as_json(ellipsoid, "axes= lengths along_xyz=along", axes=ellipsoid.axes.T)
             for name, ellipsoid in (("speed", posture.speed), ("force", posture.force))
         },
         "defects": list(robot.defects),

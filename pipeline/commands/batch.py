@@ -68,7 +68,7 @@ def batch(
 
 def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
     from pipeline.batch.history import moment
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
     from pipeline.report.batch import verdicts
 
     return {
@@ -84,7 +84,7 @@ def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, 
         ],
         "false_alarms": found.found.false_alarms,
         "changes": [
-            fields(
+            attributes_as_json(
                 step, "robot parameter unit= last_before= first_after= before after chance",
                 unit=found.units[step.parameter],
                 last_before=moment(step.last_before).isoformat(),
@@ -94,7 +94,7 @@ def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, 
             for step in event
         ],
         "drifts": [
-            fields(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])
+            attributes_as_json(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])
             for d in found.found.drifts
         ],
     }  # fmt: skip

@@ -65,18 +65,18 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
     from pipeline.answers import missing_force_answer, parameters_answer
-    from pipeline.fields import fields, json_value
+    from pipeline.fields import attributes_as_json, json_value
 
     return {
         "schema": "armdyn.discover/1",
         "sentence": found.sentence,
         "found": [
             {
-                **fields(one, "effect joint acts_on kind formula depends_on"),
+                **attributes_as_json(one, "effect joint acts_on kind formula depends_on"),
                 "values": parameters_answer(one.values),
                 "explains": one.explains,
                 "held_out_rmse": json_value(found.held_out_rmse),
-                **fields(one, "known_as rivals"),
+                **attributes_as_json(one, "known_as rivals"),
                 "output": str(output) if output is not None and one.term is not None else None,
             }
             for one in found.findings

@@ -13,16 +13,16 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     known = (*CATALOGUE.values(), *load_effects(effects_file))
 
     def answer(effect: Effect) -> dict[str, Any]:
         names = "unit null typical meaning=summary scope lower upper"
-        quantities = {f"{effect.name}.{short}": fields(q, names) for short, q in effect.quantities.items()}
-        columns = {name: fields(c, "name unit usual") for name, c in effect.columns.items()}
+        quantities = {f"{effect.name}.{short}": attributes_as_json(q, names) for short, q in effect.quantities.items()}
+        columns = {name: attributes_as_json(c, "name unit usual") for name, c in effect.columns.items()}
         reads = {"columns": columns} if columns else {}
-        return fields(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
+        return attributes_as_json(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
 
     if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
         return

@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
 from pipeline.console.screen import finish, write_answer
-from pipeline.fields import fields
+from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -159,7 +159,7 @@ def build(
     written = [] if found is None else [as_settings(found)]
     written += [] if target is None else [f"written to {target}"]
     if found is not None:
-        quality = fields(found, "home core_speed whole_speed joint_margin clearance torque")
+        quality = attributes_as_json(found, "home core_speed whole_speed joint_margin clearance torque")
         extra["found"] = {"line": found.line.describe(), **quality}
     finish(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
 
@@ -210,7 +210,7 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     rotation, position = table.path.pose(table.s)
     return {
         "schema": "armdyn.ik/1",
-        **fields(
+        **attributes_as_json(
             table,
             "robot=robot_name joints=joint_names tool_link=tool_frame tool_offset s q dq_ds tool_position= "
             "tool_quaternion= speed_limit joint_margin path= acceleration_limit torque_acceleration_range= "

@@ -137,7 +137,7 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
 
 
 def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
 
@@ -154,7 +154,7 @@ def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotCh
         "schema": "armdyn.map/1",
         "file": str(target),
         "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
-        "columns": {name: fields(entry, "channel unit why check") for name, entry in found.entries.items()},
+        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
     }
     if write_answer(json_file, lambda: answer):
         _say_guess(found, recordings, target)
@@ -216,7 +216,7 @@ def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> N
 
 
 def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     return {
         "schema": "armdyn.import/1",
@@ -227,7 +227,7 @@ def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
                     name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
                     for name, c in each.run.everything.items()
                 },
-                "samples": [fields(a, "source came kept left_out steps stamped") for a in each.accounts],
+                "samples": [attributes_as_json(a, "source came kept left_out steps stamped") for a in each.accounts],
                 "notes": list(each.run.warnings),
             }
             for each, path in zip(found, written, strict=True)

@@ -10,7 +10,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
 from pipeline.console.screen import ProgressDisplay, save_report, spinner, to_screen, write_answer, write_json
-from pipeline.fields import fields
+from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
@@ -226,7 +226,7 @@ def real_trial(
                 say(text, soft_wrap=True, markup=False)
         return
     statistics = done.robot.statistics
-    nodes = {name: fields(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
+    nodes = {name: attributes_as_json(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
     answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": nodes}
     conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
 

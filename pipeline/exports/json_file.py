@@ -10,7 +10,7 @@ from armdyn.model_file import ModelFile
 from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import parts_of
-from pipeline.fields import fields, finite_or_none
+from pipeline.fields import attributes_as_json, finite_or_none
 from urdf.write import INERTIA_INDICES
 
 
@@ -26,7 +26,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
         "base": model.base,
         "effects": [effect.label for effect in named.effects],
         "parameters": {
-            name: fields(p, "value std unit fitted meaning=" + " joint" * bool(p.joint), meaning=p.source)
+            name: attributes_as_json(p, "value std unit fitted meaning=" + " joint" * bool(p.joint), meaning=p.source)
             for name, p in named.parameters.items()
             if p.scope == "shared"
         },

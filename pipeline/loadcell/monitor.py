@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.fields import fields, finite_or_none
+from pipeline.fields import attributes_as_json, finite_or_none
 from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
@@ -115,7 +115,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
                 "force": plateau.weight.force,
                 "counts": plateau.mean,
                 "counts_std": plateau.mean_std,
-                **fields(plateau, "noise residual= samples outliers", residual=residual),
+                **attributes_as_json(plateau, "noise residual= samples outliers", residual=residual),
             }
             for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True)
         ],
@@ -127,7 +127,7 @@ def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[st
     force = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum, "std": seen.std}
     return {
         "schema": "armdyn.loadcell_monitor/1",
-        **fields(status, "reliable connected samples rate"),
+        **attributes_as_json(status, "reliable connected samples rate"),
         "force": {"unit": "N", **{name: finite_or_none(value) for name, value in force.items()}},
         "active": [fault.name.lower() for fault in status.active],
         "faults": {fault.name.lower(): count for fault, count in status.counts.items()},
@@ -135,7 +135,7 @@ def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[st
             {
                 "time": event.time - start,
                 "fault": event.fault.name.lower(),
-                **fields(event, "began count"),
+                **attributes_as_json(event, "began count"),
                 "sentence": event.fault.value,
             }
             for event in seen.events

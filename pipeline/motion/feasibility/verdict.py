@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import TaskFailedError
-from pipeline.fields import fields
+from pipeline.fields import attributes_as_json
 from urdf.robot import Array, read_only_copy
 
 SCHEMA = "armdyn.check/1"
@@ -235,6 +235,6 @@ class FeasibilityReport:
             "schema": SCHEMA,
             "feasible": self.feasible,
             "sentence": self.sentence,
-            "violations": [fields(violation, "limit joint time value bound unit") for violation in self.violations],
+            "violations": [attributes_as_json(violation, "limit joint time value bound unit") for violation in self.violations],
             "margins": margins,
         }
