@@ -64,7 +64,7 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
     ]
 
 
-def separations(found: Excitation) -> np.ndarray:
+def rival_separations(found: Excitation) -> np.ndarray:
     """Expected separation of two rival effects, in standard deviations, for each of k cases: (k, 3).
 
     A case is one of the two effects, present on one joint. The columns are three motions: the designed one, the best
@@ -111,7 +111,7 @@ def times_better(found: Excitation) -> list[float]:
     """
     if not found.goal.rivals:
         return gains(found)
-    own, *others = separations(found).min(axis=0).tolist()
+    own, *others = rival_separations(found).min(axis=0).tolist()
     return [own / other for other in others]
 
 
@@ -121,7 +121,7 @@ def sentence(found: Excitation) -> str:
     others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
     made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]
     if goal.rivals:
-        own, *smallest = separations(found).min(axis=0).tolist()
+        own, *smallest = rival_separations(found).min(axis=0).tolist()
         beside = " and".join(f" {_short(s)} with {name}" for s, name in zip(smallest, made, strict=False))
         return (
             f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of the two is present, at its "
@@ -165,7 +165,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     wanted = [columns.unknowns[i] for i in goal.wanted]
     hopeless = np.isin(goal.wanted, goal.hopeless).tolist()
     std = zip(wanted, hopeless, of_each_motion(found, "std"), strict=True)
-    apart = zip(goal.hidden, separations(found), strict=True)
+    apart = zip(goal.hidden, rival_separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:
         return dict(zip((name, f"random_{name}", f"condition_number_{name}"), json_value(row), strict=True))

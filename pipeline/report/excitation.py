@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, separations
+from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -60,7 +60,7 @@ def excitation_page(found: Excitation) -> Document:
     limits = found.goal.columns.arm.robot.limits
     figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
     if found.goal.rivals:
-        smallest = separations(found)[:, 0].min()
+        smallest = rival_separations(found)[:, 0].min()
         figures.insert(0, KeyFigure("separation", f"{smallest:.3g}", "standard deviations"))
     else:
         better = [
@@ -90,7 +90,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
         names = ("standard deviations from the rival", *OTHER_MOTIONS)
-        return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
+        return Table([Column("if there is", hidden), *_columns(names, rival_separations(found).T)])
     rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
         effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
@@ -134,7 +134,7 @@ def _expectation_chart(found: Excitation) -> Chart:
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:
-        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.hidden], separations(found)
+        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.hidden], rival_separations(found)
     else:
         rows = determined(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
