@@ -70,10 +70,10 @@ def rival_separations(found: Excitation) -> np.ndarray:
     A case is one of the two effects, present on one joint. The columns are three motions: the designed one, the best
     random one, and the one with the smallest condition number.
     """
-    return np.sqrt(of_each_motion(found, "separations"))
+    return np.sqrt(compare_motions(found, "separations"))
 
 
-def of_each_motion(found: Excitation, what: str) -> np.ndarray:
+def compare_motions(found: Excitation, what: str) -> np.ndarray:
     """Compare an attribute (k,) of `Expectation` for three motions: the columns of (k, 3).
 
     The columns are the designed motion, the best random one, and the one with the smallest condition number; nan for a
@@ -99,7 +99,7 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
         found: the designed motion.
         chosen: indices, among the wanted parameters, of those that are averaged; by default all that can be determined.
     """
-    std = of_each_motion(found, "std")[determined(found) if chosen is None else chosen]
+    std = compare_motions(found, "std")[determined(found) if chosen is None else chosen]
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
@@ -164,7 +164,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     goal, motion, columns = found.goal, found.trajectory, found.goal.columns
     wanted = [columns.unknowns[i] for i in goal.wanted]
     hopeless = np.isin(goal.wanted, goal.hopeless).tolist()
-    std = zip(wanted, hopeless, of_each_motion(found, "std"), strict=True)
+    std = zip(wanted, hopeless, compare_motions(found, "std"), strict=True)
     apart = zip(goal.hidden, rival_separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, rival_separations
+from pipeline.answers_motion import determined, gains, compare_motions, peaks, sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -98,7 +98,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
         counted = Column("unknowns", [len(own) for own in effects.values()])
         others = _columns(("random / this", "condition number / this"), ratios)
         return Table([Column("effect (mean of its unknowns)", list(effects)), counted, *others])
-    own, *std = of_each_motion(found, "std").T
+    own, *std = compare_motions(found, "std").T
     told = [
         f"{std:.3g} {p.unit}" if k in rows else "no motion tells"
         for k, (p, std) in enumerate(zip(unknowns, own, strict=True))
@@ -139,7 +139,7 @@ def _expectation_chart(found: Excitation) -> Chart:
         rows = determined(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
-        values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
+        values = compare_motions(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
     for name, colour, bars in zip(("this motion", *OTHER_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})
