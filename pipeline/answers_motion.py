@@ -84,7 +84,7 @@ def compare_motions(found: Excitation, what: str) -> np.ndarray:
     return np.column_stack([own * np.nan if motion is None else getattr(motion, what) for motion in motions])
 
 
-def determined(found: Excitation) -> np.ndarray:
+def determined_indices(found: Excitation) -> np.ndarray:
     """Indices, among the parameters that the user wants to determine, of those that a motion can determine."""
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
 
@@ -99,7 +99,7 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
         found: the designed motion.
         chosen: indices, among the wanted parameters, of those that are averaged; by default all that can be determined.
     """
-    std = compare_motions(found, "std")[determined(found) if chosen is None else chosen]
+    std = compare_motions(found, "std")[determined_indices(found) if chosen is None else chosen]
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined, gains, compare_motions, peaks, sentence, rival_separations
+from pipeline.answers_motion import determined_indices, gains, compare_motions, peaks, sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -91,7 +91,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
         names = ("standard deviations from the rival", *OTHER_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, rival_separations(found).T)])
-    rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
+    rows, unknowns = determined_indices(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
         effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
         ratios = np.transpose([gains(found, own) for own in effects.values()])
@@ -136,7 +136,7 @@ def _expectation_chart(found: Excitation) -> Chart:
     if goal.rivals:
         labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.hidden], rival_separations(found)
     else:
-        rows = determined(found)
+        rows = determined_indices(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
         values = compare_motions(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
