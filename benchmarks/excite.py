@@ -37,7 +37,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.answers_motion import gains, sentence
+from pipeline.answers_motion import std_ratios, sentence
 from pipeline.motion.excitation import Excitation, Expectation, excitation
 
 hidden_arm = generator("baxter")
@@ -178,7 +178,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
         told = least["designed"] >= max(2.0 * least["best random"], 1.0)
         claim = _timing.Claim(f"{name}: smallest separation at least twice the best random one's", str(least), told)
         return {"least": least, "rows": separations(found)}, [claim]
-    against = dict(zip(("best random", "least condition number"), gains(found), strict=True))
+    against = dict(zip(("best random", "least condition number"), std_ratios(found), strict=True))
     rows = []
     for k, i in enumerate(goal.wanted):
         p = goal.columns.unknowns[i]

@@ -89,7 +89,7 @@ def determined_indices(found: Excitation) -> np.ndarray:
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
 
 
-def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
+def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
     """Standard deviations of parameters with two other motions, divided by those with the designed motion.
 
     The other motions are the best random one and the one with the smallest condition number. The ratios are geometric
@@ -106,11 +106,11 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
 def times_better(found: Excitation) -> list[float]:
     """How many times better the designed motion is than each other motion.
 
-    To determine parameters, these are the ratios of standard deviations (`gains`); to distinguish two rival effects,
+    To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival effects,
     the ratios of the smallest separations.
     """
     if not found.goal.rivals:
-        return gains(found)
+        return std_ratios(found)
     own, *others = rival_separations(found).min(axis=0).tolist()
     return [own / other for other in others]
 
@@ -129,7 +129,7 @@ def sentence(found: Excitation) -> str:
         )
     *names, last = dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)
     listed = f"{', '.join(names)} and {last}" if names else last
-    times = zip(gains(found), made, strict=False)
+    times = zip(std_ratios(found), made, strict=False)
     beside = " and".join(f" {_short(gain)} times smaller than with {name}" for gain, name in times)
     return f"{seconds} that determine {listed}: their standard deviations are{beside} (geometric mean)."
 

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined_indices, gains, compare_motions, peaks, sentence, rival_separations
+from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, peaks, sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -65,7 +65,7 @@ def excitation_page(found: Excitation) -> Document:
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
+            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True)
             if other is not None
         ]
         figures = [*better, *figures]
@@ -94,7 +94,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     rows, unknowns = determined_indices(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
         effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
-        ratios = np.transpose([gains(found, own) for own in effects.values()])
+        ratios = np.transpose([std_ratios(found, own) for own in effects.values()])
         counted = Column("unknowns", [len(own) for own in effects.values()])
         others = _columns(("random / this", "condition number / this"), ratios)
         return Table([Column("effect (mean of its unknowns)", list(effects)), counted, *others])
