@@ -103,7 +103,7 @@ def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = No
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
-def times_better(found: Excitation) -> list[float]:
+def improvement_factors(found: Excitation) -> list[float]:
     """How many times better the designed motion is than each other motion.
 
     To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival effects,
@@ -190,7 +190,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
             attributes_as_json(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
-        "times_better_than": json_value(dict(zip(("random", "condition_number"), times_better(found), strict=True))),
+        "times_better_than": json_value(dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))),
         "random_motions": found.tried,
         "peaks": peaks(found),
         "energy": found.energy,
