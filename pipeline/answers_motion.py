@@ -115,7 +115,7 @@ def improvement_factors(found: Excitation) -> list[float]:
     return [own / other for other in others]
 
 
-def sentence(found: Excitation) -> str:
+def excitation_sentence(found: Excitation) -> str:
     """Sentence about the expected result of a designed motion, compared with other motions."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
     others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
@@ -172,7 +172,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
 
     return {
         "schema": "armdyn.excite/1",
-        "sentence": sentence(found),
+        "sentence": excitation_sentence(found),
         "output": str(output),
         "robot": columns.arm.robot.name,
         "joints": list(motion.joint_names),

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, peaks, sentence, rival_separations
+from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, peaks, excitation_sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -44,7 +44,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
     hopeless = [f"no motion can tell: {what}" for what in goal.inseparable]
     return Document(
         f"A motion of {goal.columns.arm.robot.name} to record",
-        sentence(found),
+        excitation_sentence(found),
         [
             Section("What it tells", told, tables=[_expectation_table(found, most)]),
             Section("The motion", moves, tables=[_peak_table(found)]),
