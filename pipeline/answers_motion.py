@@ -138,7 +138,7 @@ def _short(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
-def peaks(found: Excitation) -> list[dict[str, Any]]:
+def joint_peaks(found: Excitation) -> list[dict[str, Any]]:
     """Position range and largest speed, acceleration and torque of each joint in a motion, with shares of the limits.
 
     The result has a dictionary per joint.
@@ -192,7 +192,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         ],
         "times_better_than": json_value(dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))),
         "random_motions": found.tried,
-        "peaks": peaks(found),
+        "peaks": joint_peaks(found),
         "energy": found.energy,
         "feasible": found.check.feasible,
         "check": found.check.sentence,

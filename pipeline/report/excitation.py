@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, peaks, excitation_sentence, rival_separations
+from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, joint_peaks, excitation_sentence, rival_separations
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -120,7 +120,7 @@ def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]
 
 
 def _peak_table(found: Excitation) -> Table:
-    rows = peaks(found)
+    rows = joint_peaks(found)
     columns = [Column("joint", [row["joint"] for row in rows])]
     for name, key in (("from", "lowest"), ("to", "highest")):
         columns.append(Column(name, [row[key] for row in rows], ".3g"))
