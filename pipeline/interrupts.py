@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import NoReturn
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 GRACE_SECONDS = 1.0
 """Time after a signal until the process is ended by force [s]; some libraries suppress exceptions in their import."""
 
@@ -28,8 +28,8 @@ class Interrupt(KeyboardInterrupt):
 
 
 def numbers() -> list[int]:
-    """Numbers of the signals in `NAMES` that this operating system has."""
-    return [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
+    """Numbers of the signals in `SIGNAL_NAMES` that this operating system has."""
+    return [getattr(signal, name) for name in SIGNAL_NAMES if hasattr(signal, name)]
 
 
 class Interrupts:
