@@ -27,7 +27,7 @@ class Interrupt(KeyboardInterrupt):
         self.number = number
 
 
-def numbers() -> list[int]:
+def signal_numbers() -> list[int]:
     """Numbers of the signals in `SIGNAL_NAMES` that this operating system has."""
     return [getattr(signal, name) for name in SIGNAL_NAMES if hasattr(signal, name)]
 
@@ -46,7 +46,7 @@ class Interrupts:
 
     def install(self) -> None:
         """Handle the signals, except those that the process ignores, for example under the program nohup."""
-        for number in numbers():
+        for number in signal_numbers():
             if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self)
         # An exception in a finalizer cannot be raised, and would be printed.
@@ -81,7 +81,7 @@ class Interrupts:
 
     def finish(self) -> None:
         """Let every later signal end the process at once; called when the command is over."""
-        for number in numbers():
+        for number in signal_numbers():
             if signal.getsignal(number) == self:
                 signal.signal(number, lambda number, _frame: leave(number))
 
@@ -108,7 +108,7 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
         note(number)
 
     with ExitStack() as restored:
-        before = {number: signal.getsignal(number) for number in numbers()}
+        before = {number: signal.getsignal(number) for number in signal_numbers()}
         for number, usual in before.items():
             if usual is signal.SIG_IGN and number != signal.SIGINT:
                 continue  # nohup wants the program to go on

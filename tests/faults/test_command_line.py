@@ -29,7 +29,7 @@ def armdyn(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr(sys, "argv", ["armdyn", "failing"])
         monkeypatch.setenv("TMPDIR", str(tmp_path))
         monkeypatch.setattr("tempfile.tempdir", None)
-        before = {number: signal.getsignal(number) for number in interrupts.numbers()}
+        before = {number: signal.getsignal(number) for number in interrupts.signal_numbers()}
         unraisable = sys.unraisablehook
         try:
             with pytest.raises(SystemExit) as stop:
@@ -78,7 +78,7 @@ def test_a_report_that_cannot_be_written_still_leaves_a_line(armdyn, monkeypatch
     assert re.search(r"it came from .*test_command_line.py, line \d+$", err.strip())
 
 
-@pytest.mark.parametrize("number", interrupts.numbers())
+@pytest.mark.parametrize("number", interrupts.signal_numbers())
 def test_a_signal_is_a_line_and_its_status(armdyn, monkeypatch, number):
     monkeypatch.setattr(interrupts._thread, "start_new_thread", lambda *_: None)  # it would end this process
     if signal.getsignal(number) is signal.SIG_IGN:  # these tests were started by nohup
