@@ -3,7 +3,7 @@
 import os
 import sys
 
-from pipeline.interrupts import Interrupt, Interrupts
+from pipeline.interrupts import Interrupt, SignalHandler
 
 ONE_THREAD = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS"), "1"
@@ -17,7 +17,7 @@ def main() -> None:
     Exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself, 128 + n if
     signal n ended the command.
     """
-    interrupts = Interrupts()
+    interrupts = SignalHandler()
     try:
         interrupts.install()
         os.environ.update(ONE_THREAD)

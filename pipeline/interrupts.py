@@ -32,7 +32,7 @@ def signal_numbers() -> list[int]:
     return [getattr(signal, name) for name in SIGNAL_NAMES if hasattr(signal, name)]
 
 
-class Interrupts:
+class SignalHandler:
     """Signal handler that raises `Interrupt` at the first signal, and ends the process at once at the second.
 
     Attributes:
@@ -103,7 +103,7 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
                 raise KeyboardInterrupt
             pressed = True
         for usual in before.values():
-            if isinstance(usual, Interrupts) and number != signal.SIGINT:  # Ctrl-C may be the usual end
+            if isinstance(usual, SignalHandler) and number != signal.SIGINT:  # Ctrl-C may be the usual end
                 usual.noted = number
         note(number)
 
@@ -119,7 +119,7 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
             restored.callback(signal.signal, number, usual or signal.SIG_DFL)
         # Only now: from here on no signal can come unnoticed.
         for usual in before.values():
-            if isinstance(usual, Interrupts):
+            if isinstance(usual, SignalHandler):
                 usual.check()
         yield
 

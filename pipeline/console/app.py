@@ -20,7 +20,7 @@ from pipeline import commands
 from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
-from pipeline.interrupts import Interrupt, Interrupts
+from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
 
@@ -69,7 +69,7 @@ def _common(
     del version
 
 
-def run(interrupts: Interrupts) -> int:
+def run(interrupts: SignalHandler) -> int:
     """Run the command that the arguments of this process name.
 
     Args:
@@ -92,7 +92,7 @@ def run(interrupts: Interrupts) -> int:
     return status
 
 
-def _run_command(interrupts: Interrupts) -> int:
+def _run_command(interrupts: SignalHandler) -> int:
     known = command_files()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     app = application([known[asked]] if asked in known else known.values())
@@ -139,7 +139,7 @@ def _is_written_plainly(value: float) -> bool:
     return True
 
 
-def _say_why(error: BaseException, interrupts: Interrupts) -> int:
+def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
     if interrupts.received is not None and not isinstance(error, Interrupt):
         error = Interrupt(interrupts.received)  # libraries turn an interruption into errors of their own
     if isinstance(error, Interrupt):
