@@ -37,7 +37,7 @@ class SignalHandler:
 
     Attributes:
         received: number of the signal that came; None before.
-        noted: number of a SIGTERM or SIGHUP that `noted_signals` has received; None before.
+        noted: number of a SIGTERM or SIGHUP that `deferred_signals` has received; None before.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class SignalHandler:
 
 
 @contextmanager
-def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
+def deferred_signals(note: Callable[[int], None]) -> Iterator[None]:
     """Call `note` with a signal's number in the ``with`` block, in place of raising, so that work can end normally.
 
     Raises:

@@ -37,7 +37,7 @@ def batch(
     from pipeline.batch.history import history
     from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
-    from pipeline.interrupts import Interrupt, noted_signals
+    from pipeline.interrupts import Interrupt, deferred_signals
     from pipeline.report.batch import batch_report
     from pipeline.trial.folder import own_folder
 
@@ -47,7 +47,7 @@ def batch(
     own = (JOURNAL, ROWS, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
-    with own_folder(output, output, "batch", own) as folder, noted_signals(signals.append), spinner() as say:
+    with own_folder(output, output, "batch", own) as folder, deferred_signals(signals.append), spinner() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
         write_parquet(folder / ROWS, asked, done.rows)

@@ -131,7 +131,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 
     from rich.live import Live
 
-    from pipeline.interrupts import noted_signals
+    from pipeline.interrupts import deferred_signals
     from pipeline.loadcell.faults import Fault
     from pipeline.loadcell.monitor import Monitor, monitor_table
 
@@ -143,7 +143,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
     ends: list[int] = []
     with Live(console=console, refresh_per_second=10) as live:
         # Ctrl-C is the usual way to end the display, and not an interruption.
-        with noted_signals(ends.append):
+        with deferred_signals(ends.append):
             while status.connected and not ends:
                 time.sleep(0.05)
                 seen.add(cell.read(), cell.events())

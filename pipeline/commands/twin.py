@@ -47,7 +47,7 @@ def twin(
 
     import ik
     import urdf
-    from pipeline.interrupts import noted_signals
+    from pipeline.interrupts import deferred_signals
     from pipeline.robot.settings import PlantSettings
     from pipeline.ros.topics import read_topics, settings_file
     from pipeline.ros.twin import Twin
@@ -66,7 +66,7 @@ def twin(
         typer.echo(f"loadcell {robot.port.port}")
         typer.echo("READY")
         end = None if seconds is None else time.monotonic() + seconds
-        with noted_signals(ends.append):
+        with deferred_signals(ends.append):
             robot.run(
                 lambda: bool(ends) or robot.bridge.failure is not None or (end is not None and time.monotonic() >= end)
             )

@@ -16,7 +16,7 @@ from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import Account, ForeignColumn
 from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
@@ -62,7 +62,7 @@ def record_run(
         start, ended = time.monotonic(), ""
         heard.begin(start)
         signals: list[int] = []
-        stack.enter_context(noted_signals(signals.append))
+        stack.enter_context(deferred_signals(signals.append))
         while not (ended or signals) and (elapsed := time.monotonic() - start) < seconds:
             time.sleep(min(0.05, seconds - elapsed))
             if bridge.failure is not None:

@@ -21,7 +21,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
 from ik.torque import JointTorque
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
@@ -157,7 +157,7 @@ class Experiment:
 
     def run(self) -> Ending:
         """Run the whole protocol; the arm is at rest when it returns, even after a second Ctrl-C."""
-        with noted_signals(self._interrupt), ExitStack() as ended:
+        with deferred_signals(self._interrupt), ExitStack() as ended:
             try:
                 self._begin(ended)
                 success = self._protocol()

@@ -9,7 +9,7 @@ import numpy as np
 import urdf
 from armdyn.errors import TaskFailedError
 from ik import LineTable
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.motion import LineTrajectory
 from pipeline.motion.gate import PERIOD
 from pipeline.motion.trajectory import JointTrajectory
@@ -72,7 +72,7 @@ def play(
         TaskFailedError: the motion was interrupted, or the robot refused; the arm is brought to rest.
     """
     signals: list[int] = []
-    with noted_signals(signals.append):
+    with deferred_signals(signals.append):
         begun = due = robot.time
         try:
             for posture in motion:

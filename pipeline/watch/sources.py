@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray, channel_unit, name_and_unit
 from armdyn.run import Run, read_run
 from armdyn.watch.sound import Sample, samples_of
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE, JointStates
 
@@ -109,7 +109,7 @@ class RosStates:
             InputError: no connection, or no states of these joints, or states without torques.
         """
         with ExitStack() as stack:
-            stack.enter_context(noted_signals(lambda _: setattr(self, "_ended", True)))
+            stack.enter_context(deferred_signals(lambda _: setattr(self, "_ended", True)))
             bridge = stack.enter_context(self._connected())
             start, begun, torques = None, time.monotonic(), False
             while not self._ended:

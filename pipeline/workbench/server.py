@@ -17,7 +17,7 @@ from nicegui import Client, ui
 from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
-from pipeline.interrupts import Interrupt, leave, noted_signals
+from pipeline.interrupts import Interrupt, leave, deferred_signals
 from pipeline.processes import SWITCH_SECONDS
 from pipeline.report.page import template
 from pipeline.view.scene import three_js
@@ -171,6 +171,6 @@ def _run(
 
     ending = Lock()
     server.startup = startup
-    server.capture_signals = lambda: noted_signals(note)
+    server.capture_signals = lambda: deferred_signals(note)
     server.run(sockets=[listen])
     end()
