@@ -60,7 +60,7 @@ class SignalHandler:
             Interrupt: always, unless this is the second signal, which ends the process.
         """
         if self.received is not None:
-            leave(self.received)
+            exit_at_once(self.received)
         self.received = number
         # Not `threading`: the signal may have come while it held its lock.
         _thread.start_new_thread(_leave_soon, (number,))
@@ -83,7 +83,7 @@ class SignalHandler:
         """Let every later signal end the process at once; called when the command is over."""
         for number in signal_numbers():
             if signal.getsignal(number) == self:
-                signal.signal(number, lambda number, _frame: leave(number))
+                signal.signal(number, lambda number, _frame: exit_at_once(number))
 
 
 @contextmanager
@@ -124,7 +124,7 @@ def deferred_signals(note: Callable[[int], None]) -> Iterator[None]:
         yield
 
 
-def leave(number: int, status: int | None = None) -> NoReturn:
+def exit_at_once(number: int, status: int | None = None) -> NoReturn:
     """End this process and its child processes at once; the exit status is `status`, by default 128 + signal number."""
     processes = sys.modules.get("multiprocessing")
     if processes is not None:
@@ -135,4 +135,4 @@ def leave(number: int, status: int | None = None) -> NoReturn:
 
 def _leave_soon(number: int) -> None:
     time.sleep(GRACE_SECONDS)
-    leave(number)
+    exit_at_once(number)

@@ -17,7 +17,7 @@ from nicegui import Client, ui
 from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
-from pipeline.interrupts import Interrupt, leave, deferred_signals
+from pipeline.interrupts import Interrupt, exit_at_once, deferred_signals
 from pipeline.processes import SWITCH_SECONDS
 from pipeline.report.page import template
 from pipeline.view.scene import three_js
@@ -160,7 +160,7 @@ def _run(
             closed()
             if received != signal.SIGINT:
                 print(f"armdyn: {Interrupt(received)}", file=sys.stderr)
-            leave(received, 0 if received == signal.SIGINT else 128 + received)
+            exit_at_once(received, 0 if received == signal.SIGINT else 128 + received)
 
     def note(number: int) -> None:
         nonlocal received
