@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Self
 
 
-class Closing:
+class Closable:
     """Base class of an object with a method `close`, which a ``with`` block calls at its end, also on an exception."""
 
     def __enter__(self) -> Self:

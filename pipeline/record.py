@@ -20,14 +20,14 @@ from armdyn.recording.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_fiel
 from armdyn.recording.sidecar import Sidecar, sidecar_text
 from armdyn.recording.units import Known
 from armdyn.run import Run, write_run_csv
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 
 FLUSH_INTERVAL = 0.5
 """Interval at which the MCAP file is flushed: the part of a recording that a crash may lose [s]."""
 DROPPED_RECORD = "armdyn.dropped"
 
 
-class Recorder(Closing):
+class Recorder(Closable):
     """Writes one recording to files; use it in a ``with`` block, which closes the files also after an exception.
 
     The channels that models use (see `armdyn.recording.channels`) form the run; other channels, such as

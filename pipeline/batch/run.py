@@ -20,7 +20,7 @@ from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, Spec
 from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
 JOURNAL = "outcomes.jsonl"
@@ -30,7 +30,7 @@ PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repai
 """Modules that are imported once for all worker processes."""
 
 
-class Journal(Closing):
+class Journal(Closable):
     """The file with one line per outcome of a batch; use it in a ``with`` block.
 
     Attributes:

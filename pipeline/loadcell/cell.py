@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
 from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, open_port
-from pipeline.processes import Closing, PromptThread
+from pipeline.processes import Closable, PromptThread
 from pipeline.robot.protocol import ForceSample
 
 MIN_SAMPLE_SPACING = 1e-6
@@ -100,7 +100,7 @@ class CountSample(NamedTuple):
     counts: int
 
 
-class LoadCell(Closing):
+class LoadCell(Closable):
     """A load cell with an HX711 on a microcontroller, which sends lines as in `pipeline.loadcell.protocol`.
 
     A thread reads the serial port from creation to `close`; use the object in a ``with`` block. Every method may be

@@ -14,13 +14,13 @@ import numpy as np
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 
 EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
 """Offset [counts] and scale [N/count] of the simulated cell: a 1 kg cell of 1 mV/V with an HX711."""
 
 
-class EmulatedPort(Closing):
+class EmulatedPort(Closable):
     """A simulated serial line (Linux and macOS): the microcontroller's end, from which lines are sent.
 
     Attributes:
@@ -64,7 +64,7 @@ class EmulatedPort(Closing):
             os.close(self._theirs)
 
 
-class EmulatedCell(Closing):
+class EmulatedCell(Closable):
     """A simulated load cell whose thread sends noisy samples of a force on a simulated serial line.
 
     Args:

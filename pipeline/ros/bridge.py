@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
-from pipeline.processes import Closing, PromptThread
+from pipeline.processes import Closable, PromptThread
 from urdf.bounds import MAX_ROSBRIDGE_MESSAGE_BYTES, ROSBRIDGE_TIMEOUT_SECONDS
 
 Message = Mapping[str, Any]
@@ -33,7 +33,7 @@ class BridgeError(ArmdynError):
     """The connection to the bridge is lost; it does not come back by itself."""
 
 
-class Bridge(Closing):
+class Bridge(Closable):
     """One connection to rosbridge, such as ``ws://robot:9090``; its clock gives the times of reception [s].
 
     Any thread may publish; messages that arrive are handed out in a separate thread. Nothing is queued: a message is

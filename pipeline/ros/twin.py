@@ -16,7 +16,7 @@ import numpy as np
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort, emulated_calibration
-from pipeline.processes import Closing, ask_for_real_time
+from pipeline.processes import Closable, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -38,7 +38,7 @@ OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0"
 """Joints of Baxter that do not move here, among its joint states."""
 
 
-class Twin(Closing):
+class Twin(Closable):
     """A simulated Baxter on ROS, in an initial posture (n,) [rad]; `run` keeps it alive.
 
     It has effects that the user's model does not contain. Its clock is ahead of this computer's by `stamp_offset` [s].

@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.watch.event import Event
 from armdyn.watch.watch import Watch
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 
 HOST = "127.0.0.1"
 POINT_SECONDS, CURVE_SECONDS, MAX_EVENTS = 0.05, 30.0, 200
@@ -21,7 +21,7 @@ POINT_SECONDS, CURVE_SECONDS, MAX_EVENTS = 0.05, 30.0, 200
 PAGE = Path(__file__).parent / "templates" / "watch.html"
 
 
-class LivePage(Closing):
+class LivePage(Closable):
     """Serves the page while a watch runs.
 
     Args:

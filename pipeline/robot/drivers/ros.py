@@ -16,7 +16,7 @@ from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
 from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
-from pipeline.processes import Closing, PromptThread
+from pipeline.processes import Closable, PromptThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import Connect, Driver
 from pipeline.robot.link import LinkStatistics
@@ -46,7 +46,7 @@ SDK_SPEED_RATIO = 0.3
 """Baxter's own speed ratio, restored at the end."""
 
 
-class RosRobot(Closing):
+class RosRobot(Closable):
     """An arm behind rosbridge, ``ws://HOST:9090``, with a load cell on a serial line; use it in a ``with`` block.
 
     Every command passes one gate (`StreamGate`); what it withholds ends the run: `fault` says why, `command` raises
