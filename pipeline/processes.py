@@ -35,7 +35,7 @@ LOCK_EVERYTHING = 1 | 2 | 4
 """Flags for mlockall: ``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
 
 
-def ask_for_real_time() -> bool:
+def request_real_time_priority() -> bool:
     """Give all threads of this program real-time priority; threads that are started later inherit it.
 
     Returns:

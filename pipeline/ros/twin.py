@@ -16,7 +16,7 @@ import numpy as np
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort, emulated_calibration
-from pipeline.processes import Closable, ask_for_real_time
+from pipeline.processes import Closable, request_real_time_priority
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -113,7 +113,7 @@ class Twin(Closable):
 
         Without the bridge the arm holds, as the robot would.
         """
-        ask_for_real_time()
+        request_real_time_priority()
         gc.collect()
         gc.freeze()  # loaded objects stay; the garbage collector would take 50 ms each time to search them
         self.start = time.monotonic() - self.robot.time
