@@ -85,7 +85,7 @@ def _keep_in_memory() -> None:
         ctypes.CDLL(None).mlockall(LOCK_EVERYTHING)
 
 
-def be_ordinary() -> None:
+def drop_real_time_priority() -> None:
     """Give up the real-time priority of this process, so that its computation cannot delay the control loop."""
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

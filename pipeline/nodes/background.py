@@ -12,7 +12,7 @@ from typing import Any
 
 from armdyn.errors import InputError, TaskFailedError, sentence_of
 from ik.child_processes import initialise_child
-from pipeline.processes import be_ordinary
+from pipeline.processes import drop_real_time_priority
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
@@ -144,7 +144,7 @@ def _gone() -> TaskFailedError:
 
 def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
     """Main function of the process: compute until the other end of the pipe is closed."""
-    be_ordinary()
+    drop_real_time_priority()
     ours.close()  # otherwise this process would keep the pipe open, and outlive its parent
     initialise_child()
     with suppress(EOFError, OSError):
