@@ -48,7 +48,7 @@ def request_real_time_priority() -> bool:
     try:
         for thread in threading.enumerate():
             if thread.native_id is not None:
-                rank = PROMPT_PRIORITY if isinstance(thread, PromptThread) else REAL_TIME_PRIORITY
+                rank = PROMPT_PRIORITY if isinstance(thread, HighPriorityThread) else REAL_TIME_PRIORITY
                 os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(rank))
     except OSError:
         return False
@@ -56,7 +56,7 @@ def request_real_time_priority() -> bool:
     return True
 
 
-class PromptThread(threading.Thread):
+class HighPriorityThread(threading.Thread):
     """A daemon thread that receives data or supervises; under real-time priority it runs before computing threads.
 
     Args:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
 from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, open_port
-from pipeline.processes import Closable, PromptThread
+from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
 
 MIN_SAMPLE_SPACING = 1e-6
@@ -140,7 +140,7 @@ class LoadCell(Closable):
         self._connected = True
         self._detector.check(clock())
         self._stop = threading.Event()
-        self._thread = PromptThread(self._run, "load cell")
+        self._thread = HighPriorityThread(self._run, "load cell")
         self._thread.start()
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.processes import PromptThread
+from pipeline.processes import HighPriorityThread
 from pipeline.robot.protocol import RobotInterface
 
 CLOCK_TOLERANCE_SECONDS = 1e-3
@@ -204,7 +204,7 @@ class Watchdog:
         self._stop, self._moving, self._patience = stop, moving, patience
         self._seen = monotonic()
         self._ended = threading.Event()
-        self._thread = PromptThread(self._watch, "watchdog")
+        self._thread = HighPriorityThread(self._watch, "watchdog")
         self.fault: str | None = None
 
     def beat(self) -> None:

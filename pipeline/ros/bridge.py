@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
-from pipeline.processes import Closable, PromptThread
+from pipeline.processes import Closable, HighPriorityThread
 from urdf.bounds import MAX_ROSBRIDGE_MESSAGE_BYTES, ROSBRIDGE_TIMEOUT_SECONDS
 
 Message = Mapping[str, Any]
@@ -57,7 +57,7 @@ class Bridge(Closable):
         self._lock = threading.Lock()
         self._parts: list[bytes] = []
         self._connect()
-        self._thread = PromptThread(self._receive, "rosbridge")
+        self._thread = HighPriorityThread(self._receive, "rosbridge")
         self._thread.start()
 
     @property

@@ -16,7 +16,7 @@ from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
 from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
-from pipeline.processes import Closable, PromptThread
+from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import Connect, Driver
 from pipeline.robot.link import LinkStatistics
@@ -93,7 +93,7 @@ class RosRobot(Closable):
             raise
         if cell is not None:
             self.telemetry = Telemetry(self.bridge, self.joint_names)
-        self._braker = PromptThread(self._brake_when_told, "braking")
+        self._braker = HighPriorityThread(self._brake_when_told, "braking")
         self._braker.start()
 
     @property
