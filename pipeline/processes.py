@@ -24,7 +24,7 @@ class Closable:
 
 REAL_TIME_PRIORITY = 10
 """Real-time priority of the program's threads, from 1 to 99: above ordinary programs, below threads of the system."""
-PROMPT_PRIORITY = REAL_TIME_PRIORITY + 1
+WAITING_THREAD_PRIORITY = REAL_TIME_PRIORITY + 1
 """Real-time priority of threads that mostly wait and then need little time, such as receivers.
 
 It is higher than that of the control loop: on Linux, threads of equal priority may wait 100 ms for each other.
@@ -48,7 +48,7 @@ def request_real_time_priority() -> bool:
     try:
         for thread in threading.enumerate():
             if thread.native_id is not None:
-                rank = PROMPT_PRIORITY if isinstance(thread, HighPriorityThread) else REAL_TIME_PRIORITY
+                rank = WAITING_THREAD_PRIORITY if isinstance(thread, HighPriorityThread) else REAL_TIME_PRIORITY
                 os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(rank))
     except OSError:
         return False
@@ -70,7 +70,7 @@ class HighPriorityThread(threading.Thread):
     def run(self) -> None:
         """Raise the thread's priority where the program has real-time priority, and run its target."""
         if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PROMPT_PRIORITY))
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(WAITING_THREAD_PRIORITY))
         super().run()
 
 
