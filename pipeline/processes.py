@@ -31,7 +31,7 @@ It is higher than that of the control loop: on Linux, threads of equal priority 
 """
 SWITCH_SECONDS = 0.001
 """Time after which Python lets another thread of the program run [s]; the default of 5 ms is half a control cycle."""
-LOCK_EVERYTHING = 1 | 2 | 4
+MLOCKALL_FLAGS = 1 | 2 | 4
 """Flags for mlockall: ``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
 
 
@@ -82,7 +82,7 @@ def _keep_in_memory() -> None:
 
     # Under a limit, memory that is asked for later would be refused.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
-        ctypes.CDLL(None).mlockall(LOCK_EVERYTHING)
+        ctypes.CDLL(None).mlockall(MLOCKALL_FLAGS)
 
 
 def drop_real_time_priority() -> None:
