@@ -29,7 +29,7 @@ WAITING_THREAD_PRIORITY = REAL_TIME_PRIORITY + 1
 
 It is higher than that of the control loop: on Linux, threads of equal priority may wait 100 ms for each other.
 """
-SWITCH_SECONDS = 0.001
+THREAD_SWITCH_SECONDS = 0.001
 """Time after which Python lets another thread of the program run [s]; the default of 5 ms is half a control cycle."""
 MLOCKALL_FLAGS = 1 | 2 | 4
 """Flags for mlockall: ``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
@@ -42,7 +42,7 @@ def request_real_time_priority() -> bool:
         Whether the operating system granted it: to the superuser, or where ``/etc/security/limits.conf`` grants
         ``rtprio``.
     """
-    sys.setswitchinterval(SWITCH_SECONDS)
+    sys.setswitchinterval(THREAD_SWITCH_SECONDS)
     if not hasattr(os, "sched_setscheduler"):  # macOS, Windows
         return False
     try:

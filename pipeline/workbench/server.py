@@ -18,7 +18,7 @@ from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.interrupts import Interrupt, exit_at_once, deferred_signals
-from pipeline.processes import SWITCH_SECONDS
+from pipeline.processes import THREAD_SWITCH_SECONDS
 from pipeline.report.page import template
 from pipeline.view.scene import three_js
 from pipeline.workbench import files
@@ -100,7 +100,7 @@ def serve(
         await client.connected()
         await own.begin()
 
-    sys.setswitchinterval(SWITCH_SECONDS)  # a refit must not keep the page waiting
+    sys.setswitchinterval(THREAD_SWITCH_SECONDS)  # a refit must not keep the page waiting
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
