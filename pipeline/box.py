@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 LOAD_RADIUS = 0.014
 """Radius of the paper's load [m], a ball."""
-SMALLEST_BOX_SIZES = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
+MIN_BOX_SIZES = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
 """Smallest value of each field of `Box` that may be below 1 mm [m; friction has no unit]."""
 
 
@@ -58,7 +58,7 @@ class Box:
 
     def __post_init__(self) -> None:
         for name in (item.name for item in fields(self)):
-            value, least = getattr(self, name), SMALLEST_BOX_SIZES.get(name, 1e-3)
+            value, least = getattr(self, name), MIN_BOX_SIZES.get(name, 1e-3)
             if not (math.isfinite(value) and value >= least):
                 raise InputError(f"Box.{name} is {value:g}: give a finite value of at least {least:g}")
 
