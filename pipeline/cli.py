@@ -5,7 +5,7 @@ import sys
 
 from pipeline.interrupts import Interrupt, SignalHandler
 
-ONE_THREAD = dict.fromkeys(
+ONE_THREAD_ENVIRONMENT = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS"), "1"
 )
 """Environment variables that make libraries of linear algebra use one thread; see `armdyn.threads`."""
@@ -20,7 +20,7 @@ def main() -> None:
     interrupts = SignalHandler()
     try:
         interrupts.install()
-        os.environ.update(ONE_THREAD)
+        os.environ.update(ONE_THREAD_ENVIRONMENT)
         from pipeline.console.app import run
 
         interrupts.check()

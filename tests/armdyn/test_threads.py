@@ -13,7 +13,7 @@ from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
 from armdyn.threads import one_thread
 from ik.child_processes import worker_pool
-from pipeline.cli import ONE_THREAD
+from pipeline.cli import ONE_THREAD_ENVIRONMENT
 from pipeline.motion.excitation import excitation
 
 OUTSIDE = 3
@@ -119,6 +119,6 @@ def test_workers_have_one_thread(start):
 def test_a_command_has_one_thread_whatever_the_environment_says(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     command = [sys.executable, "-m", "pipeline.cli", "effects", "--effects", "own.py"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **dict.fromkeys(ONE_THREAD, str(OUTSIDE))}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **dict.fromkeys(ONE_THREAD_ENVIRONMENT, str(OUTSIDE))}
     said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stderr
     assert set(said.split()) == {"1"}
