@@ -35,7 +35,7 @@ MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
 With 1000 batches the bound for 1 % is the 10th largest value.
 """
 
-Name: TypeAlias = tuple[str, str]
+SeriesKey: TypeAlias = tuple[str, str]
 """Name of a robot and name of a parameter; the parameter of one joint is written ``"<quantity>[<joint>]"``."""
 
 
@@ -102,7 +102,7 @@ class ChangeTest:
 
 
 def find_changes(
-    series: Mapping[Name, ParameterSeries],
+    series: Mapping[SeriesKey, ParameterSeries],
     false_alarms: float = FALSE_ALARM_RATE,
     *,
     batches: int = SIMULATED_BATCHES,
@@ -153,7 +153,7 @@ def find_changes(
 
 
 def _steps(
-    name: Name, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
+    name: SeriesKey, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
 ) -> Iterator[ParameterStep]:
     """Find steps in one part of a series; the parts before and after each step are searched again.
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.batch.change import ChangeTest, Name, ParameterStep, find_changes
+from pipeline.batch.change import ChangeTest, SeriesKey, ParameterStep, find_changes
 from pipeline.batch.run import Row
 from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import Spec
@@ -32,8 +32,8 @@ class ParameterHistory:
         events: significant steps, grouped by robot and time, in the order of time.
     """
 
-    series: dict[Name, ParameterSeries]
-    rows: dict[Name, list[Row]]
+    series: dict[SeriesKey, ParameterSeries]
+    rows: dict[SeriesKey, list[Row]]
     units: dict[str, str]
     found: ChangeTest
     events: tuple[ChangeEvent, ...]
@@ -42,7 +42,7 @@ class ParameterHistory:
 def history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
     """Collect the parameters over time from the rows of a batch, and test them for changes."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
-    points: dict[Name, list[tuple[float, float, float, Row]]] = {}
+    points: dict[SeriesKey, list[tuple[float, float, float, Row]]] = {}
     units: dict[str, str] = {}
     for row in rows:
         item, time = row.item, row.item.when.time
