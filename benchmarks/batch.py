@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from worlds.lab import Change, Lab
 
-from pipeline.batch.history import history, moment
+from pipeline.batch.history import history, utc_datetime
 from pipeline.batch.run import run_batch
 from pipeline.batch.spec import Spec, read_spec
 
@@ -63,7 +63,7 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     days = {f"robot_{robot:02d}": lab.days(robot)[change.recording] for robot, change in lab.changes.items()}
     for robot, day in days.items():
         mine = [event[0] for event in found.events if event[0].robot == robot]
-        named = [f"{moment(e.first_after):%Y-%m-%d} ({e.parameter})" for e in mine]
+        named = [f"{utc_datetime(e.first_after):%Y-%m-%d} ({e.parameter})" for e in mine]
         print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
     others = [event for event in found.events if event[0].robot not in days]
     print(

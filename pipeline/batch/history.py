@@ -81,7 +81,7 @@ def _events(steps: Sequence[ParameterStep]) -> tuple[ChangeEvent, ...]:
     return tuple(map(tuple, sorted(events, key=lambda event: (event[0].first_after, event[0].robot))))
 
 
-def moment(seconds: float) -> datetime:
+def utc_datetime(seconds: float) -> datetime:
     """Convert a time in seconds since 1970 to a date and time in UTC."""
     return EPOCH + timedelta(seconds=seconds)
 
@@ -91,7 +91,7 @@ def between(step: ParameterStep) -> str:
 
     If the period lies within one day, the text has the times of day.
     """
-    first, last = moment(step.last_before), moment(step.first_after)
+    first, last = utc_datetime(step.last_before), utc_datetime(step.first_after)
     if first.date() == last.date():
         return f"on {first:%Y-%m-%d} between {first:%H:%M} and {last:%H:%M}"
     return f"between {first:%Y-%m-%d} and {last:%Y-%m-%d}"

@@ -67,7 +67,7 @@ def batch(
 
 
 def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
-    from pipeline.batch.history import moment
+    from pipeline.batch.history import utc_datetime
     from pipeline.fields import attributes_as_json
     from pipeline.report.batch import verdicts
 
@@ -87,8 +87,8 @@ def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, 
             attributes_as_json(
                 step, "robot parameter unit= last_before= first_after= before after chance",
                 unit=found.units[step.parameter],
-                last_before=moment(step.last_before).isoformat(),
-                first_after=moment(step.first_after).isoformat(),
+                last_before=utc_datetime(step.last_before).isoformat(),
+                first_after=utc_datetime(step.first_after).isoformat(),
             )
             for event in found.events
             for step in event
