@@ -86,7 +86,7 @@ def utc_datetime(seconds: float) -> datetime:
     return EPOCH + timedelta(seconds=seconds)
 
 
-def between(step: ParameterStep) -> str:
+def step_period_text(step: ParameterStep) -> str:
     """The period in which a parameter changed, such as ``between 2026-05-03 and 2026-05-04``.
 
     If the period lies within one day, the text has the times of day.

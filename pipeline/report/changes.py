@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, columns_of
-from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, between
+from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, step_period_text
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
@@ -36,7 +36,7 @@ def change_section(history: ParameterHistory) -> Section:
         Table(
             [
                 Column("robot", [step.robot for _, step in steps]),
-                Column("when", [between(event[0]) for event, _ in steps]),
+                Column("when", [step_period_text(event[0]) for event, _ in steps]),
                 Column("parameter", [_plain(step.parameter) for _, step in steps]),
                 *columns_of([step for _, step in steps], before=".4g", after=".4g"),
                 Column("unit", [history.units[step.parameter] for _, step in steps]),
@@ -75,7 +75,7 @@ def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
         figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
     steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event[:3]]
     more = f" and {len(event) - 3} more" if len(event) > 3 else ""
-    what = f"{first.robot}, {between(first)}: {', '.join(steps)}{more}"
+    what = f"{first.robot}, {step_period_text(first)}: {', '.join(steps)}{more}"
     return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
