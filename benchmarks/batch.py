@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from worlds.lab import Change, Lab
 
-from pipeline.batch.history import history, utc_datetime
+from pipeline.batch.history import parameter_history, utc_datetime
 from pipeline.batch.run import run_batch
 from pipeline.batch.spec import Spec, read_spec
 
@@ -56,7 +56,7 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     done = run_batch(spec, folder / "out")
     worked = time.perf_counter() - began
     began = time.perf_counter()
-    found = history(spec, done.rows)
+    found = parameter_history(spec, done.rows)
     looked = time.perf_counter() - began
     bad = sum(bool(row.outcome.problem) for row in done.rows)
     print(f"seed {lab.seed}: {len(done.rows)} recordings of {lab.robots} robots, {bad} not usable")

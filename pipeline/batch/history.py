@@ -39,7 +39,7 @@ class ParameterHistory:
     events: tuple[ChangeEvent, ...]
 
 
-def history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
+def parameter_history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
     """Collect the parameters over time from the rows of a batch, and test them for changes."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
     points: dict[SeriesKey, list[tuple[float, float, float, Row]]] = {}

@@ -34,7 +34,7 @@ def batch(
     json_file: JsonOption = None,
 ) -> None:
     """Compare or repair models with many recordings, and find out which parameter changed on which day."""
-    from pipeline.batch.history import history
+    from pipeline.batch.history import parameter_history
     from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, deferred_signals
@@ -53,7 +53,7 @@ def batch(
         write_parquet(folder / ROWS, asked, done.rows)
         if not signals:
             say("looking for changes")
-            found = history(asked, done.rows)
+            found = parameter_history(asked, done.rows)
     if signals:
         again = command_text("batch", spec, "--output", output)
         typer.echo(
