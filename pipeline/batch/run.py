@@ -88,7 +88,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Done:
+class BatchResult:
     """Results of a batch.
 
     Attributes:
@@ -110,7 +110,7 @@ def run_batch(
     scheduler: str | None = None,
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda _: None,
-) -> Done:
+) -> BatchResult:
     """Run the unfinished jobs of a batch, and store each outcome in the journal when it is finished.
 
     Args:
@@ -159,7 +159,7 @@ def run_batch(
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
         rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
-    return Done(tuple(rows), len(spec.items) - len(rows), worked)
+    return BatchResult(tuple(rows), len(spec.items) - len(rows), worked)
 
 
 def _outcomes(

@@ -12,7 +12,7 @@ from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
     from pipeline.batch.history import ParameterHistory
-    from pipeline.batch.run import Done
+    from pipeline.batch.run import BatchResult
     from pipeline.batch.spec import Spec
 
 PANEL = "What a model lacks"

@@ -8,13 +8,13 @@ from armdyn.document import Column, Document, KeyFigure, Level, NextStep, Sectio
 from armdyn.identify.sentence import totals
 from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
-from pipeline.batch.run import Done, Row
+from pipeline.batch.run import BatchResult, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
 from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
 
 
-def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
+def batch_report(spec: Spec, done: BatchResult, found: ParameterHistory) -> Document:
     """The report of a batch as a document with figures and tables."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
@@ -47,7 +47,7 @@ def verdicts(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
-def _summary(done: Done, found: ParameterHistory) -> str:
+def _summary(done: BatchResult, found: ParameterHistory) -> str:
     counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
     if bad := sum(bool(row.outcome.problem) for row in done.rows):
         counts.append(f"{bad} could not be used")
