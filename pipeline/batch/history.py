@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from pipeline.batch.change import ChangeTest, SeriesKey, ParameterStep, find_changes
-from pipeline.batch.run import Row
+from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import Spec
 
@@ -33,16 +33,16 @@ class ParameterHistory:
     """
 
     series: dict[SeriesKey, ParameterSeries]
-    rows: dict[SeriesKey, list[Row]]
+    rows: dict[SeriesKey, list[BatchRow]]
     units: dict[str, str]
     found: ChangeTest
     events: tuple[ChangeEvent, ...]
 
 
-def parameter_history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
+def parameter_history(spec: Spec, rows: Sequence[BatchRow]) -> ParameterHistory:
     """Collect the parameters over time from the rows of a batch, and test them for changes."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
-    points: dict[SeriesKey, list[tuple[float, float, float, Row]]] = {}
+    points: dict[SeriesKey, list[tuple[float, float, float, BatchRow]]] = {}
     units: dict[str, str] = {}
     for row in rows:
         item, time = row.item, row.item.when.time

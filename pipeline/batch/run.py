@@ -80,7 +80,7 @@ class Journal(Closable):
 
 
 @dataclass(frozen=True)
-class Row:
+class BatchRow:
     """One recording of a batch, and the outcome of its job."""
 
     item: BatchItem
@@ -97,7 +97,7 @@ class BatchResult:
         worked: number of recordings that this call has computed.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[BatchRow, ...]
     left: int
     worked: int
 
@@ -158,7 +158,7 @@ def run_batch(
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
-        rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
+        rows = [BatchRow(item, outcome) for item, outcome in found if outcome is not None]
     return BatchResult(tuple(rows), len(spec.items) - len(rows), worked)
 
 
@@ -190,7 +190,7 @@ def check_parquet() -> None:
         raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'")
 
 
-def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
+def write_parquet(path: Path, spec: Spec, rows: Sequence[BatchRow]) -> None:
     """Write the rows of a batch to a Parquet file; an interrupted write leaves the old file unchanged.
 
     Raises:
@@ -201,7 +201,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
 
     kinds = {"text": pa.string(), "time": pa.timestamp("us", tz="UTC"), "number": pa.float64(), "truth": pa.bool_(),
              "names": pa.list_(pa.string())}  # fmt: skip
-    fixed: list[tuple[str, str, Callable[[Row], Any]]] = [
+    fixed: list[tuple[str, str, Callable[[BatchRow], Any]]] = [
         ("robot", "text", lambda row: row.item.robot),
         ("model", "text", lambda row: spec.name(row.item.model)),
         ("recording", "text", lambda row: spec.name(row.item.run)),

@@ -8,7 +8,7 @@ from armdyn.document import Column, Document, KeyFigure, Level, NextStep, Sectio
 from armdyn.identify.sentence import totals
 from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
-from pipeline.batch.run import BatchResult, Row
+from pipeline.batch.run import BatchResult, BatchRow
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
 from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
@@ -42,7 +42,7 @@ def batch_report(spec: Spec, done: BatchResult, found: ParameterHistory) -> Docu
     )
 
 
-def verdicts(rows: Sequence[Row]) -> dict[str, int]:
+def verdicts(rows: Sequence[BatchRow]) -> dict[str, int]:
     """Number of recordings with each verdict; recordings that could not be used have no verdict."""
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
@@ -63,7 +63,7 @@ def _summary(done: BatchResult, found: ParameterHistory) -> str:
     return text + (f" {done.left} recordings are left." if done.left else "")
 
 
-def _times_sentence(rows: Sequence[Row]) -> str:
+def _times_sentence(rows: Sequence[BatchRow]) -> str:
     """Sentence that names the source of the recordings' times; times are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
     nowhere = counts.pop(TimeFrom.NOWHERE, 0)
@@ -76,7 +76,7 @@ def _times_sentence(rows: Sequence[Row]) -> str:
     return text
 
 
-def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
+def _next_steps(spec: Spec, rows: Sequence[BatchRow]) -> list[NextStep]:
     failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
     if spec.task != "compare" or not failed:
         return []
@@ -89,8 +89,8 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
     return [NextStep(f"What the model of {robot} lacks", command)]
 
 
-def _error_section(rows: Sequence[Row]) -> Section:
-    errors: dict[str, list[tuple[float, Row]]] = {}
+def _error_section(rows: Sequence[BatchRow]) -> Section:
+    errors: dict[str, list[tuple[float, BatchRow]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
         if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
@@ -106,7 +106,7 @@ def _error_section(rows: Sequence[Row]) -> Section:
     )
 
 
-def _robot_section(rows: Sequence[Row]) -> Section:
+def _robot_section(rows: Sequence[BatchRow]) -> Section:
     table = []
     for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_CHANGE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
@@ -123,7 +123,7 @@ def _robot_section(rows: Sequence[Row]) -> Section:
     return Section("Robots", tables=[Table.of(header, table, caption)])
 
 
-def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
+def _bad_section(spec: Spec, bad: Sequence[BatchRow]) -> Section:
     listed = bad[:MAX_CHANGE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, columns_of
 from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, step_period_text
-from pipeline.batch.run import Row
+from pipeline.batch.run import BatchRow
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
@@ -111,7 +111,7 @@ def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
     return figure
 
 
-def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
+def error_chart(unit: str, points: Sequence[tuple[float, BatchRow]]) -> Chart:
     """Figure of the recordings' errors over time; explained and unexplained recordings have different colours."""
     figure = _over_time(f"error [{unit}]", 320)
     for name, colour, wanted in (("explained", RAW, True), ("not explained", VERMILLION, False)):
@@ -129,13 +129,13 @@ def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
 
 
 def _add_points(
-    figure: go.Figure, name: str, rows: Sequence[Row], days: Any, values: Any, colour: str, **look: Any
+    figure: go.Figure, name: str, rows: Sequence[BatchRow], days: Any, values: Any, colour: str, **look: Any
 ) -> None:
     look = {"mode": "markers", "marker": {"color": colour, "size": 5}, **look}
     figure.add_scatter(x=days, y=values, name=name, text=list(map(_hover, rows)), **look)
 
 
-def _hover(row: Row) -> str:
+def _hover(row: BatchRow) -> str:
     return f"{row.item.robot}: {row.item.run.name}"
 
 
