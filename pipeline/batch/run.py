@@ -23,7 +23,7 @@ from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_o
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
-JOURNAL = "outcomes.jsonl"
+JOURNAL_FILE = "outcomes.jsonl"
 START_METHOD = "forkserver"
 """Start method of `multiprocessing`: worker processes share imported modules, but none of this process's threads."""
 PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
@@ -146,7 +146,7 @@ def run_batch(
             key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),
         )  # fmt: skip
-    with Journal(folder / JOURNAL) as journal:
+    with Journal(folder / JOURNAL_FILE) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]
         there, worked = len(jobs) - len(todo), 0

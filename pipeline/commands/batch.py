@@ -35,7 +35,7 @@ def batch(
 ) -> None:
     """Compare or repair models with many recordings, and find out which parameter changed on which day."""
     from pipeline.batch.history import parameter_history
-    from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
+    from pipeline.batch.run import JOURNAL_FILE, ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, deferred_signals
     from pipeline.report.batch import batch_report
@@ -44,7 +44,7 @@ def batch(
     check_parquet()
     asked = read_spec(spec)
     given = {file for item in asked.items for file in (item.model, item.run, item.run.with_suffix(".toml"))}
-    own = (JOURNAL, ROWS, "report.html")
+    own = (JOURNAL_FILE, ROWS, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
     with own_folder(output, output, "batch", own) as folder, deferred_signals(signals.append), spinner() as say:

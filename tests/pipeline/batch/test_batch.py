@@ -9,7 +9,7 @@ import pytest
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.run import Channel, read_run, write_run_csv
-from pipeline.batch.run import JOURNAL
+from pipeline.batch.run import JOURNAL_FILE
 from pipeline.batch.work import Job, work
 from pipeline.trial.folder import own_folder
 
@@ -141,7 +141,7 @@ def test_something_unforeseen_in_one_recording_is_its_row_and_is_tried_again(lab
 
 def test_a_journal_that_was_cut_off_is_continued(done, armdyn):
     lab, _ = done
-    journal = lab / "out" / JOURNAL
+    journal = lab / "out" / JOURNAL_FILE
     data = journal.read_bytes()
     journal.write_bytes(data[: len(data) - 40])
     armdyn(*BATCH)

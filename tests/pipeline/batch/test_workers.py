@@ -14,7 +14,7 @@ import pytest
 from dask_cluster import dask_cluster, free_port
 
 from armdyn.run import read_run
-from pipeline.batch.run import JOURNAL, run_batch
+from pipeline.batch.run import JOURNAL_FILE, run_batch
 from pipeline.batch.spec import read_spec
 from pipeline.batch.work import Job, work
 
@@ -25,7 +25,7 @@ pq = pytest.importorskip("pyarrow.parquet")
 
 def lines(folder):
     """Keys in the journal, as often as they were written."""
-    path = folder / "out" / JOURNAL
+    path = folder / "out" / JOURNAL_FILE
     text = path.read_text() if path.exists() else ""
     return collections.Counter(json.loads(line)["key"] for line in text.splitlines())
 
