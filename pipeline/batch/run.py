@@ -177,7 +177,7 @@ def _outcomes(
         yield outcome
 
 
-ROWS = "batch.parquet"
+PARQUET_FILE = "batch.parquet"
 
 
 def check_parquet() -> None:

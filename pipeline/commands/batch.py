@@ -35,7 +35,7 @@ def batch(
 ) -> None:
     """Compare or repair models with many recordings, and find out which parameter changed on which day."""
     from pipeline.batch.history import parameter_history
-    from pipeline.batch.run import JOURNAL_FILE, ROWS, check_parquet, run_batch, write_parquet
+    from pipeline.batch.run import JOURNAL_FILE, PARQUET_FILE, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, deferred_signals
     from pipeline.report.batch import batch_report
@@ -44,13 +44,13 @@ def batch(
     check_parquet()
     asked = read_spec(spec)
     given = {file for item in asked.items for file in (item.model, item.run, item.run.with_suffix(".toml"))}
-    own = (JOURNAL_FILE, ROWS, "report.html")
+    own = (JOURNAL_FILE, PARQUET_FILE, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
     with own_folder(output, output, "batch", own) as folder, deferred_signals(signals.append), spinner() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
-        write_parquet(folder / ROWS, asked, done.rows)
+        write_parquet(folder / PARQUET_FILE, asked, done.rows)
         if not signals:
             say("looking for changes")
             found = parameter_history(asked, done.rows)
@@ -62,7 +62,7 @@ def batch(
         raise Interrupt(signals[0])
     document = batch_report(asked, done, found)
     report = output / "report.html"
-    written = [f"rows: {output / ROWS}"]
+    written = [f"rows: {output / PARQUET_FILE}"]
     finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
