@@ -26,7 +26,7 @@ from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 JOURNAL_FILE = "outcomes.jsonl"
 START_METHOD = "forkserver"
 """Start method of `multiprocessing`: worker processes share imported modules, but none of this process's threads."""
-PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
+PRELOADED_MODULES = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
 """Modules that are imported once for all worker processes."""
 
 
@@ -167,7 +167,7 @@ def _outcomes(
 ) -> Iterator[JobOutcome]:
     if scheduler is None:
         if START_METHOD == "forkserver":
-            set_forkserver_preload(list(PRELOADED))
+            set_forkserver_preload(list(PRELOADED_MODULES))
         done = map_in_processes(work, jobs, processes, START_METHOD, stopped)
     else:
         done = map_on_cluster(work, jobs, scheduler, "batch", stopped)
