@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from armdyn.recording.channels import FloatArray
-from pipeline.batch.series import ParameterSeries, StepTest, correlation
+from pipeline.batch.series import ParameterSeries, StepTest, neighbour_correlation
 
 FALSE_ALARM_RATE = 0.01
 """Default probability of a false alarm in a batch in which nothing changes."""
@@ -126,7 +126,7 @@ def find_changes(
     kinds: dict[str, list[StepTest]] = {}
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
-    phi = {kind: correlation(group, rng) for kind, group in kinds.items()}
+    phi = {kind: neighbour_correlation(group, rng) for kind, group in kinds.items()}
     tests = {name: test for name in tests if (test := StepTest.of(series[name], phi[_kind(name[1])])) is not None}
     size = sum(len(test.time) for test in tests.values())
     batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))

@@ -183,7 +183,7 @@ class StepTest:
         return found
 
 
-def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
+def neighbour_correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
     """Estimate the correlation of neighbouring recordings in a group of series.
 
     The correlation in the residuals, after two steps per series were removed, is compared with that of simulated noise.
