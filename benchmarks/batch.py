@@ -19,7 +19,7 @@ from worlds.lab import Change, Lab
 
 from pipeline.batch.history import parameter_history, utc_datetime
 from pipeline.batch.run import run_batch
-from pipeline.batch.spec import Spec, read_spec
+from pipeline.batch.spec import BatchSpec, read_spec
 
 SPEC = 'task = "compare"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
 TOOL, FRICTION = 7, 13
@@ -72,7 +72,7 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     print(f"  looking for changes took {looked / worked:.0%} of the time of the fits", flush=True)
 
 
-def ratio(folder: Path, spec: Spec) -> None:
+def ratio(folder: Path, spec: BatchSpec) -> None:
     """Print what one worker does, and how much more two do on the same recordings."""
     seconds = {}
     for workers in (1, 2):

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.batch.change import ChangeTest, SeriesKey, ParameterStep, find_changes
 from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
-from pipeline.batch.spec import Spec
+from pipeline.batch.spec import BatchSpec
 
 EPOCH = datetime(1970, 1, 1)
 DAY_SECONDS = 86400.0
@@ -39,7 +39,7 @@ class ParameterHistory:
     events: tuple[ChangeEvent, ...]
 
 
-def parameter_history(spec: Spec, rows: Sequence[BatchRow]) -> ParameterHistory:
+def parameter_history(spec: BatchSpec, rows: Sequence[BatchRow]) -> ParameterHistory:
     """Collect the parameters over time from the rows of a batch, and test them for changes."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
     points: dict[SeriesKey, list[tuple[float, float, float, BatchRow]]] = {}

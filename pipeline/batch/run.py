@@ -18,7 +18,7 @@ from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
-from pipeline.batch.spec import BatchItem, Spec
+from pipeline.batch.spec import BatchItem, BatchSpec
 from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
@@ -103,7 +103,7 @@ class BatchResult:
 
 
 def run_batch(
-    spec: Spec,
+    spec: BatchSpec,
     folder: Path,
     *,
     workers: int | None = None,
@@ -190,7 +190,7 @@ def check_parquet() -> None:
         raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'")
 
 
-def write_parquet(path: Path, spec: Spec, rows: Sequence[BatchRow]) -> None:
+def write_parquet(path: Path, spec: BatchSpec, rows: Sequence[BatchRow]) -> None:
     """Write the rows of a batch to a Parquet file; an interrupted write leaves the old file unchanged.
 
     Raises:

@@ -102,7 +102,7 @@ class BatchItem:
 
 
 @dataclass(frozen=True)
-class Spec:
+class BatchSpec:
     """Content of a batch's specification: a task, models and recordings.
 
     Attributes:
@@ -126,7 +126,7 @@ class Spec:
         return seen_from(path, self.folder)
 
 
-def read_spec(path: Path) -> Spec:
+def read_spec(path: Path) -> BatchSpec:
     """Read the specification of a batch, and find the files that match its patterns.
 
     Raises:
@@ -137,7 +137,7 @@ def read_spec(path: Path) -> Spec:
         return _spec(table, Path(path).resolve().parent)
 
 
-def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
+def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     said = table_to_dataclass(_Entries, table)
     if said.task not in TASKS:
         raise UnknownNameError("task", said.task, TASKS)
@@ -152,7 +152,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
             items.setdefault((item.model, item.run), item)
             if len(items) > MAX_BATCH_FILES:
                 raise InputError(f"{where}: more than {MAX_BATCH_FILES} recordings: split the batch")
-    return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
+    return BatchSpec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
 def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:

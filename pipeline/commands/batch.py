@@ -13,7 +13,7 @@ from pipeline.console.screen import finish, spinner
 if TYPE_CHECKING:
     from pipeline.batch.history import ParameterHistory
     from pipeline.batch.run import BatchResult
-    from pipeline.batch.spec import Spec
+    from pipeline.batch.spec import BatchSpec
 
 PANEL = "What a model lacks"
 

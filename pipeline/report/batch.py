@@ -9,12 +9,12 @@ from armdyn.identify.sentence import totals
 from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
 from pipeline.batch.run import BatchResult, BatchRow
-from pipeline.batch.spec import Spec
+from pipeline.batch.spec import BatchSpec
 from pipeline.batch.times import TimeFrom
 from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
 
 
-def batch_report(spec: Spec, done: BatchResult, found: ParameterHistory) -> Document:
+def batch_report(spec: BatchSpec, done: BatchResult, found: ParameterHistory) -> Document:
     """The report of a batch as a document with figures and tables."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
@@ -76,7 +76,7 @@ def _times_sentence(rows: Sequence[BatchRow]) -> str:
     return text
 
 
-def _next_steps(spec: Spec, rows: Sequence[BatchRow]) -> list[NextStep]:
+def _next_steps(spec: BatchSpec, rows: Sequence[BatchRow]) -> list[NextStep]:
     failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
     if spec.task != "compare" or not failed:
         return []
@@ -123,7 +123,7 @@ def _robot_section(rows: Sequence[BatchRow]) -> Section:
     return Section("Robots", tables=[Table.of(header, table, caption)])
 
 
-def _bad_section(spec: Spec, bad: Sequence[BatchRow]) -> Section:
+def _bad_section(spec: BatchSpec, bad: Sequence[BatchRow]) -> Section:
     listed = bad[:MAX_CHANGE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),
