@@ -26,7 +26,7 @@ from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 TASKS = ("compare", "repair")
-ROBOT = "{robot}"
+ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
 PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
@@ -157,8 +157,8 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
 
 def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
-    if ROBOT not in entry.model and any(ROBOT in run for run in (*runs, *entry.calibrate)):
-        raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
+    if ROBOT_PLACEHOLDER not in entry.model and any(ROBOT_PLACEHOLDER in run for run in (*runs, *entry.calibrate)):
+        raise InputError(f"{where}: runs: {ROBOT_PLACEHOLDER} stands for what it is in `model`, which lacks it: write it there")
     times = {name: utc(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
     for robot, model in _models(entry.model, where, folder):
@@ -174,21 +174,21 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterat
 
 def _runs(pattern: str, robot: str, where: str, folder: Path) -> list[Path]:
     """Recordings that match a pattern."""
-    found = _matching(pattern.replace(ROBOT, glob.escape(robot)), folder)
+    found = _matching(pattern.replace(ROBOT_PLACEHOLDER, glob.escape(robot)), folder)
     found = [path for path in found if path.suffix.lower() != ".toml"]
     if not found:
-        raise InputError(f"{where}: '{pattern.replace(ROBOT, robot)}' matches no recording: correct it")
+        raise InputError(f"{where}: '{pattern.replace(ROBOT_PLACEHOLDER, robot)}' matches no recording: correct it")
     return found
 
 
 def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
     """Names of robots and their model files; the name is empty if the pattern does not contain ``{robot}``."""
-    found = [path for path in _matching(pattern.replace(ROBOT, "*"), folder) if path.is_file()]
+    found = [path for path in _matching(pattern.replace(ROBOT_PLACEHOLDER, "*"), folder) if path.is_file()]
     if not found:
         raise InputError(f"{where}: model: '{pattern}' matches no file: correct it")
-    if ROBOT not in pattern:
+    if ROBOT_PLACEHOLDER not in pattern:
         return [("", path) for path in found]
-    parts = (re.escape(part) for part in pattern.split(ROBOT))
+    parts = (re.escape(part) for part in pattern.split(ROBOT_PLACEHOLDER))
     name = re.compile("(?P<robot>[^/]+)".join([next(parts), "(?P=robot)".join(parts)]).replace(r"\*", "[^/]*"))
     matches = ((name.search(path.as_posix()), path) for path in found)
     return [(match["robot"], path) for match, path in matches if match is not None]
