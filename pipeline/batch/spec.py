@@ -29,7 +29,7 @@ TASKS = ("compare", "repair")
 ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
-PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
+TIME_SOURCES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
 """Sources of a recording's time, by the name that the specification uses."""
 MAX_BATCH_FILES = 200_000
 """Largest number of recordings of a batch, whose results are held in memory."""
@@ -56,7 +56,7 @@ class _Recordings:
 class _Time:
     """The table ``[time]``: see `Clock`."""
 
-    from_: Annotated[str, ValueCheck(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
+    from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = None
     form: Annotated[
         str, ValueCheck(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
     ] = ""
@@ -144,7 +144,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
-    clock = Clock(None if said.time.from_ is None else PLACES[said.time.from_], said.time.form)
+    clock = Clock(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
