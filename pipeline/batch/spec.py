@@ -25,7 +25,7 @@ from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
-TASKS = ("compare", "repair")
+BATCH_TASKS = ("compare", "repair")
 ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
@@ -107,7 +107,7 @@ class BatchSpec:
 
     Attributes:
         folder: folder of the specification's file, to which its paths are relative.
-        task: one of `TASKS`.
+        task: one of `BATCH_TASKS`.
         effects: file with effects that the user has written; None without one.
         items: recordings with their models, in the order of the specification, sorted by name within an entry.
         false_alarms: probability of a false change in a batch in which nothing changes.
@@ -139,8 +139,8 @@ def read_spec(path: Path) -> BatchSpec:
 
 def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     said = table_to_dataclass(_Entries, table)
-    if said.task not in TASKS:
-        raise UnknownNameError("task", said.task, TASKS)
+    if said.task not in BATCH_TASKS:
+        raise UnknownNameError("task", said.task, BATCH_TASKS)
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
