@@ -22,14 +22,14 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
+from pipeline.batch.times import Clock, TimeSource, When, is_form, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
 ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
-TIME_SOURCES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
+TIME_SOURCES = {place.key: place for place in TimeSource if place is not TimeSource.NOWHERE}
 """Sources of a recording's time, by the name that the specification uses."""
 MAX_BATCH_FILES = 200_000
 """Largest number of recordings of a batch, whose results are held in memory."""

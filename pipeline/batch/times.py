@@ -19,7 +19,7 @@ DATE = re.compile(
 """Pattern of a date in a file name: year, month and day with equal or no separators, and an optional time of day."""
 
 
-class TimeFrom(Enum):
+class TimeSource(Enum):
     """Source of a recording's time; the value is a text for messages."""
 
     SPEC = "the SPEC"
@@ -53,7 +53,7 @@ class When:
     """
 
     time: datetime | None
-    source: TimeFrom
+    source: TimeSource
     problem: str = ""
 
 
@@ -67,7 +67,7 @@ class Clock:
             in the order year, month, day.
     """
 
-    only: TimeFrom | None = None
+    only: TimeSource | None = None
     form: str = ""
 
     def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
@@ -79,20 +79,20 @@ class Clock:
             given: times in the specification, by file name or by path relative to `folder`.
         """
         name = seen_from(path, folder)
-        for source in [self.only] if self.only is not None else [TimeFrom.SPEC, TimeFrom.SIDECAR, TimeFrom.NAME]:
+        for source in [self.only] if self.only is not None else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]:
             found: datetime | str | None
-            if source is TimeFrom.SPEC:
+            if source is TimeSource.SPEC:
                 found = given.get(name, given.get(path.name))
-            elif source is TimeFrom.SIDECAR:
+            elif source is TimeSource.SIDECAR:
                 found = _of_sidecar(path)
             else:
                 found = self._of_name(name)
             if isinstance(found, datetime):
                 return When(found, source)
             if isinstance(found, str):
-                return When(None, TimeFrom.NOWHERE, found)
+                return When(None, TimeSource.NOWHERE, found)
         where = "the SPEC, the sidecar or a date in the name" if self.only is None else self.only.value
-        return When(None, TimeFrom.NOWHERE, f"no time in {where}")
+        return When(None, TimeSource.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:
         if self.form:

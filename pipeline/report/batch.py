@@ -10,7 +10,7 @@ from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
 from pipeline.batch.run import BatchResult, BatchRow
 from pipeline.batch.spec import BatchSpec
-from pipeline.batch.times import TimeFrom
+from pipeline.batch.times import TimeSource
 from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
 
 
@@ -66,8 +66,8 @@ def _summary(done: BatchResult, found: ParameterHistory) -> str:
 def _times_sentence(rows: Sequence[BatchRow]) -> str:
     """Sentence that names the source of the recordings' times; times are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
-    nowhere = counts.pop(TimeFrom.NOWHERE, 0)
-    parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source]]
+    nowhere = counts.pop(TimeSource.NOWHERE, 0)
+    parts = [f"{counts[source]} from {source.value}" for source in TimeSource if counts[source]]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if nowhere:
         problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)

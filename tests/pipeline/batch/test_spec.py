@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.errors import InputError
 from pipeline.batch.spec import read_spec
-from pipeline.batch.times import Clock, TimeFrom
+from pipeline.batch.times import Clock, TimeSource
 
 GOOD = '[[recordings]]\nmodel = "m.toml"\nruns = ["*.csv"]\n'
 
@@ -95,7 +95,7 @@ def when(name, clock=None, given=()):
     ],
 )
 def test_a_date_in_the_name_is_read(name, time):
-    assert (when(name).time, when(name).source) == (time, TimeFrom.NAME)
+    assert (when(name).time, when(name).source) == (time, TimeSource.NAME)
 
 
 @pytest.mark.parametrize(
@@ -118,8 +118,8 @@ def test_a_form_reads_other_dates_and_says_where_it_fails():
 
 def test_the_spec_counts_more_than_the_sidecar_and_that_more_than_the_name(folder):
     (item,) = read(folder, GOOD).items
-    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeFrom.SIDECAR)
+    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeSource.SIDECAR)
     (item,) = read(folder, GOOD + "times = { 'a.csv' = 2026-05-04T12:00:00+02:00 }").items
-    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeFrom.SPEC)
+    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeSource.SPEC)
     (item,) = read(folder, '[time]\nfrom = "name"\n' + GOOD).items
     assert item.when.time is None
