@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import Clock, TimeSource, When, is_form, seen_from
+from pipeline.batch.times import Clock, TimeSource, RecordingTime, is_form, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
@@ -97,7 +97,7 @@ class BatchItem:
     robot: str
     model: Path
     run: Path
-    when: When
+    when: RecordingTime
     calibrate: tuple[Path, ...] = ()
 
 

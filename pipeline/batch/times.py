@@ -43,7 +43,7 @@ def is_form(form: str) -> bool:
 
 
 @dataclass(frozen=True)
-class When:
+class RecordingTime:
     """Time of a recording, and its source.
 
     Attributes:
@@ -70,7 +70,7 @@ class Clock:
     only: TimeSource | None = None
     form: str = ""
 
-    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
+    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> RecordingTime:
         """Find the time of a recording.
 
         Args:
@@ -88,11 +88,11 @@ class Clock:
             else:
                 found = self._of_name(name)
             if isinstance(found, datetime):
-                return When(found, source)
+                return RecordingTime(found, source)
             if isinstance(found, str):
-                return When(None, TimeSource.NOWHERE, found)
+                return RecordingTime(None, TimeSource.NOWHERE, found)
         where = "the SPEC, the sidecar or a date in the name" if self.only is None else self.only.value
-        return When(None, TimeSource.NOWHERE, f"no time in {where}")
+        return RecordingTime(None, TimeSource.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:
         if self.form:
