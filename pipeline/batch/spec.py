@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import Clock, TimeSource, RecordingTime, is_form, seen_from
+from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_form, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
@@ -54,7 +54,7 @@ class _Recordings:
 
 @dataclass(frozen=True)
 class _Time:
-    """The table ``[time]``: see `Clock`."""
+    """The table ``[time]``: see `TimeRules`."""
 
     from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = None
     form: Annotated[
@@ -144,7 +144,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
-    clock = Clock(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
+    clock = TimeRules(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
@@ -155,7 +155,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     return BatchSpec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
-def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:
+def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
     if ROBOT_PLACEHOLDER not in entry.model and any(ROBOT_PLACEHOLDER in run for run in (*runs, *entry.calibrate)):
         raise InputError(f"{where}: runs: {ROBOT_PLACEHOLDER} stands for what it is in `model`, which lacks it: write it there")

@@ -58,7 +58,7 @@ class RecordingTime:
 
 
 @dataclass(frozen=True)
-class Clock:
+class TimeRules:
     """Rules for finding the time of a recording.
 
     Attributes:

@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.errors import InputError
 from pipeline.batch.spec import read_spec
-from pipeline.batch.times import Clock, TimeSource
+from pipeline.batch.times import TimeRules, TimeSource
 
 GOOD = '[[recordings]]\nmodel = "m.toml"\nruns = ["*.csv"]\n'
 
@@ -78,7 +78,7 @@ def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
 
 
 def when(name, clock=None, given=()):
-    return (clock or Clock()).of(Path("/lab") / name, Path("/lab"), dict(given))
+    return (clock or TimeRules()).of(Path("/lab") / name, Path("/lab"), dict(given))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_two_dates_in_a_name_are_not_guessed():
 
 
 def test_a_form_reads_other_dates_and_says_where_it_fails():
-    clock = Clock(form="log_%d%m%y_%H%M")
+    clock = TimeRules(form="log_%d%m%y_%H%M")
     assert when("log_040526_1430.csv", clock).time == datetime(2026, 5, 4, 14, 30)
     assert "not of the form log_%d%m%y_%H%M" in when("log_4.csv", clock).problem
 
