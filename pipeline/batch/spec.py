@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_form, seen_from
+from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_date_format, seen_from
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
@@ -58,7 +58,7 @@ class _Time:
 
     from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = None
     form: Annotated[
-        str, ValueCheck(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
+        str, ValueCheck(lambda f: not f or is_date_format(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
     ] = ""
 
 

@@ -33,7 +33,7 @@ class TimeSource(Enum):
         return self.name.lower()
 
 
-def is_form(form: str) -> bool:
+def is_date_format(form: str) -> bool:
     """Whether a text is a valid format of `datetime.strptime`, such as ``log_%d%m%Y``."""
     try:
         datetime.strptime(datetime(2001, 2, 3, tzinfo=UTC).strftime(form), form)
