@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_date_format, seen_from
+from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_date_format, relative_path_text
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
@@ -123,7 +123,7 @@ class BatchSpec:
 
     def name(self, path: Path) -> str:
         """A file's path relative to the specification's folder."""
-        return seen_from(path, self.folder)
+        return relative_path_text(path, self.folder)
 
 
 def read_spec(path: Path) -> BatchSpec:
@@ -165,7 +165,7 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> It
         sound = tuple(path for run in entry.calibrate for path in _runs(run, robot, f"{where}: calibrate", folder))
         for run in runs:
             for path in _runs(run, robot, f"{where}: runs", folder):
-                named |= {path.name, seen_from(path, folder)}
+                named |= {path.name, relative_path_text(path, folder)}
                 yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times), sound)
     for name in times:
         if name not in named:

@@ -78,7 +78,7 @@ class TimeRules:
             folder: folder of the specification; the names of folders below it are searched for a date too.
             given: times in the specification, by file name or by path relative to `folder`.
         """
-        name = seen_from(path, folder)
+        name = relative_path_text(path, folder)
         for source in [self.only] if self.only is not None else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]:
             found: datetime | str | None
             if source is TimeSource.SPEC:
@@ -110,7 +110,7 @@ class TimeRules:
         return None
 
 
-def seen_from(path: Path, folder: Path) -> str:
+def relative_path_text(path: Path, folder: Path) -> str:
     """A file's path, relative to the given folder if the file is inside it."""
     return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
 
