@@ -12,7 +12,7 @@ from armdyn.recording.sidecar import read_sidecar
 
 EARLIEST_YEAR, LATEST_YEAR = 1990, 2100
 """First and last year that a date in a file name may have; other numbers of eight digits are not dates."""
-DATE = re.compile(
+DATE_PATTERN = re.compile(
     r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
     r"(?:[T_ -]{1,2}(?P<hour>\d{2})[-:.h_]?(?P<minute>\d{2})(?:[-:.m_]?(?P<second>\d{2}))?)?(?!\d)"
 )
@@ -102,7 +102,7 @@ class TimeRules:
             except (ValueError, OverflowError):
                 return f"the name is not of the form {self.form}"
         for part in (PurePosixPath(name).stem, *reversed(PurePosixPath(name).parts[:-1])):
-            dates = {found for match in DATE.finditer(part) if (found := _date(match)) is not None}
+            dates = {found for match in DATE_PATTERN.finditer(part) if (found := _date(match)) is not None}
             if len(dates) > 1:
                 return f"several dates in '{part}': set [time] form, or give it in times"
             if dates:
