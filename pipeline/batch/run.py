@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
-from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
+from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, run_job
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
@@ -168,9 +168,9 @@ def _outcomes(
     if scheduler is None:
         if START_METHOD == "forkserver":
             set_forkserver_preload(list(PRELOADED_MODULES))
-        done = map_in_processes(work, jobs, processes, START_METHOD, stopped)
+        done = map_in_processes(run_job, jobs, processes, START_METHOD, stopped)
     else:
-        done = map_on_cluster(work, jobs, scheduler, "batch", stopped)
+        done = map_on_cluster(run_job, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
         if isinstance(outcome, LostItem):
             outcome = JobOutcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)

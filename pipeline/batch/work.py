@@ -114,7 +114,7 @@ class JobOutcome:
         return None
 
 
-def work(job: Job) -> JobOutcome:
+def run_job(job: Job) -> JobOutcome:
     """Run a job; an error becomes the `problem` of its outcome."""
     with _one_at_a_time, warnings.catch_warnings(), keeping_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings

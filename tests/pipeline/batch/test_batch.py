@@ -10,7 +10,7 @@ import pytest
 from armdyn.checked_study import CheckedStudy
 from armdyn.run import Channel, read_run, write_run_csv
 from pipeline.batch.run import JOURNAL_FILE
-from pipeline.batch.work import Job, work
+from pipeline.batch.work import Job, run_job
 from pipeline.trial.folder import own_folder
 
 from .conftest import FEW
@@ -182,8 +182,8 @@ def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted
     log.unlink()
     write_run_csv(replace(run, channels={**run.channels, **negated}), log)
     job = Job("key", "compare", lab / "robots/robot_00/model.toml", "", log, None)
-    wrong = work(job)
+    wrong = run_job(job)
     assert "all torques have the wrong sign" in wrong.problem
     assert "trust_data" in wrong.problem
     assert not wrong.verdict
-    assert "sign" not in work(replace(job, trust=True)).problem
+    assert "sign" not in run_job(replace(job, trust=True)).problem

@@ -16,7 +16,7 @@ from dask_cluster import dask_cluster, free_port
 from armdyn.run import read_run
 from pipeline.batch.run import JOURNAL_FILE, run_batch
 from pipeline.batch.spec import read_spec
-from pipeline.batch.work import Job, work
+from pipeline.batch.work import Job, run_job
 
 from .conftest import FEW
 
@@ -56,9 +56,9 @@ def dies(job):
     """Stands for a recording that makes its process run out of memory."""
     if job.run.name == "log_2026-01-08.csv":
         os.kill(os.getpid(), signal.SIGKILL)
-    from pipeline.batch.work import work
+    from pipeline.batch.work import run_job
 
-    return work(job)
+    return run_job(job)
 
 
 def test_a_recording_that_kills_its_process_is_a_row_and_the_others_are_done(lab, monkeypatch):
@@ -145,6 +145,6 @@ def test_a_worker_keeps_nothing_of_a_recording_that_is_done(lab, monkeypatch):
 
     monkeypatch.setattr("armdyn.run.read_run", read)
     item = read_spec(lab / "spec.toml").items[0]
-    outcome = work(Job("key", "repair", item.model, "key of the model", item.run, None))
+    outcome = run_job(Job("key", "repair", item.model, "key of the model", item.run, None))
     assert outcome.verdict
     assert [one() for one in seen] == [None]
