@@ -209,7 +209,7 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     base = str(read_toml_with_text(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.robot.fingerprint] if model.robot is not None else []
-    return digest([contents(file) for file in files if file is not None] + robot)
+    return digest([file_digest(file) for file in files if file is not None] + robot)
 
 
 def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
@@ -224,10 +224,10 @@ def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
     """
     from armdyn import __version__
 
-    return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml")), sound])
+    return digest([__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound])
 
 
-def contents(path: Path) -> str:
+def file_digest(path: Path) -> str:
     """SHA-256 digest of a file's content; empty if the file cannot be read."""
     try:
         with path.open("rb") as file:
