@@ -98,14 +98,14 @@ class JobOutcome:
     def line(self) -> str:
         """The outcome as one line of JSON with a checksum, for the journal."""
         text = json.dumps(dataclasses.asdict(self), allow_nan=False)
-        return json.dumps({"digest": digest([text]), **json.loads(text)})
+        return json.dumps({"digest": text_digest([text]), **json.loads(text)})
 
     @classmethod
     def of(cls, line: bytes) -> "JobOutcome | None":
         """Read an outcome from a line of the journal; None if the line is damaged or has another format."""
         try:
             entry = json.loads(line)
-            if entry.pop("digest") == digest([json.dumps(entry)]):
+            if entry.pop("digest") == text_digest([json.dumps(entry)]):
                 events = entry["events"]
                 lists = {"effects": tuple(entry["effects"]), "events": None if events is None else tuple(events)}
                 return cls(**entry | lists)
@@ -209,7 +209,7 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     base = str(read_toml_with_text(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.robot.fingerprint] if model.robot is not None else []
-    return digest([file_digest(file) for file in files if file is not None] + robot)
+    return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
 def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
@@ -224,7 +224,7 @@ def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
     """
     from armdyn import __version__
 
-    return digest([__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound])
+    return text_digest([__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound])
 
 
 def file_digest(path: Path) -> str:
@@ -236,6 +236,6 @@ def file_digest(path: Path) -> str:
         return ""
 
 
-def digest(parts: list[str]) -> str:
+def text_digest(parts: list[str]) -> str:
     """Digest of texts: the first 32 characters of their SHA-256."""
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
