@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
-from pipeline.batch.work import Job, JobOutcome, file_digest, text_digest, key_of, key_of_model, run_job
+from pipeline.batch.work import Job, JobOutcome, file_digest, text_digest, key_of, model_digest, run_job
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
@@ -129,7 +129,7 @@ def run_batch(
         TaskFailedError: the connection to the scheduler was lost.
     """
     say("reading the models")
-    models = {path: key_of_model(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
+    models = {path: model_digest(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
     keys: dict[tuple[Path, Path], str] = {}
     jobs: dict[str, Job] = {}
     sounds: dict[tuple[Path, ...], str] = {}

@@ -197,7 +197,7 @@ def _known(path: Path, key: str, effects: Path | None) -> "ModelWithCatalogue":
     return ModelWithCatalogue.of(path, effects)
 
 
-def key_of_model(path: Path, effects: Path | None) -> str:
+def model_digest(path: Path, effects: Path | None) -> str:
     """Digest of a model: of the content of all files from which it is read.
 
     Raises:
