@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
-from pipeline.batch.work import Job, JobOutcome, file_digest, text_digest, key_of, model_digest, run_job
+from pipeline.batch.work import Job, JobOutcome, file_digest, text_digest, job_digest, model_digest, run_job
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
@@ -141,7 +141,7 @@ def run_batch(
         model_key = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         sound = sounds[item.calibrate] = sounds.get(item.calibrate) or text_digest([*map(file_digest, item.calibrate)])
-        key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run, sound)
+        key = keys[item.model, item.run] = job_digest(task, model_key, spec.name(item.run), item.run, sound)
         jobs[key] = Job(
             key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),

@@ -212,7 +212,7 @@ def model_digest(path: Path, effects: Path | None) -> str:
     return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
-def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
+def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
     """Digest of a job.
 
     Args:
