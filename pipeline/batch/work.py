@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from armdyn.run import Run
     from armdyn.watch.sound import Sound
 
-FALSE_ALARMS_PER_HOUR = 0.01
+WATCH_FALSE_ALARMS_PER_HOUR = 0.01
 """Rate of false alarms in the search for events in a recording [1/h]."""
 
 _one_at_a_time = threading.Lock()
@@ -172,7 +172,7 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).all(samples_of(model.reading(run), model))
+    found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).all(samples_of(model.reading(run), model))
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 
