@@ -37,7 +37,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.answers_motion import std_ratios, excitation_sentence
+from pipeline.answers_motion import excitation_sentence, std_ratios
 from pipeline.motion.excitation import Excitation, Expectation, excitation
 
 hidden_arm = generator("baxter")
@@ -169,7 +169,10 @@ def separations(found: Excitation) -> list[list[str]]:
 
 def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_timing.Claim]]:
     """Print what is expected; return it, and the claims that follow from it."""
-    print(f"\n{name}: {excitation_sentence(found)}\n  {found.check.sentence} {seconds:.0f} s of the processor to design all.")
+    print(
+        f"\n{name}: {excitation_sentence(found)}\n"
+        f"  {found.check.sentence} {seconds:.0f} s of the processor to design all."
+    )
     goal = found.goal
     if goal.rivals:
         headings = ["hidden", "joint", *(label for label, _ in contenders(found))]

@@ -42,7 +42,9 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
         "model": model_answer(study),
         **attributes_as_json(found, "verdict sentence"),
         **fit_answer(found.comparison),
-        "candidates": [attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
+        "candidates": [
+            attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects
+        ],
         **attributes_as_json(found, "remedies cannot_be_seen=unseen"),
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
@@ -127,7 +129,9 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **attributes_as_json(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
+        **attributes_as_json(
+            found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"
+        ),
         "not_told_apart": [attributes_as_json(one, "changes settled_by") for one in found.together],
         "outliers": outliers_of(found.fit.problem.runs),
         "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
@@ -135,7 +139,8 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": finite_or_none(found.process_error),
         "where": [
-            attributes_as_json(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
+            attributes_as_json(place, "channel run against from=start to=end unit chi2_per_sample share")
+            for place in found.places
         ],
     }
 
@@ -180,7 +185,11 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
     answer: dict[str, Any] = {}
     if compared.drives:
         answer["drives"] = {
-            name: attributes_as_json(servo, "law gain= determined delay", gain=servo.gain and attributes_as_json(servo.gain, "value std unit"))
+            name: attributes_as_json(
+                servo,
+                "law gain= determined delay",
+                gain=servo.gain and attributes_as_json(servo.gain, "value std unit"),
+            )
             for name, servo in compared.drives.items()
         }
     if compared.rollout:

@@ -106,8 +106,8 @@ def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = No
 def improvement_factors(found: Excitation) -> list[float]:
     """How many times better the designed motion is than each other motion.
 
-    To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival effects,
-    the ratios of the smallest separations.
+    To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival
+    effects, the ratios of the smallest separations.
     """
     if not found.goal.rivals:
         return std_ratios(found)
@@ -190,7 +190,9 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
             attributes_as_json(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
-        "times_better_than": json_value(dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))),
+        "times_better_than": json_value(
+            dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))
+        ),
         "random_motions": found.tried,
         "peaks": joint_peaks(found),
         "energy": found.energy,

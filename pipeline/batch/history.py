@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.batch.change import ChangeTest, SeriesKey, ParameterStep, find_changes
+from pipeline.batch.change import ChangeTest, ParameterStep, SeriesKey, find_changes
 from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import BatchSpec

@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
-from pipeline.batch.work import Job, JobOutcome, file_digest, text_digest, job_digest, model_digest, run_job
+from pipeline.batch.work import Job, JobOutcome, file_digest, job_digest, model_digest, run_job, text_digest
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 

@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import TimeRules, TimeSource, RecordingTime, is_date_format, relative_path_text
+from pipeline.batch.times import RecordingTime, TimeRules, TimeSource, is_date_format, relative_path_text
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
@@ -56,7 +56,9 @@ class _Recordings:
 class _Time:
     """The table ``[time]``: see `TimeRules`."""
 
-    from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = None
+    from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = (
+        None
+    )
     form: Annotated[
         str, ValueCheck(lambda f: not f or is_date_format(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
     ] = ""
@@ -158,7 +160,9 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
 def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
     if ROBOT_PLACEHOLDER not in entry.model and any(ROBOT_PLACEHOLDER in run for run in (*runs, *entry.calibrate)):
-        raise InputError(f"{where}: runs: {ROBOT_PLACEHOLDER} stands for what it is in `model`, which lacks it: write it there")
+        raise InputError(
+            f"{where}: runs: {ROBOT_PLACEHOLDER} stands for what it is in `model`, which lacks it: write it there"
+        )
     times = {name: utc(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
     for robot, model in _models(entry.model, where, folder):

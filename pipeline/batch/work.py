@@ -224,7 +224,9 @@ def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> s
     """
     from armdyn import __version__
 
-    return text_digest([__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound])
+    return text_digest(
+        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound]
+    )
 
 
 def file_digest(path: Path) -> str:

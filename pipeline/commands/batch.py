@@ -66,7 +66,7 @@ def batch(
     finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
-def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
+def _answer(spec: "BatchSpec", done: "BatchResult", found: "ParameterHistory") -> dict[str, Any]:
     from pipeline.batch.history import utc_datetime
     from pipeline.fields import attributes_as_json
     from pipeline.report.batch import verdicts
@@ -94,7 +94,9 @@ def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, 
             for step in event
         ],
         "drifts": [
-            attributes_as_json(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])
+            attributes_as_json(
+                d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter]
+            )
             for d in found.found.drifts
         ],
     }  # fmt: skip

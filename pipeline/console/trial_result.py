@@ -226,7 +226,10 @@ def real_trial(
                 say(text, soft_wrap=True, markup=False)
         return
     statistics = done.robot.statistics
-    nodes = {name: attributes_as_json(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
+    nodes = {
+        name: attributes_as_json(t, "steps mean longest late=overruns skipped")
+        for name, t in done.result.timing.items()
+    }
     answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": nodes}
     conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
 

@@ -47,7 +47,10 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     return {
         "mass": {"value": finite_or_none(mass), "unit": "kg"},
         "centre": {"value": dict(zip("xyz", map(finite_or_none, centre), strict=True)), "unit": "m"},
-        "inertia": {"value": {name: finite_or_none(inertia[at]) for name, at in INERTIA_INDICES.items()}, "unit": "kg m^2"},
+        "inertia": {
+            "value": {name: finite_or_none(inertia[at]) for name, at in INERTIA_INDICES.items()},
+            "unit": "kg m^2",
+        },
     }
 
 

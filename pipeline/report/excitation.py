@@ -7,7 +7,14 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
-from pipeline.answers_motion import determined_indices, std_ratios, compare_motions, joint_peaks, excitation_sentence, rival_separations
+from pipeline.answers_motion import (
+    compare_motions,
+    determined_indices,
+    excitation_sentence,
+    joint_peaks,
+    rival_separations,
+    std_ratios,
+)
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
@@ -65,7 +72,9 @@ def excitation_page(found: Excitation) -> Document:
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True)
+            for name, other, gain in zip(
+                OTHER_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True
+            )
             if other is not None
         ]
         figures = [*better, *figures]

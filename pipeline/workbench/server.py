@@ -17,7 +17,7 @@ from nicegui import Client, ui
 from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
-from pipeline.interrupts import Interrupt, exit_at_once, deferred_signals
+from pipeline.interrupts import Interrupt, deferred_signals, exit_at_once
 from pipeline.processes import THREAD_SWITCH_SECONDS
 from pipeline.report.page import template
 from pipeline.view.scene import three_js

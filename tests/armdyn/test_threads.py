@@ -119,6 +119,10 @@ def test_workers_have_one_thread(start):
 def test_a_command_has_one_thread_whatever_the_environment_says(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     command = [sys.executable, "-m", "pipeline.cli", "effects", "--effects", "own.py"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **dict.fromkeys(ONE_THREAD_ENVIRONMENT, str(OUTSIDE))}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(sys.path),
+        **dict.fromkeys(ONE_THREAD_ENVIRONMENT, str(OUTSIDE)),
+    }
     said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stderr
     assert set(said.split()) == {"1"}

@@ -111,7 +111,7 @@ def process(code, *arguments, **named):
     )
 
 
-HANDLED = "import os, signal, time; from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+HANDLED = "import os, signal, time; from pipeline.interrupts import SignalHandler; SignalHandler().install()\n"
 SWALLOWED = "try: os.kill(os.getpid(), signal.SIGTERM)\nexcept BaseException: pass\n"
 IN_A_FINALIZER = """class Odd:
     def __del__(self): os.kill(os.getpid(), signal.SIGINT)
@@ -129,7 +129,7 @@ def test_a_signal_that_python_loses_ends_the_command_all_the_same_and_prints_not
 def test_nohup_is_respected():
     code = (
         "import os, signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+        "from pipeline.interrupts import SignalHandler; SignalHandler().install()\n"
         "os.kill(os.getpid(), signal.SIGHUP); print('on')"
     )
     assert process(code).stdout == "on\n"

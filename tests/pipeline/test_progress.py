@@ -64,7 +64,7 @@ def test_a_picture_says_which_file_is_drawn_and_how_far(monkeypatch, tmp_path):
 
 CODE = """
 import os, threading
-from pipeline.processes import PromptThread, ask_for_real_time
+from pipeline.processes import HighPriorityThread, request_real_time_priority
 
 ready, rank = threading.Event(), {}
 
@@ -75,12 +75,12 @@ def receive():
 def guard():
     rank["later"] = os.sched_getparam(0).sched_priority
 
-receiving = PromptThread(receive, "receiving")
+receiving = HighPriorityThread(receive, "receiving")
 receiving.start()
-granted = ask_for_real_time()
+granted = request_real_time_priority()
 ready.set()
 receiving.join()
-guarding = PromptThread(guard, "guarding")
+guarding = HighPriorityThread(guard, "guarding")
 guarding.start()
 guarding.join()
 print(granted, rank["then"], rank["later"], os.sched_getparam(0).sched_priority)

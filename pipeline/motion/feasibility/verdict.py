@@ -235,6 +235,8 @@ class FeasibilityReport:
             "schema": SCHEMA,
             "feasible": self.feasible,
             "sentence": self.sentence,
-            "violations": [attributes_as_json(violation, "limit joint time value bound unit") for violation in self.violations],
+            "violations": [
+                attributes_as_json(violation, "limit joint time value bound unit") for violation in self.violations
+            ],
             "margins": margins,
         }

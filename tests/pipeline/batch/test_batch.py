@@ -66,7 +66,7 @@ def test_the_report_is_one_offline_page_with_what_changed(whole):
 def test_finished_recordings_are_not_done_again(done, armdyn, monkeypatch):
     lab, _ = done
     before = rows(lab)
-    monkeypatch.setattr("pipeline.batch.run.work", None)  # nobody may ask for it
+    monkeypatch.setattr("pipeline.batch.run.run_job", None)  # nobody may ask for it
     armdyn(*BATCH)
     assert answer(lab)["worked"] == 0
     assert rows(lab) == before

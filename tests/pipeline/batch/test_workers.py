@@ -63,7 +63,7 @@ def dies(job):
 
 def test_a_recording_that_kills_its_process_is_a_row_and_the_others_are_done(lab, monkeypatch):
     (lab / "out").mkdir()
-    monkeypatch.setattr("pipeline.batch.run.work", dies)
+    monkeypatch.setattr("pipeline.batch.run.run_job", dies)
     monkeypatch.setattr("pipeline.batch.run.START_METHOD", "fork")  # which knows this file's function
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
     bad = [row for row in done.rows if row.outcome.problem]
