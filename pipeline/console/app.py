@@ -18,7 +18,7 @@ from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from armdyn.read_files import keeping_inputs
 from pipeline import commands
 from pipeline.console.groups import with_groups
-from pipeline.console.noticed import noticed, noticing
+from pipeline.console.noticed import collected_warnings, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
@@ -82,7 +82,7 @@ def run(interrupts: SignalHandler) -> int:
     with keeping_inputs(), tolerant_streams() as problem_of_output, noticing():
         try:
             status = _run_command(interrupts)
-            for sentence in noticed():
+            for sentence in collected_warnings():
                 _say(f"CHECK: {sentence}", status)
         except BaseException as error:
             status = _say_why(error, interrupts)

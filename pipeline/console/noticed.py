@@ -13,7 +13,7 @@ from typing import Any
 _noticed: ContextVar[tuple[str, ...]] = ContextVar("_noticed", default=())
 
 
-def noticed() -> tuple[str, ...]:
+def collected_warnings() -> tuple[str, ...]:
     """The warnings about robot descriptions that were collected so far."""
     return _noticed.get()
 
@@ -28,8 +28,8 @@ def noticing() -> Iterator[None]:
         def keep(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if category.__name__ != "DescriptionWarning":  # the warning's module is slow to load, and may not be needed
                 show(message, category, *where, **more)
-            elif str(message) not in noticed():
-                _noticed.set((*noticed(), str(message)))
+            elif str(message) not in collected_warnings():
+                _noticed.set((*collected_warnings(), str(message)))
 
         warnings.showwarning = keep
         try:

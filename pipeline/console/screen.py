@@ -16,7 +16,7 @@ import typer
 from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
-from pipeline.console.noticed import noticed
+from pipeline.console.noticed import collected_warnings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,7 +142,7 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
     """
     from armdyn import atomic
 
-    said = {"warnings": list(noticed())} if noticed() else {}
+    said = {"warnings": list(collected_warnings())} if collected_warnings() else {}
     text = json.dumps({**answer, **said}, indent=1, allow_nan=False)
     if file == Path("-"):
         if sys.__stdout__ is None:
