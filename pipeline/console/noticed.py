@@ -19,7 +19,7 @@ def collected_warnings() -> tuple[str, ...]:
 
 
 @contextmanager
-def noticing() -> Iterator[None]:
+def collecting_warnings() -> Iterator[None]:
     """Collect each different warning about a robot description in the ``with`` block; other warnings are shown."""
     token = _noticed.set(())
     with warnings.catch_warnings():
