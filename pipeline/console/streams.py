@@ -59,7 +59,7 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-class Tolerant(io.RawIOBase):
+class NonRaisingStream(io.RawIOBase):
     """Binary output stream to a file descriptor that drops bytes which cannot be written, in place of raising.
 
     Attributes:
@@ -107,14 +107,14 @@ def tolerant_streams() -> Iterator[Callable[[], str | None]]:
     Yields:
         A function that returns why output was dropped; None if none was dropped.
     """
-    usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, Tolerant]]()
+    usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, NonRaisingStream]]()
     for number, name in ((1, "stdout"), (2, "stderr")):
         before = getattr(sys, name)
         if before is not None and before is not getattr(sys, f"__{name}__"):
             continue
         if before is None:
             _occupy(number)
-        raw = Tolerant(number)
+        raw = NonRaisingStream(number)
         encoding = getattr(before, "encoding", None) or "utf-8"
         lines = number == 2 or raw.isatty()
         setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="replace", line_buffering=lines))
