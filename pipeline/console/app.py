@@ -19,7 +19,7 @@ from armdyn.read_files import keeping_inputs
 from pipeline import commands
 from pipeline.console.groups import with_groups
 from pipeline.console.noticed import collected_warnings, collecting_warnings
-from pipeline.console.streams import report_unforeseen, tolerant_streams
+from pipeline.console.streams import report_unforeseen, non_raising_streams
 from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
@@ -79,7 +79,7 @@ def run(interrupts: SignalHandler) -> int:
         The exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself,
         128 + n if signal n ended the command.
     """
-    with keeping_inputs(), tolerant_streams() as problem_of_output, collecting_warnings():
+    with keeping_inputs(), non_raising_streams() as problem_of_output, collecting_warnings():
         try:
             status = _run_command(interrupts)
             for sentence in collected_warnings():

@@ -99,7 +99,7 @@ class NonRaisingStream(io.RawIOBase):
 
 
 @contextmanager
-def tolerant_streams() -> Iterator[Callable[[], str | None]]:
+def non_raising_streams() -> Iterator[Callable[[], str | None]]:
     """Replace standard output and error in the ``with`` block so that printing never raises an exception.
 
     An exception in a thread prints one line. Streams that a test has replaced are kept.
