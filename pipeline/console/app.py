@@ -19,7 +19,7 @@ from armdyn.read_files import keeping_inputs
 from pipeline import commands
 from pipeline.console.groups import with_groups
 from pipeline.console.noticed import collected_warnings, collecting_warnings
-from pipeline.console.streams import report_unforeseen, non_raising_streams
+from pipeline.console.streams import report_unexpected_error, non_raising_streams
 from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
@@ -154,7 +154,7 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
         return _say(str(error), 2)
     if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is full or gone
         return _say(f"{printable_excerpt(str(error.filename))}: {error.strerror}: choose another file or place", 2)
-    return _say(report_unforeseen(error), 3)
+    return _say(report_unexpected_error(error), 3)
 
 
 def _is_urdf_error(error: BaseException) -> bool:

@@ -23,7 +23,7 @@ from armdyn.quoting import command_text
 PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
 
-def report_unforeseen(error: BaseException) -> str:
+def report_unexpected_error(error: BaseException) -> str:
     """Write a report of an unexpected error to a temporary file; returns a sentence with the error and the file."""
     what = f"{type(error).__name__}{': ' if str(error) else ''}{' '.join(str(error).split())[:200]}"
     try:
@@ -127,7 +127,7 @@ def non_raising_streams() -> Iterator[Callable[[], str | None]]:
 
     def report(what: threading.ExceptHookArgs) -> None:
         if what.exc_value is not None and not isinstance(what.exc_value, SystemExit):
-            print(f"armdyn: {report_unforeseen(what.exc_value)}", file=sys.stderr)
+            print(f"armdyn: {report_unexpected_error(what.exc_value)}", file=sys.stderr)
 
     threading.excepthook = report
     try:

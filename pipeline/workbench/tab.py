@@ -183,9 +183,9 @@ class Tab:
         except ArmdynError as error:
             self._call("say", str(error).replace(f"{self._folder.name}/", ""), "bad")
         except Exception as error:
-            from pipeline.console.streams import report_unforeseen
+            from pipeline.console.streams import report_unexpected_error
 
-            self._call("say", report_unforeseen(error), "bad")
+            self._call("say", report_unexpected_error(error), "bad")
 
     def _call(self, function: str, *arguments: Any) -> None:
         """Call a function of the page's script, ``armdynBench``."""
