@@ -20,7 +20,7 @@ from typing import Any, TextIO
 
 from armdyn.quoting import command_text
 
-PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
+REPORTED_PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
 
 def report_unexpected_error(error: BaseException) -> str:
@@ -39,7 +39,7 @@ def report_unexpected_error(error: BaseException) -> str:
 
 
 def _report(error: BaseException) -> str:
-    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    versions = ", ".join(f"{name} {_version(name)}" for name in REPORTED_PACKAGES)
     return "\n".join(
         (
             f"command: {command_text(*sys.argv[1:])}",
