@@ -1,4 +1,4 @@
-from pipeline.console.screen import to_screen
+from pipeline.console.screen import screen_console
 
 
 def test_help_says_what_each_command_does(armdyn):
@@ -11,7 +11,7 @@ def test_help_says_what_each_command_does(armdyn):
 def test_brackets_reach_the_terminal(armdyn, capsys):
     _, out, _ = armdyn("trial", "--help")
     assert "[m]" in out
-    to_screen().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
+    screen_console().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
     assert capsys.readouterr().out == "friction [swing_rate > 0], q [m], parameter.torque[bold]\n"
 
 

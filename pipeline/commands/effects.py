@@ -3,7 +3,7 @@
 from typing import Any
 
 from pipeline.console.options import EffectsOption, JsonOption
-from pipeline.console.screen import to_screen, write_answer
+from pipeline.console.screen import screen_console, write_answer
 
 PANEL = "Models"
 
@@ -28,7 +28,7 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         return
     from rich.text import Text
 
-    console = to_screen()
+    console = screen_console()
     for stage in dict.fromkeys(effect.acts_on for effect in known):
         console.print(stage, style="bold")
         for effect in (e for e in known if e.acts_on == stage):

@@ -13,7 +13,7 @@ from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
+from pipeline.console.screen import plain_table, show, spinner, screen_console, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -174,7 +174,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
         table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
     for column, entry in found.entries.items():
         table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason(entry.why, entry.check))
-    to_screen().print(table)
+    screen_console().print(table)
     asked = [column for column, entry in found.entries.items() if entry.check]
     asked += [found.time] if found.check else []
     for what, names in (

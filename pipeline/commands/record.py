@@ -7,7 +7,7 @@ import typer
 
 from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, RosOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, to_screen, write_answer
+from pipeline.console.screen import spinner, screen_console, write_answer
 
 PANEL = "Experiments"
 
@@ -47,7 +47,7 @@ def record(
         "notes": list(said),
     }
     if write_answer(json_file, lambda: answer):
-        say = to_screen().print
+        say = screen_console().print
         say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
         for note in said:
             say(note, soft_wrap=True, markup=False)

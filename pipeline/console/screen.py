@@ -29,7 +29,7 @@ PIPED_WIDTH = 140
 """Width of the output in characters if it is not written to a terminal."""
 
 
-def to_screen() -> "Console":
+def screen_console() -> "Console":
     """Make a console on standard output, in which square brackets such as in ``[m]`` are text, not a style.
 
     Characters that the encoding of the terminal lacks are printed as question marks.
@@ -53,7 +53,7 @@ def show(document: "Document") -> None:
     """Print a document on the screen: verdict, key figures, tables and notes; sections with charts only are skipped."""
     from rich.table import Column
 
-    console = to_screen()
+    console = screen_console()
     console.print(document.verdict, style="bold", soft_wrap=True)
     for figure in document.key_figures:
         note = f" ({figure.note})" if figure.note else ""

@@ -9,7 +9,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
-from pipeline.console.screen import ProgressDisplay, save_report, spinner, to_screen, write_answer, write_json
+from pipeline.console.screen import ProgressDisplay, save_report, spinner, screen_console, write_answer, write_json
 from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def conclude_trial(
             problem = _report_problem(done, report)
             pictures = draw(progress)
     if json_file != Path("-"):
-        say = to_screen().print
+        say = screen_console().print
         if result.estimates:
             say(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
@@ -220,7 +220,7 @@ def real_trial(
     if options.rehearse:
         answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
         if write_answer(json_file, lambda: answer):
-            say = to_screen().print
+            say = screen_console().print
             say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
             for text in _timing(statistics):
                 say(text, soft_wrap=True, markup=False)
