@@ -13,7 +13,7 @@ from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import plain_table, show, spinner, screen_console, write_answer
+from pipeline.console.screen import borderless_table, show, spinner, screen_console, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -169,7 +169,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
     from pipeline.imports.mapping import reason
 
-    table = plain_table("column", "channel", "unit", "why")
+    table = borderless_table("column", "channel", "unit", "why")
     if found.time:
         table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
     for column, entry in found.entries.items():

@@ -42,7 +42,7 @@ def screen_console() -> "Console":
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
-def plain_table(*heads: "str | Column") -> "Table":
+def borderless_table(*heads: "str | Column") -> "Table":
     """Make an empty table for the screen, without lines, from the headings of its columns."""
     from rich.table import Table
 
@@ -67,7 +67,7 @@ def show(document: "Document") -> None:
         if sentence:
             console.print(sentence, soft_wrap=True)
         for table in tables:
-            made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
+            made = borderless_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
             most = len(table) if table.name else MAX_CARD_ROWS
             for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:most]:
                 made.add_row(*row)
