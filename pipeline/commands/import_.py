@@ -13,7 +13,7 @@ from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import borderless_table, show, spinner, screen_console, write_answer
+from pipeline.console.screen import borderless_table, print_document, spinner, screen_console, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -112,7 +112,7 @@ def _import(
     written = _write([each.run for each in found], wanted)
     if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(checks)}):
         if checks:
-            show(inspection_document(Inspection(looked.runs, checks)))
+            print_document(inspection_document(Inspection(looked.runs, checks)))
         _say(found, written, choice)
 
 

@@ -49,7 +49,7 @@ def borderless_table(*heads: "str | Column") -> "Table":
     return Table(*heads, box=None, header_style="dim")
 
 
-def show(document: "Document") -> None:
+def print_document(document: "Document") -> None:
     """Print a document on the screen: verdict, key figures, tables and notes; sections with charts only are skipped."""
     from rich.table import Column
 
@@ -108,7 +108,7 @@ def finish(
     if report is not None and page is not None:
         save_report(page(), report)
     if write_answer(json_file, answer):
-        show(document)
+        print_document(document)
         if document.sections:
             typer.echo("")
         for line in written:
