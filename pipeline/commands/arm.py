@@ -6,7 +6,7 @@ import typer
 
 from armdyn.document import Column, Document, KeyFigure, Section, Table
 from pipeline.console.options import ArmChoice, JsonOption, numbers
-from pipeline.console.screen import finish
+from pipeline.console.screen import finish_command
 
 if TYPE_CHECKING:
     from armdyn.arm.posture import ArmPosture, Ellipsoid
@@ -44,7 +44,7 @@ def show(
         None if at is None else numbers(at, "--at"),
         None if velocity is None else numbers(velocity, "--velocity"),
     )
-    finish(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
+    finish_command(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
 
 
 def _units(robot: "Robot") -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ import typer
 from armdyn.quoting import command_text
 from pipeline.console.options import JsonOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, spinner
 
 if TYPE_CHECKING:
     from pipeline.batch.history import ParameterHistory
@@ -63,7 +63,7 @@ def batch(
     document = batch_report(asked, done, found)
     report = output / "report.html"
     written = [f"rows: {output / PARQUET_FILE}"]
-    finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
+    finish_command(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
 def _answer(spec: "BatchSpec", done: "BatchResult", found: "ParameterHistory") -> dict[str, Any]:

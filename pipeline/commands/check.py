@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, spinner
 
 if TYPE_CHECKING:
     import urdf
@@ -87,7 +87,7 @@ def check(
         else:
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     title = f"Feasibility of {trajectory.name}"
-    finish(
+    finish_command(
         replace(feasibility_document(result, title), notes=missing_meshes(arm)),
         result.to_json,
         json_file,

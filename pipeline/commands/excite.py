@@ -20,7 +20,7 @@ from pipeline.console.options import (
     names_in,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, spinner
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -108,7 +108,7 @@ def excite(
     again = [NextStep("check it again", command_text("check", output, *known))]
     notes = missing_meshes(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
-    finish(
+    finish_command(
         replace(document, next_steps=again if joints is None and tool is None else []),
         lambda: excitation_answer(found, output),
         json_file,

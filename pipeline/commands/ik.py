@@ -8,7 +8,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
-from pipeline.console.screen import finish, write_answer
+from pipeline.console.screen import finish_command, write_answer
 from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def build(
     if found is not None:
         quality = attributes_as_json(found, "home core_speed whole_speed joint_margin clearance torque")
         extra["found"] = {"line": found.line.describe(), **quality}
-    finish(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
+    finish_command(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
 
 
 @group.command()
@@ -181,7 +181,7 @@ def show(
     if table.robot_name in known_robots():
         arm = load(table.robot_name)
         table = PathTable.load(file, arm)
-    finish(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
+    finish_command(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
 
 
 def _say(stage: str) -> None:

@@ -11,7 +11,7 @@ from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, spinner
 
 if TYPE_CHECKING:
     from armdyn.inspection.check import Inspection
@@ -63,7 +63,7 @@ def inspect(
         lines.append("nothing to correct in the files")
     elif found.corrected():
         steps.append(NextStep("write corrected copies", command_text("inspect", *files, "--fix", "fixed")))
-    finish(
+    finish_command(
         replace(inspection_document(found), next_steps=steps),
         lambda: inspection_answer(found),
         json_file,

@@ -8,7 +8,7 @@ import typer
 
 from pipeline.console.inputs import UnexaminedInputs
 from pipeline.console.options import names_in
-from pipeline.console.screen import finish
+from pipeline.console.screen import finish_command
 
 PANEL = "What a model lacks"
 
@@ -62,7 +62,7 @@ def next_(
         write_motion(offer, output)
     document = next_document(made, sentence, written if limits is None else None)
     document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
-    finish(
+    finish_command(
         document,
         lambda: next_answer(made, verdict, sentence, written),
         inputs.json_file,

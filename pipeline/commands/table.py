@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.options import JsonOption
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, spinner
 
 PANEL = "Experiments"
 
@@ -26,4 +26,4 @@ def table(
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)
     document = table_report(result)
-    finish(document, result.as_json, json_file, report, lambda: document)
+    finish_command(document, result.as_json, json_file, report, lambda: document)

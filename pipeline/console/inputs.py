@@ -21,7 +21,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import ProgressDisplay, finish, spinner
+from pipeline.console.screen import ProgressDisplay, finish_command, spinner
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
@@ -139,7 +139,7 @@ class StudyInputs(Inputs):
         def whole() -> dict[str, Any]:
             return {**answer(), "recording_checks": checks_answer(given.inspection.checks)}
 
-        finish(document, whole, self.json_file, self.report, page, written, failed=failed)
+        finish_command(document, whole, self.json_file, self.report, page, written, failed=failed)
 
 
 @dataclass(frozen=True)
@@ -162,5 +162,5 @@ def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
 
         note = "No effect is named while a recording is wrong; --trust-data goes on regardless."
         found = error.inspection
-        finish(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
+        finish_command(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
         raise typer.Exit(1) from error

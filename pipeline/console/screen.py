@@ -80,7 +80,7 @@ def print_document(document: "Document") -> None:
         console.print(note, style="yellow", soft_wrap=True)
 
 
-def finish(
+def finish_command(
     document: "Document",
     answer: Callable[[], dict[str, Any]],
     json_file: Path | None,

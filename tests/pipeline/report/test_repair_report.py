@@ -17,7 +17,7 @@ from armdyn.identify.sentence import Verdict
 from armdyn.identify.tables import fall_sentence, link_section, step_table
 from armdyn.notebook import card, frame
 from pipeline.answers import link_answer
-from pipeline.console.screen import finish, print_document
+from pipeline.console.screen import finish_command, print_document
 from pipeline.report.page import page_html
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
@@ -159,9 +159,9 @@ def test_a_long_table_says_how_much_of_it_is_left_out(capsys):
 def test_json_on_standard_output_stands_alone_and_else_the_next_steps_are_said(capsys, tmp_path):
     from pathlib import Path
 
-    finish(DOCUMENT, lambda: {"schema": "a/1"}, Path("-"), tmp_path / "r.html", lambda: DOCUMENT)
+    finish_command(DOCUMENT, lambda: {"schema": "a/1"}, Path("-"), tmp_path / "r.html", lambda: DOCUMENT)
     assert capsys.readouterr().out == '{\n "schema": "a/1"\n}\n'
     assert "it is" in (tmp_path / "r.html").read_text()
-    finish(DOCUMENT, lambda: {}, None, written=["written to m.toml"])
+    finish_command(DOCUMENT, lambda: {}, None, written=["written to m.toml"])
     said = capsys.readouterr().out
     assert said.index("look out") < said.index("written to m.toml") < said.index("add it: armdyn add m.toml")
