@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from armdyn.document import Document
 
 
-PIPED_WIDTH = 140
+PIPED_OUTPUT_WIDTH = 140
 """Width of the output in characters if it is not written to a terminal."""
 
 
@@ -39,7 +39,7 @@ def screen_console() -> "Console":
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_OUTPUT_WIDTH)
 
 
 def borderless_table(*heads: "str | Column") -> "Table":
