@@ -15,7 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import Known
 from pipeline.commands.trial import _render
-from pipeline.console.screen import COUNTED, about, spinner
+from pipeline.console.screen import COUNT_PATTERN, about, spinner
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     setup = Setup(hidden={"quadratic_drag": 0.02})
     run = weighed(record("a.csv", setup, np.random.default_rng(7)), Known(0.08, 4e-4, "kg"), Known(0.368, 1e-3, "m"))
     repair(Study.of(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
-    counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
+    counts = [tuple(map(int, found.groups())) for text in told if (found := COUNT_PATTERN.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)
     assert {done for done, _ in counts} >= {0, 1}
