@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish_command, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     import urdf
@@ -62,7 +62,7 @@ def check(
     if mass < 0.0:
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
     check_outputs(report, json_file, inputs=[trajectory])
-    with spinner() as say:
+    with progress_display() as say:
         say("reading the robot")
         known = choice.robot or "baxter"
         arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)

@@ -20,7 +20,7 @@ from pipeline.console.options import (
     names_in,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish_command, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -89,7 +89,7 @@ def excite(
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
     inputs = [file for file in (choice.urdf_file, effects_file) if file is not None]
     check_outputs(output, report, json_file, inputs=inputs)
-    with spinner() as say:
+    with progress_display() as say:
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
         from armdyn.recording.csv_run import csv_text

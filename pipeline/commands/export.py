@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import at
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
 from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import spinner, write_answer
+from pipeline.console.screen import progress_display, write_answer
 
 PANEL = "Models"
 
@@ -41,7 +41,7 @@ def export(
     made = format_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
-    with spinner() as say:
+    with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         file = replace(file, model=file.model.named_only()) if named_only else file
         say(f"writing {output}")

@@ -11,7 +11,7 @@ from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import finish_command, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.inspection.check import Inspection
@@ -49,7 +49,7 @@ def inspect(
     if not run_files:
         raise InputError("no recording: give at least one, 'armdyn inspect M.toml RUN.csv'")
     check_outputs(report, json_file, inputs=files)
-    with spinner() as say:
+    with progress_display() as say:
         runs = [read_run(path) for path in run_files]
         known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")

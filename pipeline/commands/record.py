@@ -7,7 +7,7 @@ import typer
 
 from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, RosOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, screen_console, write_answer
+from pipeline.console.screen import progress_display, screen_console, write_answer
 
 PANEL = "Experiments"
 
@@ -29,7 +29,7 @@ def record(
     from pipeline.ros.topics import read_topics, settings_file
 
     check_outputs(output, json_file)
-    with spinner() as progress:
+    with progress_display() as progress:
         run, said = record_run(
             ros,
             urdf.load(arm),

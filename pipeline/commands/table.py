@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.options import JsonOption
-from pipeline.console.screen import finish_command, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 PANEL = "Experiments"
 
@@ -21,7 +21,7 @@ def table(
     from pipeline.report.table import table_report
     from pipeline.trial.table import run_table
 
-    with spinner() as show:
+    with progress_display() as show:
         result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import ProgressDisplay, spinner
+from pipeline.console.screen import ProgressDisplay, progress_display
 from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def trial(
         if link.robot != "simulated":
             real_trial(settings, link, folder, json_file, note)
             return
-        with spinner() as progress:
+        with progress_display() as progress:
             done = simulate(replace(settings, out=folder), progress)
         conclude_trial(
             done,

@@ -13,7 +13,7 @@ from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner
+from pipeline.console.screen import progress_display
 
 if TYPE_CHECKING:
     from armdyn.watch.event import Event
@@ -74,7 +74,7 @@ def watch(
     live = ros is not None or runs == [STANDARD]
     files = [] if live else recordings_in(runs)
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
-    with spinner() as say:
+    with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = runs_of(given, calibrate), runs_of(given, files)

@@ -10,7 +10,7 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.console.options import EffectsOption, JsonOption, NoBrowserOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, write_json
+from pipeline.console.screen import progress_display, write_json
 
 PANEL = "What a model lacks"
 
@@ -45,7 +45,7 @@ def workbench(
     for run in (*(runs or ()), *(held_out or ())):
         if not run.is_file():
             raise InputError(f"{run}: no such file")
-    with spinner() as say:
+    with progress_display() as say:
         say("starting")
         try:
             from pipeline.workbench.server import is_loopback, listening, serve

@@ -21,7 +21,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import ProgressDisplay, finish_command, spinner
+from pipeline.console.screen import ProgressDisplay, finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
@@ -109,7 +109,7 @@ class StudyInputs(Inputs):
         check_outputs(output, self.report, self.json_file, inputs=[*kept, *self.recordings, *own])
         if over:
             may_replace(self.model)
-        with stopped_if_wrong(self.json_file), spinner() as say:
+        with stopped_if_wrong(self.json_file), progress_display() as say:
             given = self.read(adding, choosing=choosing)
             check_outputs(output, self.report, self.json_file)  # the names in the inputs are known now
             yield given, say

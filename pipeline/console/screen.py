@@ -190,7 +190,7 @@ COUNT_PATTERN = re.compile(r"(\d+) of (\d+) ")
 
 
 @contextmanager
-def spinner() -> Iterator[ProgressDisplay]:
+def progress_display() -> Iterator[ProgressDisplay]:
     """Show a command's activity, progress and elapsed time on the terminal during the ``with`` block.
 
     Yields:

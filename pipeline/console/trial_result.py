@@ -9,7 +9,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
-from pipeline.console.screen import ProgressDisplay, save_report, spinner, screen_console, write_answer, write_json
+from pipeline.console.screen import ProgressDisplay, save_report, progress_display, screen_console, write_answer, write_json
 from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def conclude_trial(
     if result.signal is not None and not always_report:
         problem = "no report: who interrupts a trial wants it to end"
     else:
-        with spinner() as progress:
+        with progress_display() as progress:
             progress("writing the report")
             problem = _report_problem(done, report)
             pictures = draw(progress)
@@ -211,7 +211,7 @@ def real_trial(
     from pipeline.trial.real import rehearse, run_real
 
     link = options.connection()
-    with spinner() as progress:
+    with progress_display() as progress:
         prompts = options.prompts(json_file)
         if not options.rehearse:
             done = run_real(settings, link, prompts, out, progress)

@@ -15,7 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import Known
 from pipeline.commands.trial import _render
-from pipeline.console.screen import COUNT_PATTERN, about, spinner
+from pipeline.console.screen import COUNT_PATTERN, about, progress_display
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
 
 
 def test_a_pipe_gets_no_progress(capsys):
-    with spinner() as say:
+    with progress_display() as say:
         say("2 of 5 candidates tried")
         say("fitting [m]")
     assert capsys.readouterr() == ("", "")
