@@ -221,7 +221,7 @@ def progress_display() -> Iterator[ProgressDisplay]:
                 kind = what[counted.end() :].partition(",")[0]
                 if kind != phase or done == 0:
                     phase, began = kind, monotonic()
-                left = about((monotonic() - began) * (total - done) / done) if done else ""
+                left = remaining_time_text((monotonic() - began) * (total - done) / done) if done else ""
             else:
                 phase = ""
             bar.update(task, description=what, total=total, completed=done, left=left)
@@ -229,7 +229,7 @@ def progress_display() -> Iterator[ProgressDisplay]:
         yield say
 
 
-def about(seconds: float) -> str:
+def remaining_time_text(seconds: float) -> str:
     """Text of a remaining time [s], rounded, such as ``about 40 s left``."""
     if seconds < 10.0:
         return "a few seconds left"

@@ -15,7 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import Known
 from pipeline.commands.trial import _render
-from pipeline.console.screen import COUNT_PATTERN, about, progress_display
+from pipeline.console.screen import COUNT_PATTERN, remaining_time_text, progress_display
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from pipeline.console.screen import COUNT_PATTERN, about, progress_display
     [(3.0, "a few seconds left"), (42.0, "about 40 s left"), (89.0, "about 90 s left"), (300.0, "about 5 min left")],
 )
 def test_time_that_is_left_is_as_coarse_as_it_is_known(seconds, text):
-    assert about(seconds) == text
+    assert remaining_time_text(seconds) == text
 
 
 def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
