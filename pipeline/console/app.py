@@ -17,7 +17,7 @@ from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from armdyn.read_files import keeping_inputs
 from pipeline import commands
-from pipeline.console.groups import with_groups
+from pipeline.console.groups import with_flattened_options
 from pipeline.console.noticed import collected_warnings, collecting_warnings
 from pipeline.console.streams import report_unexpected_error, non_raising_streams
 from pipeline.interrupts import Interrupt, SignalHandler
@@ -47,10 +47,10 @@ def application(files: Iterable[str]) -> typer.Typer:
         module = import_module(f"{commands.__name__}.{file}")
         place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
         if not hasattr(module, "group"):
-            app.command(**place)(_checked(with_groups(getattr(module, file))))
+            app.command(**place)(_checked(with_flattened_options(getattr(module, file))))
             continue
         for command in module.group.registered_commands:
-            command.callback = _checked(with_groups(command.callback))
+            command.callback = _checked(with_flattened_options(command.callback))
         app.add_typer(module.group, **place)
     return app
 

@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from typer.models import ArgumentInfo
 
 
-def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
+def with_flattened_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Convert a function to a command for Typer: each parameter that is a dataclass is replaced by the class's fields.
 
     For example, ``def repair(inputs: StudyInputs, output: OutputOption = None)`` becomes a command with the arguments
