@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, quantity
+from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
 
@@ -58,7 +58,7 @@ def check(
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_page
 
-    mass = quantity(load_mass, "kg", "--load-mass").value
+    mass = parse_option_quantity(load_mass, "kg", "--load-mass").value
     if mass < 0.0:
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
     check_outputs(report, json_file, inputs=[trajectory])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
+from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import ProgressDisplay, progress_display
 from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
@@ -79,7 +79,7 @@ def trial(
     held = given is not None and not given.parameters["length"].fitted
     estimate = not (no_estimation or held)
     note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
-    weighed = quantity(mass, "kg", "--mass")
+    weighed = parse_option_quantity(mass, "kg", "--mass")
     if investigate < 0:
         raise InputError(f"--investigate {investigate}: give the number of experiments, such as 4")
     if (investigate or motion) and not estimate:

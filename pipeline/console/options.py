@@ -131,7 +131,7 @@ class RobotChoice:
 ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
 
 
-def quantity(text: str, unit: str, option: str) -> "Known":
+def parse_option_quantity(text: str, unit: str, option: str) -> "Known":
     """Parse the value of an option, such as ``"80 g +/- 0.4 g"``, and convert it to a unit.
 
     Args:
