@@ -17,7 +17,7 @@ from pipeline.console.options import (
     RobotChoice,
     ToolOption,
     missing_meshes,
-    names_in,
+    split_names,
 )
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
@@ -98,7 +98,7 @@ def excite(
         from pipeline.report.excitation import excitation_document, excitation_page
 
         say("reading the robot")
-        model = arm_model(choice.urdf_file, choice.robot, names_in(joints), tool=tool)
+        model = arm_model(choice.urdf_file, choice.robot, split_names(joints), tool=tool)
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)

@@ -11,7 +11,7 @@ import typer.core
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, split_names
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
 
@@ -99,7 +99,7 @@ def arm(
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
-    made = with_described_effects(arm_model(urdf or mjcf, robot, names_in(joints), tool=tool))
+    made = with_described_effects(arm_model(urdf or mjcf, robot, split_names(joints), tool=tool))
     made = made.with_drives(known_drives(drive or (), made.joints))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}

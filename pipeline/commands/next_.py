@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.inputs import UnexaminedInputs
-from pipeline.console.options import names_in
+from pipeline.console.options import split_names
 from pipeline.console.screen import finish_command
 
 PANEL = "What a model lacks"
@@ -52,7 +52,7 @@ def next_(
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
-        verdict, sentence, found = undecided(given.study, names_in(rivals), say)
+        verdict, sentence, found = undecided(given.study, split_names(rivals), say)
         made, offer = None, None
         if found is not None:
             made, offer = plan_experiment(found, seconds, limits, seed, say)

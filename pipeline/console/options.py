@@ -94,7 +94,7 @@ class ArmChoice:
 
         try:
             chosen = self.robot if self.urdf_file is None else self.urdf_file
-            return load(chosen, joints=names_in(self.joints), tool=self.tool, meshes=self.meshes)
+            return load(chosen, joints=split_names(self.joints), tool=self.tool, meshes=self.meshes)
         except UrdfError as error:
             remedy = str(error).replace("load the robot without its missing meshes", "add --no-meshes")
             raise InputError(remedy) from error
@@ -148,7 +148,7 @@ def parse_option_quantity(text: str, unit: str, option: str) -> "Known":
         return parse_quantity(text, unit)
 
 
-def names_in(text: str | None) -> list[str] | None:
+def split_names(text: str | None) -> list[str] | None:
     """Split a text with names separated by commas; None for None."""
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
