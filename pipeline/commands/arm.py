@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Column, Document, KeyFigure, Section, Table
-from pipeline.console.options import ArmChoice, JsonOption, numbers
+from pipeline.console.options import ArmChoice, JsonOption, parse_numbers
 from pipeline.console.screen import finish_command
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ def show(
     arm = choice.load()
     posture = arm_posture(
         arm,
-        None if at is None else numbers(at, "--at"),
-        None if velocity is None else numbers(velocity, "--velocity"),
+        None if at is None else parse_numbers(at, "--at"),
+        None if velocity is None else parse_numbers(velocity, "--velocity"),
     )
     finish_command(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
 

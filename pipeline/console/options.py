@@ -159,7 +159,7 @@ def missing_meshes(robot: "Robot") -> list[str]:
     return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
 
 
-def numbers(text: str, option: str) -> list[float]:
+def parse_numbers(text: str, option: str) -> list[float]:
     """Parse a text with numbers separated by commas; `option` is the option's name for the error message.
 
     Raises:
@@ -193,7 +193,7 @@ def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> li
     Raises:
         InputError: a part of the text is not a number, or there are more or fewer numbers.
     """
-    values = numbers(text, option)
+    values = parse_numbers(text, option)
     if len(values) != count:
         whose = f", for {', '.join(names)}" if names else ""
         raise InputError(
