@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, parse_option_quantity
+from pipeline.console.options import JsonOption, ReportOption, RobotChoice, parse_number_list, missing_meshes, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
 
@@ -77,7 +77,7 @@ def check(
         if not (near or isinstance(motion, LineTrajectory)):
             settings = replace(settings, singular_value=0.0)  # joint motions may pass singularities
         at = (
-            (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
+            (None if start is None else parse_number_list(len(arm.joint_names), start, "--start", arm.joint_names))
             if ros is None
             else _where(ros, known, start, arm)
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
+from pipeline.console.options import ArmChoice, JsonOption, parse_number_list, tool_rotation
 from pipeline.console.screen import finish_command, write_answer
 from pipeline.fields import attributes_as_json
 
@@ -49,13 +49,13 @@ def volume(
     from ik.volume import TargetGrid, build_volume
 
     arm = choice.load()
-    sides = [round(count) for count in exactly(3, counts, "--counts")]
+    sides = [round(count) for count in parse_number_list(3, counts, "--counts")]
     if not tool_rpy and arm.given_line is None:
         raise InputError(f"--tool-rpy: robot '{arm.name}' has no line to take the tool's orientation from; give one")
     rotations = [tool_rotation(rpy) for rpy in tool_rpy] if tool_rpy else [arm.line.rotation]
     grid = TargetGrid(
-        np.array(exactly(3, low, "--low")),
-        np.array(exactly(3, high, "--high")),
+        np.array(parse_number_list(3, low, "--low")),
+        np.array(parse_number_list(3, high, "--high")),
         (sides[0], sides[1], sides[2]),
         np.array(rotations),
     )
@@ -191,9 +191,9 @@ def _say(stage: str) -> None:
 def _requirements(extent: str, core: str, direction: str, tool_rpy: str | None) -> "LineRequirements":
     from ik.search import LineRequirements
 
-    first, last = exactly(2, extent, "--extent")
-    low, high = exactly(2, core, "--core")
-    x, y, z = exactly(3, direction, "--direction")
+    first, last = parse_number_list(2, extent, "--extent")
+    low, high = parse_number_list(2, core, "--core")
+    x, y, z = parse_number_list(3, direction, "--direction")
     if not first <= low < high <= last:
         raise InputError(f"--core: {core} m does not lie within --extent {extent} m; give low,high inside it")
     if not abs(x) + abs(y) + abs(z) > 0:

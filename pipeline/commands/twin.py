@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption, RosOption, SecondsOption, exactly, parse_hidden
+from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_number_list, parse_hidden
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 
@@ -56,7 +56,7 @@ def twin(
     arm = urdf.load("baxter")
     posture = ik.default_table(arm).posture(0.0).q
     if start is not None:
-        posture = np.array(exactly(len(arm.joint_names), start, "--start"))
+        posture = np.array(parse_number_list(len(arm.joint_names), start, "--start"))
     plant = replace(PlantSettings(), length=length)
     ends: list[int] = []
     topics = read_topics(settings_file("baxter"))

@@ -181,7 +181,7 @@ def parse_numbers(text: str, option: str) -> list[float]:
     return values
 
 
-def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
+def parse_number_list(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
     """Parse a text with `count` numbers separated by commas.
 
     Args:
@@ -206,7 +206,7 @@ def tool_rotation(rpy: str) -> Any:
     """Rotation matrix of the tool, (3, 3), from a text with its roll, pitch and yaw [rad], separated by commas."""
     from urdf.robot import rotation_from_rpy
 
-    return rotation_from_rpy(*exactly(3, rpy, "--tool-rpy"))
+    return rotation_from_rpy(*parse_number_list(3, rpy, "--tool-rpy"))
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
