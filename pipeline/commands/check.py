@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, ReportOption, RobotChoice, parse_number_list, missing_meshes, parse_option_quantity
+from pipeline.console.options import JsonOption, ReportOption, RobotChoice, parse_number_list, missing_mesh_sentences, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
 
@@ -88,7 +88,7 @@ def check(
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     title = f"Feasibility of {trajectory.name}"
     finish_command(
-        replace(feasibility_document(result, title), notes=missing_meshes(arm)),
+        replace(feasibility_document(result, title), notes=missing_mesh_sentences(arm)),
         result.to_json,
         json_file,
         report,

@@ -16,7 +16,7 @@ from pipeline.console.options import (
     ReportOption,
     RobotChoice,
     ToolOption,
-    missing_meshes,
+    missing_mesh_sentences,
     split_names,
 )
 from pipeline.console.outputs import check_outputs
@@ -106,7 +106,7 @@ def excite(
     # `check` reads the arm from its description again.
     known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]
     again = [NextStep("check it again", command_text("check", output, *known))]
-    notes = missing_meshes(found.goal.columns.arm.robot)
+    notes = missing_mesh_sentences(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
     finish_command(
         replace(document, next_steps=again if joints is None and tool is None else []),
