@@ -113,7 +113,7 @@ class RobotChoice:
 
     def __post_init__(self) -> None:
         if self.robot is not None and self.urdf_file is not None:
-            raise InputError(ONE_ROBOT)
+            raise InputError(ONE_ROBOT_MESSAGE)
 
     def __bool__(self) -> bool:
         return self.robot is not None or self.urdf_file is not None
@@ -125,10 +125,10 @@ class RobotChoice:
             InputError: no robot was given.
         """
         if not self:
-            raise InputError(ONE_ROBOT)
+            raise InputError(ONE_ROBOT_MESSAGE)
 
 
-ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
+ONE_ROBOT_MESSAGE = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
 
 
 def parse_option_quantity(text: str, unit: str, option: str) -> "Known":
