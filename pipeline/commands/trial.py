@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, parse_option_quantity
+from pipeline.console.options import EffectsOption, JsonOption, parse_hidden_effects, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import ProgressDisplay, progress_display
 from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
@@ -89,7 +89,7 @@ def trial(
     settings = TrialSettings(
         length_guess=guess, true_length=length, estimate=estimate, model=given, mass=weighed.value,
         mass_std=weighed.std or 0.01 * weighed.value, motion=along, investigate=investigate,
-        hidden=parse_hidden(hidden or []), seed=seed,
+        hidden=parse_hidden_effects(hidden or []), seed=seed,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
         if link.robot != "simulated":

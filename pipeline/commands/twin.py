@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_number_list, parse_hidden
+from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_number_list, parse_hidden_effects
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 
@@ -60,7 +60,7 @@ def twin(
     plant = replace(PlantSettings(), length=length)
     ends: list[int] = []
     topics = read_topics(settings_file("baxter"))
-    with Twin(ros, arm, topics, posture, plant, parse_hidden(hidden or []), seed) as robot:
+    with Twin(ros, arm, topics, posture, plant, parse_hidden_effects(hidden or []), seed) as robot:
         if calibration is not None:
             robot.calibration.save(calibration)
         typer.echo(f"loadcell {robot.port.port}")

@@ -209,7 +209,7 @@ def tool_rotation(rpy: str) -> Any:
     return rotation_from_rpy(*parse_number_list(3, rpy, "--tool-rpy"))
 
 
-def parse_hidden(given: list[str]) -> dict[str, float | None]:
+def parse_hidden_effects(given: list[str]) -> dict[str, float | None]:
     """Parse the values of ``--hidden``, effects that a simulated robot has: ``EFFECT`` or ``EFFECT=VALUE``.
 
     Returns:
