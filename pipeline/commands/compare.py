@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repaired import REPAIRED
+from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
 
 PANEL = "What a model lacks"
 
@@ -17,7 +17,7 @@ def compare(inputs: StudyInputs) -> None:
     with inputs.begin(choosing=False) as (given, say):
         say("fitting")
         found = given.compare()
-    steps = [] if found.explained else [NextStep("what is missing", inputs.command("repair", *REPAIRED))]
+    steps = [] if found.explained else [NextStep("what is missing", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS))]
     inputs.finish(
         given,
         replace(found.document(), next_steps=steps),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repaired import REPAIRED
+from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
 
 PANEL = "What a model lacks"
 
@@ -23,7 +23,7 @@ def diagnose(inputs: StudyInputs) -> None:
         command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.suspects:
-        steps.append(NextStep("add it", inputs.command("repair", *REPAIRED)))
+        steps.append(NextStep("add it", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS)))
     inputs.finish(
         given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from armdyn.identify.repair import Repair
     from armdyn.model import Model
 
-REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
+REPAIR_OUTPUT_OPTIONS = ("--output", "repaired.toml", "--report", "repair.html")
 """Options for the output files in a proposed command `armdyn repair`."""
 
 
