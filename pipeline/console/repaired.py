@@ -37,7 +37,7 @@ def conclude_repair(
     from pipeline.report.repair import repair_report
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
-    steps = [] if lost else next_steps(given.study.model, output, inputs.effects)
+    steps = [] if lost else repair_next_steps(given.study.model, output, inputs.effects)
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
         history = (*given.known.file.history, *history_entries(given.study, found))
@@ -53,7 +53,7 @@ def conclude_repair(
     )
 
 
-def next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
+def repair_next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
     """Commands to propose after a repair: use the model in a trial, and export it.
 
     Args:
