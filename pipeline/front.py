@@ -39,13 +39,13 @@ def export(
         InputError: the file exists, its ending belongs to no format, or the format cannot contain this kind of model.
         TaskFailedError: the file would lack much of what a repair added.
     """
-    from pipeline.console.outputs import free_to_write
+    from pipeline.console.outputs import check_overwrite
     from pipeline.exports import write_export
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
     file = replace(file, model=file.model.named_only()) if named_only else file
-    free_to_write(output, force)
+    check_overwrite(output, force)
     written = write_export(file, output, str(file.model.about), incomplete=incomplete)
     if written.refused and written.missing is not None:
         sentence = written.missing.sentence

@@ -8,7 +8,7 @@ import typer
 
 from armdyn.errors import at
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
-from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.outputs import check_outputs, check_overwrite
 from pipeline.console.screen import progress_display, write_answer
 
 PANEL = "Models"
@@ -40,7 +40,7 @@ def export(
 
     made = format_of(output)
     check_outputs(output, json_file, inputs=[model])
-    free_to_write(output, force)
+    check_overwrite(output, force)
     with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         file = replace(file, model=file.model.named_only()) if named_only else file

@@ -12,7 +12,7 @@ from armdyn.errors import InputError, collect
 from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
-from pipeline.console.outputs import check_outputs, free_to_write, write_runs
+from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
 from pipeline.console.screen import borderless_table, print_document, progress_display, screen_console, write_answer
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotCh
 
     joints = _joints(choice)
     found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
-    free_to_write(target, wanted.force)
+    check_overwrite(target, wanted.force)
     atomic.make_directory(wanted.output)
     comment = (
         f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "

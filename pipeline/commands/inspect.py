@@ -10,7 +10,7 @@ from armdyn.document import NextStep
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs, free_to_write, write_runs
+from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
 from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
             for run in found.runs if run.name in corrected}  # fmt: skip
     maps = {path.with_suffix(".map.toml"): run for path, run in runs.items()}
     for file in maps:
-        free_to_write(file, force)
+        check_overwrite(file, force)
     write_runs({path: corrected[run.name].of(run) for path, run in runs.items()}, force)
     for file, run in maps.items():
         atomic.write_text(file, correction_text(run, corrected[run.name]))

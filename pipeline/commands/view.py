@@ -8,7 +8,7 @@ import typer
 
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, RobotChoice
-from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.outputs import check_outputs, check_overwrite
 from pipeline.console.screen import progress_display, write_answer
 
 PANEL = "Recordings"
@@ -43,7 +43,7 @@ def view(
 
     page = output or Path(f"{file.resolve().stem}_view.html")
     check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
-    free_to_write(page, force or output is None)
+    check_overwrite(page, force or output is None)
     with progress_display() as say:
         say("reading")
         given = None if model is None else read_model(model, load_effects(effects, stages=None))

@@ -58,13 +58,13 @@ def write_runs(runs: "Mapping[Path, Run]", force: bool) -> None:
 
     for path in runs:
         for file in (path, path.with_suffix(".toml")):
-            free_to_write(file, force)
+            check_overwrite(file, force)
     for path, run in runs.items():
         make_directory(path.parent)
         write_run_csv(run, path)
 
 
-def free_to_write(file: Path, force: bool) -> None:
+def check_overwrite(file: Path, force: bool) -> None:
     """Check that a file does not exist, or may be overwritten (`force`).
 
     Raises:
