@@ -10,7 +10,7 @@ import typer
 from armdyn import atomic
 from armdyn.errors import InputError, collect
 from armdyn.quoting import command_text
-from pipeline.console.inputs import stopped_if_wrong
+from pipeline.console.inputs import exit_on_wrong_recording
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
 from pipeline.console.screen import borderless_table, print_document, progress_display, screen_console, write_answer
@@ -67,7 +67,7 @@ def import_(
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
     check_rate(wanted.rate_text)
     check_outputs(json_file)
-    with stopped_if_wrong(json_file), progress_display() as say:
+    with exit_on_wrong_recording(json_file), progress_display() as say:
         recordings: list[Foreign] = []
         for file in wanted.files:
             say(f"reading {file}")

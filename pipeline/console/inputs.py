@@ -109,7 +109,7 @@ class StudyInputs(Inputs):
         check_outputs(output, self.report, self.json_file, inputs=[*kept, *self.recordings, *own])
         if over:
             may_replace(self.model)
-        with stopped_if_wrong(self.json_file), progress_display() as say:
+        with exit_on_wrong_recording(self.json_file), progress_display() as say:
             given = self.read(adding, choosing=choosing)
             check_outputs(output, self.report, self.json_file)  # the names in the inputs are known now
             yield given, say
@@ -150,7 +150,7 @@ class UnexaminedInputs(StudyInputs):
 
 
 @contextmanager
-def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
+def exit_on_wrong_recording(json_file: Path | None) -> "Iterator[None]":
     """Print the mistakes and end the command with exit status 1 if the ``with`` block raises `WrongRecordingError`."""
     from armdyn.inspection.check import WrongRecordingError
 
