@@ -8,7 +8,7 @@ import typer
 
 from armdyn.document import Document, NextStep
 from armdyn.quoting import command_text
-from pipeline.console.inputs import Inputs, UnexaminedInputs
+from pipeline.console.inputs import Inputs, StudyInputsWithoutExam
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -17,7 +17,7 @@ PANEL = "What a model lacks"
 
 
 def discover(
-    inputs: UnexaminedInputs,
+    inputs: StudyInputsWithoutExam,
     output: Annotated[
         Path | None, typer.Option("--output", "--out", help="Python file to write, with the formula as an effect.")
     ] = None,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.inputs import UnexaminedInputs
+from pipeline.console.inputs import StudyInputsWithoutExam
 from pipeline.console.options import split_names
 from pipeline.console.screen import finish_command
 
@@ -14,7 +14,7 @@ PANEL = "What a model lacks"
 
 
 def next_(
-    inputs: UnexaminedInputs,
+    inputs: StudyInputsWithoutExam,
     rivals: Annotated[
         str | None,
         typer.Option(

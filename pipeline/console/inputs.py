@@ -143,7 +143,7 @@ class StudyInputs(Inputs):
 
 
 @dataclass(frozen=True)
-class UnexaminedInputs(StudyInputs):
+class StudyInputsWithoutExam(StudyInputs):
     """Arguments and options of a command that compares a model with recordings, without the option ``--exam``."""
 
     exam: list[Path] | None = field(default=None, init=False)
