@@ -8,7 +8,7 @@ import typer
 
 from armdyn.document import Document, NextStep
 from armdyn.quoting import command_text
-from pipeline.console.inputs import Inputs, StudyInputsWithoutExam
+from pipeline.console.inputs import ModelAndRunInputs, StudyInputsWithoutExam
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -41,7 +41,7 @@ def discover(
     inputs.finish(given, document, lambda: _answer(found, output), page, written)
 
 
-def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
+def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | None) -> list[NextStep]:
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.judged else []
     if not found.findings:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.console.options import EffectsOption, JsonOption, NoBrowserOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import progress_display, write_json
@@ -79,5 +79,5 @@ def workbench(
         if json_file != Path("-"):
             print("workbench closed", flush=True)
 
-    inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
+    inputs = None if model is None else ModelAndRunInputs(model, runs or [], held_out, None, effects)
     serve(inputs, listen, host, started, closed)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class ModelAndRunInputs:
     """Arguments and options of a command that compares a model with recordings."""
 
     model: ModelArgument
@@ -78,7 +78,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class StudyInputs(Inputs):
+class StudyInputs(ModelAndRunInputs):
     """Arguments and options of a command that compares a model with recordings and writes a report and JSON."""
 
     report: ReportOption = None

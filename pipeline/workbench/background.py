@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import sentence_of
 from ik.child_processes import initialise_child
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.workbench.bench import Workbench
 
 _T = TypeVar("_T")
-SearchWork = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
+SearchWork = Callable[[ModelAndRunInputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
 """Function from files, labels of effects that the model gets first, and a receiver of progress, to an answer."""
 Tell = Callable[[str, Any], None]
 """Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
@@ -25,7 +25,7 @@ Tell = Callable[[str, Any], None]
 class Session:
     """A model and runs that are read in a thread of their own, which goes on to compute with them one by one."""
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: ModelAndRunInputs) -> None:
         self.inputs = inputs
         self._thread = ThreadPoolExecutor(1, "armdyn-session")
         given = self._given = self._thread.submit(inputs.read)
@@ -55,7 +55,7 @@ def _first_look(given: Future[CheckedStudy]) -> Workbench:
     return bench
 
 
-def key_of(inputs: Inputs) -> tuple[object, ...]:
+def key_of(inputs: ModelAndRunInputs) -> tuple[object, ...]:
     """Key of input files that changes with their contents."""
     roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
              ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
@@ -74,7 +74,7 @@ class SearchProcess:
         tell: see `Tell`; the answer is that of `work`.
     """
 
-    def __init__(self, work: SearchWork, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
+    def __init__(self, work: SearchWork, inputs: ModelAndRunInputs, effects: Sequence[str], tell: Tell) -> None:
         # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
@@ -102,7 +102,7 @@ class SearchProcess:
         self._process.join()
 
 
-def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
+def _search(work: SearchWork, inputs: ModelAndRunInputs, effects: tuple[str, ...], answers: Connection) -> None:
     initialise_child()
     os.nice(5)  # the page's process has priority
     try:
@@ -111,7 +111,7 @@ def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers:
         answers.send(("failed", sentence_of(error, "The search failed")))
 
 
-def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+def diagnosed(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
     """JSON of `armdyn diagnose` for a model with some added effects, whose labels are in ``beside``.
 
     Raises:
@@ -123,7 +123,7 @@ def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]
     return {**diagnosis_answer(given.study, given.diagnose(say)), "beside": list(effects)}
 
 
-def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+def discovered(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
     """Laws found by `armdyn discover` beside some effects: a ``sentence``, ``labels`` to tick, ``text`` of their file.
 
     Raises:

@@ -22,7 +22,7 @@ from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
 from armdyn.run import Run, read_run, write_run_csv
 from ik.child_processes import is_running
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.workbench.bench import Workbench
 
 PREFIX = "armdyn-page-"
@@ -267,7 +267,7 @@ class Kept(NamedTuple):
 
 
 def keep(
-    opened: Inputs,
+    opened: ModelAndRunInputs,
     given: CheckedStudy,
     bench: Workbench,
     effects: Sequence[str],

@@ -10,7 +10,7 @@ from typing import Any
 from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.page import template
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import SearchProcess, SearchWork, Session, diagnosed, discovered
@@ -26,7 +26,7 @@ class Page(Tab):
     """A browser tab with its controls; see `Tab` for the arguments, `Writable` for the last."""
 
     def __init__(
-        self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.Writable
+        self, client: Client, inputs: ModelAndRunInputs | None, open_session: OpenSession, writable: files.Writable
     ) -> None:
         super().__init__(client, inputs, open_session)
         self._writable = writable

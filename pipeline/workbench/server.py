@@ -16,7 +16,7 @@ from nicegui import Client, ui
 
 from armdyn import __version__
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.interrupts import Interrupt, deferred_signals, exit_at_once
 from pipeline.processes import THREAD_SWITCH_SECONDS
 from pipeline.report.page import template
@@ -63,7 +63,7 @@ def is_loopback(host: str) -> bool:
 
 
 def serve(
-    inputs: Inputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
+    inputs: ModelAndRunInputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
 ) -> NoReturn:
     """Serve until a signal comes, and end this process; Ctrl-C is the usual end.
 
@@ -79,7 +79,7 @@ def serve(
     sessions: WeakValueDictionary[tuple[object, ...], Session] = WeakValueDictionary()
     first: list[Session] = []
 
-    def open_session(wanted: Inputs) -> Session:
+    def open_session(wanted: ModelAndRunInputs) -> Session:
         key = key_of(wanted)
         session = sessions.get(key)
         if session is None:

@@ -12,7 +12,7 @@ from armdyn.document import Chart
 from armdyn.errors import ArmdynError, InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
 from pipeline.report.overlay import Overlays, changed
@@ -27,7 +27,7 @@ from pipeline.workbench.bench import AS_GIVEN, NOW, TickedModel, Workbench
 AS_TICKED = "as ticked"
 CURVES_ALONE_SECONDS = 0.05
 """s in which the curves that answer a click leave before anything else is computed."""
-OpenSession = Callable[[Inputs], Session]
+OpenSession = Callable[[ModelAndRunInputs], Session]
 
 
 class Opened(NamedTuple):
@@ -53,7 +53,7 @@ class Tab:
         open_session: returns the session of some files; tabs with the same files share a session.
     """
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_session: OpenSession) -> None:
+    def __init__(self, client: Client, inputs: ModelAndRunInputs | None, open_session: OpenSession) -> None:
         self._client, self._open_desk = client, open_session
         self._folder = files.new_folder()
         self._model = inputs.model if inputs else None
@@ -96,7 +96,7 @@ class Tab:
             model = "a model: start one, or drop a model or a URDF"
             self._call("panel", "subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
             return
-        inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
+        inputs = ModelAndRunInputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
         session = self._session = self._open_desk(inputs)
         self._call("busy", "reading recordings and fitting the model as given")
         try:

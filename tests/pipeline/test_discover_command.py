@@ -11,7 +11,7 @@ from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.term import Constant, Site, Term
 from armdyn.run import read_run
 from pipeline.commands.discover import _next_steps
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 
 RECORDINGS = Path(__file__).parents[2] / "examples/pendulum"
 
@@ -83,7 +83,7 @@ def test_its_file_must_not_replace_an_input(armdyn, refused, complains):
 
 
 NOTHING = Discovery((), {}, {}, {}, {}, {}, {}, 0.0, leaves_something=True, judged=False, runs=("a.csv",), held_out=())
-GIVEN = Inputs(Path("m.toml"), [Path("a.csv")])
+GIVEN = ModelAndRunInputs(Path("m.toml"), [Path("a.csv")])
 
 
 def test_where_one_motion_shows_no_law_another_one_is_asked_for():
