@@ -29,7 +29,7 @@ def command_files() -> dict[str, str]:
     return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
 
 
-def application(files: Iterable[str]) -> typer.Typer:
+def build_application(files: Iterable[str]) -> typer.Typer:
     """Build the command line from some modules of `pipeline.commands`; other commands are not imported.
 
     Each module defines a function of its own name, or `group`, a Typer application with several subcommands. Its
@@ -95,7 +95,7 @@ def run(interrupts: SignalHandler) -> int:
 def _run_command(interrupts: SignalHandler) -> int:
     known = command_files()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-    app = application([known[asked]] if asked in known else known.values())
+    app = build_application([known[asked]] if asked in known else known.values())
     interrupts.check()
     status = app(standalone_mode=False)
     interrupts.check(ended=True)

@@ -15,13 +15,13 @@ def made(tmp_path_factory):
     """Motion, report and JSON of one small design."""
     from typer.testing import CliRunner
 
-    from pipeline.console.app import application
+    from pipeline.console.app import build_application
 
     folder = tmp_path_factory.mktemp("excite")
     files = {name: folder / f"motion.{name}" for name in ("csv", "html", "json")}
     words = ["excite", "--robot", "baxter", "--for", "joint_viscous_friction,payload", *SMALL]
     words += ["--output", files["csv"], "--report", files["html"], "--json", files["json"]]
-    result = CliRunner().invoke(application(["excite"]), list(map(str, words)), standalone_mode=False)
+    result = CliRunner().invoke(build_application(["excite"]), list(map(str, words)), standalone_mode=False)
     assert result.exception is None
     return files, json.loads(files["json"].read_text()), result.output
 
