@@ -25,7 +25,7 @@ def test_out_and_output_are_one():
     """Whichever a command is known for, both are understood."""
     import typer
 
-    from pipeline.console.app import build_application, command_files
+    from pipeline.console.app import build_application, command_modules
 
     def options(command, path=()):
         for name, sub in getattr(command, "commands", {}).items():
@@ -34,7 +34,7 @@ def test_out_and_output_are_one():
 
     found = [
         (path, opts)
-        for path, opts in options(typer.main.get_command(build_application(command_files().values())))
+        for path, opts in options(typer.main.get_command(build_application(command_modules().values())))
         if opts & {"--out", "--output"}
     ]
     assert len(found) >= 12

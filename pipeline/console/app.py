@@ -24,7 +24,7 @@ from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
 
-def command_files() -> dict[str, str]:
+def command_modules() -> dict[str, str]:
     """Module of every command in `pipeline.commands`, by the command's name; ``import`` is in module ``import_``."""
     return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
 
@@ -93,7 +93,7 @@ def run(interrupts: SignalHandler) -> int:
 
 
 def _run_command(interrupts: SignalHandler) -> int:
-    known = command_files()
+    known = command_modules()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     app = build_application([known[asked]] if asked in known else known.values())
     interrupts.check()
