@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipeline.watch.log import Log
 
 PANEL = "Recordings"
-STANDARD = Path("-")
+STANDARD_STREAM = Path("-")
 
 
 def watch(
@@ -69,9 +69,9 @@ def watch(
     from pipeline.watch.sources import recordings_in, runs_of, sample_sources
 
     runs, calibrate = runs or [], recordings_in(calibrate or [])
-    if (ros is None) == (not runs) or (STANDARD in runs and len(runs) > 1):
+    if (ros is None) == (not runs) or (STANDARD_STREAM in runs and len(runs) > 1):
         raise InputError("a watch needs one source: recordings, '-' for standard input, or --ros ws://HOST:9090")
-    live = ros is not None or runs == [STANDARD]
+    live = ros is not None or runs == [STANDARD_STREAM]
     files = [] if live else recordings_in(runs)
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
     with progress_display() as say:
@@ -139,7 +139,7 @@ class _Out:
         self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack
     ) -> None:
         self._model, self._effects, self._sound = model, effects, sound
-        self._quiet = json_file == STANDARD
+        self._quiet = json_file == STANDARD_STREAM
         self._stream = None
         if json_file is not None:
             self._stream = sys.stdout if self._quiet else stack.enter_context(json_file.open("w", encoding="utf-8"))
