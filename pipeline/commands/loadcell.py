@@ -28,7 +28,7 @@ SAMPLE_TIMEOUT = 2.0
 
 group = typer.Typer(help="Calibrate a load cell (HX711 on a serial port), and show its forces.", no_args_is_help=True)
 
-Port = Annotated[
+PortArgument = Annotated[
     str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' for a simulated cell without hardware.")
 ]
 Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
@@ -36,7 +36,7 @@ Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller
 
 @group.command()
 def calibrate(
-    port: Port,
+    port: PortArgument,
     weights: Annotated[
         str, typer.Option(help="Known weights, the empty cell first; '200 g +/- 0.1 g' gives a standard deviation.")
     ] = "0 g, 100 g, 200 g",
@@ -94,7 +94,7 @@ def calibrate(
 
 @group.command()
 def monitor(
-    port: Port,
+    port: PortArgument,
     calibration: CalibrationOption = None,
     seconds: SecondsOption = None,
     silent_after: Annotated[
