@@ -31,7 +31,7 @@ group = typer.Typer(help="Calibrate a load cell (HX711 on a serial port), and sh
 PortArgument = Annotated[
     str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' for a simulated cell without hardware.")
 ]
-Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
+BaudOption = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
 
 
 @group.command()
@@ -45,7 +45,7 @@ def calibrate(
         typer.Option("--out", "--output", help="File to write; by default a file in your settings directory."),
     ] = None,
     samples: Annotated[int, typer.Option(min=40, help="Number of samples per weight.")] = 200,
-    baud: Baud = 115200,
+    baud: BaudOption = 115200,
     json_file: JsonOption = None,
 ) -> None:
     """Determine offset, scale and noise of a load cell with known weights."""
@@ -100,7 +100,7 @@ def monitor(
     silent_after: Annotated[
         float, typer.Option(min=0.02, help="Time without a sample after which a fault is reported [s].")
     ] = 0.2,
-    baud: Baud = 115200,
+    baud: BaudOption = 115200,
     json_file: JsonOption = None,
 ) -> None:
     """Show forces and faults of a load cell continuously; exit status 1 if the cell is unreliable at the end."""
