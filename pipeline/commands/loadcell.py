@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PANEL = "Experiments"
 
 
-EMULATED = "emulated"
+EMULATED_PORT = "emulated"
 SAMPLE_TIMEOUT = 2.0
 """Time without a sample after which a calibration fails [s]."""
 
@@ -61,7 +61,7 @@ def calibrate(
     listed = parse_weights(weights, STANDARD_GRAVITY)
     source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
     # An emulated cell must not take the place of a real one's calibration.
-    target = out or default_path().with_name("loadcell-emulated.toml" if port == EMULATED else "loadcell.toml")
+    target = out or default_path().with_name("loadcell-emulated.toml" if port == EMULATED_PORT else "loadcell.toml")
     console = _console(json_file)
     with _cell(port) as (name, emulated):
 
@@ -113,7 +113,7 @@ def monitor(
     console = _console(json_file)
     with _cell(port) as (name, emulated):
         if emulated is not None and calibration is None:
-            used = emulated_calibration(emulated.noise * abs(emulated.scale), EMULATED)
+            used = emulated_calibration(emulated.noise * abs(emulated.scale), EMULATED_PORT)
         else:
             used = Calibration.load(calibration or default_path())
         with LoadCell(name, used, baud=baud, silent_after=silent_after) as cell:
@@ -164,7 +164,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 @contextmanager
 def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
     """Name of the port to open, and the emulated cell behind the port; None for a real cell."""
-    if port != EMULATED:
+    if port != EMULATED_PORT:
         yield port, None
         return
     import numpy as np
