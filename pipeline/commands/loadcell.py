@@ -23,7 +23,7 @@ PANEL = "Experiments"
 
 
 EMULATED_PORT = "emulated"
-SAMPLE_TIMEOUT = 2.0
+SAMPLE_TIMEOUT_SECONDS = 2.0
 """Time without a sample after which a calibration fails [s]."""
 
 group = typer.Typer(help="Calibrate a load cell (HX711 on a serial port), and show its forces.", no_args_is_help=True)
@@ -80,7 +80,7 @@ def calibrate(
             status.update(f"{weight.text}: {count} of {samples} samples")
 
         with (
-            LoadCell(name, None, baud=baud, silent_after=SAMPLE_TIMEOUT) as cell,
+            LoadCell(name, None, baud=baud, silent_after=SAMPLE_TIMEOUT_SECONDS) as cell,
             console.status("waiting") as status,
         ):
             fit = guided(cell, listed, samples, source, ask, progress, time.sleep)
