@@ -43,7 +43,7 @@ DriveOption = Annotated[
 
 
 @dataclass(frozen=True)
-class Target:
+class NewModelOptions:
     """Arguments and options of `new`: the model file to write, and where the JSON output goes."""
 
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="Model file to write.")]
@@ -61,7 +61,7 @@ SetOption = Annotated[
 
 
 @group.command()
-def pendulum(target: Target, settings: SetOption = None) -> None:
+def pendulum(target: NewModelOptions, settings: SetOption = None) -> None:
     """Write the model of a load on a string below a moving gripper, with length, mass and gravity."""
     from armdyn.model_file import ModelFile, base_pendulum
 
@@ -70,7 +70,7 @@ def pendulum(target: Target, settings: SetOption = None) -> None:
 
 @group.command(name="own", hidden=True)
 def own_base(
-    target: Target,
+    target: NewModelOptions,
     base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
     settings: SetOption = None,
 ) -> None:
@@ -83,7 +83,7 @@ def own_base(
 
 @group.command()
 def arm(
-    target: Target,
+    target: NewModelOptions,
     urdf: Annotated[str | None, typer.Option(help="URDF file of the robot.")] = None,
     mjcf: Annotated[str | None, typer.Option(help="MJCF file of the robot (MuJoCo's XML), in place of --urdf.")] = None,
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
@@ -124,7 +124,7 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None:
+def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()) -> None:
     from armdyn.model_file import write_model_file
 
     check_outputs(target.model, target.json_file)
@@ -148,7 +148,7 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
         typer.echo(f"next: {command_text('compare', path)} RUN... --report compare.html")
 
 
-def _check_replaced(target: Target) -> None:
+def _check_replaced(target: NewModelOptions) -> None:
     """Check that an existing file is a model without effects, which a new model may replace."""
     import tomllib
 
