@@ -156,7 +156,7 @@ def build(
     if target is not None:
         table.save(target)
     extra: dict[str, Any] = {} if target is None else {"file": str(target)}
-    written = [] if found is None else [as_settings(found)]
+    written = [] if found is None else [line_settings_text(found)]
     written += [] if target is None else [f"written to {target}"]
     if found is not None:
         quality = attributes_as_json(found, "home core_speed whole_speed joint_margin clearance torque")
@@ -224,7 +224,7 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     }
 
 
-def as_settings(found: "LineCandidate") -> str:
+def line_settings_text(found: "LineCandidate") -> str:
     """Text of a line that was searched for, as the tables ``[line]`` and ``[arm]`` of a robot's settings file."""
     import pinocchio as pin
 
