@@ -54,7 +54,7 @@ def inspect(
         known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")
         found = inspected(runs) if known is None else known.inspect(runs)
-        written = write_fixed(found, fix, force) if fix is not None else []
+        written = write_corrected_copies(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
         copies = [path for path in written if path.suffix == ".csv"]
@@ -75,7 +75,7 @@ def inspect(
         raise typer.Exit(1)
 
 
-def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
+def write_corrected_copies(found: "Inspection", folder: Path, force: bool) -> list[Path]:
     """Write corrected copies of the recordings with mistakes, each with a mapping file that corrects it at import.
 
     Args:
