@@ -52,7 +52,7 @@ def calibrate(
     import time
 
     from armdyn.pendulum.physics import STANDARD_GRAVITY
-    from pipeline.loadcell.calibration import default_path
+    from pipeline.loadcell.calibration import default_calibration_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.fit import calibrate as guided
     from pipeline.loadcell.fit import parse_weights
@@ -61,7 +61,7 @@ def calibrate(
     listed = parse_weights(weights, STANDARD_GRAVITY)
     source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
     # An emulated cell must not take the place of a real one's calibration.
-    target = out or default_path().with_name("loadcell-emulated.toml" if port == EMULATED_PORT else "loadcell.toml")
+    target = out or default_calibration_path().with_name("loadcell-emulated.toml" if port == EMULATED_PORT else "loadcell.toml")
     console = _console(json_file)
     with _cell(port) as (name, emulated):
 
@@ -104,7 +104,7 @@ def monitor(
     json_file: JsonOption = None,
 ) -> None:
     """Show forces and faults of a load cell continuously; exit status 1 if the cell is unreliable at the end."""
-    from pipeline.loadcell.calibration import Calibration, default_path
+    from pipeline.loadcell.calibration import Calibration, default_calibration_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.emulator import emulated_calibration
     from pipeline.loadcell.faults import Fault
@@ -115,7 +115,7 @@ def monitor(
         if emulated is not None and calibration is None:
             used = emulated_calibration(emulated.noise * abs(emulated.scale), EMULATED_PORT)
         else:
-            used = Calibration.load(calibration or default_path())
+            used = Calibration.load(calibration or default_calibration_path())
         with LoadCell(name, used, baud=baud, silent_after=silent_after) as cell:
             seen, status, start = _watch(cell, console, seconds)
     if json_file is not None:

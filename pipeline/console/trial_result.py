@@ -79,7 +79,7 @@ class RobotOptions:
             InputError: the driver, the arm or the calibration cannot be used.
         """
         import urdf
-        from pipeline.loadcell.calibration import Calibration, default_path
+        from pipeline.loadcell.calibration import Calibration, default_calibration_path
         from pipeline.robot.drivers import driver_at
         from pipeline.trial.real import RobotLink
 
@@ -87,7 +87,7 @@ class RobotOptions:
         description = urdf.load(self.arm)
         connect = driver.reach(where, self.arm, description)
         port = None if self.rehearse else self.loadcell
-        used = None if port is None else Calibration.load(self.calibration or default_path())
+        used = None if port is None else Calibration.load(self.calibration or default_calibration_path())
         return RobotLink(where, connect, description, port, used)
 
     def prompts(self, json_file: Path | None) -> "OperatorPrompts":

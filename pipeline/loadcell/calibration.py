@@ -139,7 +139,7 @@ class Calibration:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
 
 
-def default_path() -> Path:
+def default_calibration_path() -> Path:
     """Default path of the calibration's file: ``armdyn/loadcell.toml`` in the user's settings directory."""
     settings = os.environ.get("XDG_CONFIG_HOME")
     return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"

@@ -17,7 +17,7 @@ from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import Account, ForeignColumn
 from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
 from pipeline.interrupts import deferred_signals
-from pipeline.loadcell.calibration import Calibration, default_path
+from pipeline.loadcell.calibration import Calibration, default_calibration_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Bridge, Message
@@ -53,7 +53,7 @@ def record_run(
     """
     heard = _ReceivedStates(topics.joint_states)
     forces: list[ForceSample] = []
-    used = Calibration.load(calibration or default_path()) if port is not None else None
+    used = Calibration.load(calibration or default_calibration_path()) if port is not None else None
     with ExitStack() as stack:
         bridge = stack.enter_context(Bridge(uri))
         cell = stack.enter_context(LoadCell(port, used)) if port is not None and used is not None else None

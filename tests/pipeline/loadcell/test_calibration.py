@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.loadcell.calibration import Calibration, default_path
+from pipeline.loadcell.calibration import Calibration, default_calibration_path
 from pipeline.loadcell.fit import Plateau, Weight, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(
@@ -87,7 +87,7 @@ def test_a_calibration_that_cannot_be_written_leaves_nothing_behind(tmp_path, co
 
 def test_the_calibration_is_among_the_users_settings(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert default_path() == tmp_path / "armdyn" / "loadcell.toml"
+    assert default_calibration_path() == tmp_path / "armdyn" / "loadcell.toml"
 
 
 def test_weights_are_masses_or_forces():
