@@ -80,7 +80,7 @@ ROUNDING_STD_COUNTS = 1.0 / math.sqrt(12.0)
 
 
 @dataclass(frozen=True)
-class Plateau:
+class WeightMeasurement:
     """The counts of a load cell that were measured with one known weight.
 
     Attributes:
@@ -167,11 +167,11 @@ class CalibrationFit(Calibration):
         residuals: force by the calibration minus force of the weight, for each weight [N].
     """
 
-    plateaus: tuple[Plateau, ...]
+    plateaus: tuple[WeightMeasurement, ...]
     residuals: tuple[float, ...]
 
 
-def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
+def fit_calibration(plateaus: Sequence[WeightMeasurement], source: str) -> CalibrationFit:
     r"""Fit the line counts = offset + F / scale to the measurements of two or more weights, by weighted least squares.
 
     The statistical weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the standard deviations of the mean
@@ -221,7 +221,7 @@ def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
     )
 
 
-def _require_order(plateaus: Sequence[Plateau]) -> None:
+def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
     """Check that the counts rise or fall with the weight, by far more than the noise."""
     ordered = sorted(plateaus, key=lambda plateau: plateau.weight.force)
     first, last = ordered[0], ordered[-1]
@@ -297,7 +297,7 @@ def calibrate(
             _require_alive(cell)
             progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
             wait(0.02)
-        plateaus.append(Plateau.of(weight, counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]))
+        plateaus.append(WeightMeasurement.of(weight, counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]))
     return fit_calibration(plateaus, source)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration, default_calibration_path
-from pipeline.loadcell.fit import Plateau, Weight, fit_calibration, parse_weights
+from pipeline.loadcell.fit import WeightMeasurement, Weight, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(
     84213.5, 2.5, -5.6e-6, 6e-11, 2.2e-4, datetime(2026, 3, 2, 10, 15, tzinfo=UTC), 'calibrate COM3: "0 g", ü'
@@ -117,7 +117,7 @@ def counts_at(rng, force, samples=200, noise=NOISE, scale=SCALE):
 
 def plateaus_at(rng, weights, forces, **options):
     """The cell's answers to forces that are not always those of the weights."""
-    return [Plateau.of(w, counts_at(rng, force, **options)) for w, force in zip(weights, forces, strict=True)]
+    return [WeightMeasurement.of(w, counts_at(rng, force, **options)) for w, force in zip(weights, forces, strict=True)]
 
 
 def fit(rng, text="0 g, 100 g, 200 g", **options):
@@ -149,8 +149,8 @@ def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_orde
     rng = np.random.default_rng(2)
     weights = parse_weights("0 g, 50 g +/- 0.1 g, 100 g, 200 g", G)
     counts = [NOISE * 20 * rng.standard_normal(200) + w.force / SCALE for w in weights]
-    one = fit_calibration([Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
-    other = fit_calibration([Plateau.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t")
+    one = fit_calibration([WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
+    other = fit_calibration([WeightMeasurement.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t")
     zero, slope = change(0.0), change(1.0) - change(0.0)
     assert other.offset == pytest.approx(zero + slope * one.offset, rel=1e-9)
     assert other.offset_std == pytest.approx(abs(slope) * one.offset_std, rel=1e-6)
@@ -178,7 +178,7 @@ def test_slow_drift_and_correlated_noise_widen_the_mean():
         noise = np.zeros(400)
         for k in range(1, 400):
             noise[k] = 0.9 * noise[k - 1] + 17.0 * rng.standard_normal()
-        plateau = Plateau.of(weight, np.round(OFFSET + noise[100:]))
+        plateau = WeightMeasurement.of(weight, np.round(OFFSET + noise[100:]))
         z.append((plateau.mean - OFFSET) / plateau.mean_std)
     assert np.mean(np.abs(z) < 3.0) > 0.95
     assert np.std(z) < 1.5
@@ -193,9 +193,9 @@ def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_i
     counts[100] = OFFSET - 0.9 * limit
     if refused:
         with complains(TaskFailedError):
-            Plateau.of(Weight("x", 1.0), counts)
+            WeightMeasurement.of(Weight("x", 1.0), counts)
     else:
-        plateau = Plateau.of(Weight("x", 1.0), counts)
+        plateau = WeightMeasurement.of(Weight("x", 1.0), counts)
         assert (plateau.outliers, plateau.samples) == (20, 180)
         assert plateau.mean == pytest.approx(counts[wild:].mean())
         assert plateau.noise == pytest.approx(counts[wild:].std(ddof=1))
@@ -207,7 +207,7 @@ def test_a_few_wild_samples_change_nothing():
     clean = counts_at(rng, 0.5)
     wild = clean.copy()
     wild[[3, 50, 51, 120]] = [-8_000_000, 0, 1_000_000, 8_000_000]
-    plateau = Plateau.of(Weight("x", 0.5), wild)
+    plateau = WeightMeasurement.of(Weight("x", 0.5), wild)
     assert plateau.outliers == 4
     assert plateau.mean == pytest.approx(clean.mean(), abs=3 * NOISE / math.sqrt(200) * 0.3)
     assert plateau.noise == pytest.approx(NOISE, rel=0.15)
@@ -253,7 +253,7 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
     weights, wiggle = parse_weights("0 g, 100 g, 200 g", G), noise * np.resize([1.0, -1.0], 40)
     span = weights[2].force / SCALE
     counts = [w.force / SCALE + wiggle + 1.5 * share * span * (k == 1) for k, w in enumerate(weights)]
-    plateaus = [Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)]
+    plateaus = [WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)]
     with pytest.raises(TaskFailedError, match="100 g is off") if refused else contextlib.nullcontext():
         assert max(fit_calibration(plateaus, "test").residuals) == pytest.approx(share * weights[2].force, rel=1e-2)
 
@@ -261,9 +261,9 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
 def test_a_weight_that_still_swings_is_refused(complains):
     rng = np.random.default_rng(9)
     weights = parse_weights("0 g, 100 g, 200 g", G)
-    still = [Plateau.of(w, counts_at(rng, w.force)) for w in weights[:2]]
+    still = [WeightMeasurement.of(w, counts_at(rng, w.force)) for w in weights[:2]]
     angle = 0.15 * np.cos(5.2 * np.arange(200) / 80)
-    swinging = Plateau.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
+    swinging = WeightMeasurement.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
     with complains(TaskFailedError):
         fit_calibration([*still, swinging], "test")
 
@@ -286,4 +286,4 @@ def test_weights_closer_than_the_noise_are_refused(complains):
 )
 def test_a_dead_saturated_or_touched_cell_is_refused(counts, complains):
     with complains(TaskFailedError):
-        Plateau.of(Weight("100 g", 0.981), counts)
+        WeightMeasurement.of(Weight("100 g", 0.981), counts)
