@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from pipeline.loadcell.emulator import EmulatedCell
     from pipeline.loadcell.faults import LoadCellStatus
-    from pipeline.loadcell.fit import Weight
+    from pipeline.loadcell.fit import KnownWeight
     from pipeline.loadcell.monitor import Monitor
 
 PANEL = "Experiments"

@@ -18,7 +18,7 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 
 
 @dataclass(frozen=True)
-class Weight:
+class KnownWeight:
     """A known weight for the calibration of a load cell.
 
     Attributes:
@@ -32,7 +32,7 @@ class Weight:
     force_std: float = 0.0
 
 
-def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
+def parse_weights(text: str, gravity: float) -> tuple[KnownWeight, ...]:
     """Parse a list of known weights such as ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are allowed.
 
     The empty cell (0 g) is the first weight, also if it was not listed. `gravity` is the free-fall acceleration
@@ -43,13 +43,13 @@ def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
     """
     weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
     if not weights or weights[0].force > 0.0:
-        weights.insert(0, Weight("0 g", 0.0))
+        weights.insert(0, KnownWeight("0 g", 0.0))
     if len({weight.force for weight in weights}) < 2:
         raise InputError(f"--weights '{text}': give at least one weight besides the empty cell, such as '0 g, 200 g'")
     return tuple(weights)
 
 
-def _parse(text: str, gravity: float) -> Weight:
+def _parse(text: str, gravity: float) -> KnownWeight:
     for unit, pull in (("kg", gravity), ("N", 1.0)):
         try:
             known = parse_quantity(text, unit)
@@ -57,7 +57,7 @@ def _parse(text: str, gravity: float) -> Weight:
             continue
         if known.value < 0.0:
             raise InputError(f"--weights: '{text}' is negative: hang it so that it pulls the way the load will")
-        return Weight(text, pull * known.value, pull * (known.std or 0.0))
+        return KnownWeight(text, pull * known.value, pull * (known.std or 0.0))
     raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
 
 
@@ -92,7 +92,7 @@ class WeightMeasurement:
         outliers: number of samples that were left out.
     """
 
-    weight: Weight
+    weight: KnownWeight
     mean: float
     mean_std: float
     noise: float
@@ -100,7 +100,7 @@ class WeightMeasurement:
     outliers: int
 
     @classmethod
-    def of(cls, weight: Weight, counts: npt.ArrayLike) -> "Plateau":
+    def of(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "Plateau":
         """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
@@ -263,11 +263,11 @@ Time")."""
 
 def calibrate(
     cell: LoadCell,
-    weights: Sequence[Weight],
+    weights: Sequence[KnownWeight],
     samples: int,
     source: str,
-    ask: Callable[[Weight], None],
-    progress: Callable[[Weight, int], None],
+    ask: Callable[[KnownWeight], None],
+    progress: Callable[[KnownWeight, int], None],
     wait: Callable[[float], None],
 ) -> CalibrationFit:
     """Calibrate a load cell with known weights.

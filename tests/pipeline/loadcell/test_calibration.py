@@ -11,7 +11,7 @@ import pytest
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration, default_calibration_path
-from pipeline.loadcell.fit import WeightMeasurement, Weight, fit_calibration, parse_weights
+from pipeline.loadcell.fit import WeightMeasurement, KnownWeight, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(
     84213.5, 2.5, -5.6e-6, 6e-11, 2.2e-4, datetime(2026, 3, 2, 10, 15, tzinfo=UTC), 'calibrate COM3: "0 g", ü'
@@ -172,7 +172,7 @@ def test_weights_that_are_not_well_known_widen_the_scale_as_they_should():
 
 
 def test_slow_drift_and_correlated_noise_widen_the_mean():
-    weight, z = Weight("0 g", 0.0), []
+    weight, z = KnownWeight("0 g", 0.0), []
     for seed in range(400):
         rng = np.random.default_rng(seed)
         noise = np.zeros(400)
@@ -193,9 +193,9 @@ def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_i
     counts[100] = OFFSET - 0.9 * limit
     if refused:
         with complains(TaskFailedError):
-            WeightMeasurement.of(Weight("x", 1.0), counts)
+            WeightMeasurement.of(KnownWeight("x", 1.0), counts)
     else:
-        plateau = WeightMeasurement.of(Weight("x", 1.0), counts)
+        plateau = WeightMeasurement.of(KnownWeight("x", 1.0), counts)
         assert (plateau.outliers, plateau.samples) == (20, 180)
         assert plateau.mean == pytest.approx(counts[wild:].mean())
         assert plateau.noise == pytest.approx(counts[wild:].std(ddof=1))
@@ -207,7 +207,7 @@ def test_a_few_wild_samples_change_nothing():
     clean = counts_at(rng, 0.5)
     wild = clean.copy()
     wild[[3, 50, 51, 120]] = [-8_000_000, 0, 1_000_000, 8_000_000]
-    plateau = WeightMeasurement.of(Weight("x", 0.5), wild)
+    plateau = WeightMeasurement.of(KnownWeight("x", 0.5), wild)
     assert plateau.outliers == 4
     assert plateau.mean == pytest.approx(clean.mean(), abs=3 * NOISE / math.sqrt(200) * 0.3)
     assert plateau.noise == pytest.approx(NOISE, rel=0.15)
@@ -286,4 +286,4 @@ def test_weights_closer_than_the_noise_are_refused(complains):
 )
 def test_a_dead_saturated_or_touched_cell_is_refused(counts, complains):
     with complains(TaskFailedError):
-        WeightMeasurement.of(Weight("100 g", 0.981), counts)
+        WeightMeasurement.of(KnownWeight("100 g", 0.981), counts)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from pipeline.loadcell.faults import Fault, FaultEvent, LoadCellStatus
-from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, Weight
+from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, KnownWeight
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
     Monitor,
@@ -23,8 +23,8 @@ from pipeline.loadcell.monitor import (
 from pipeline.robot.protocol import ForceSample
 
 STATUS = LoadCellStatus(True, 3, 79.96, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
-EMPTY = WeightMeasurement(Weight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
-LOADED = WeightMeasurement(Weight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
+EMPTY = WeightMeasurement(KnownWeight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
+LOADED = WeightMeasurement(KnownWeight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
 FIT = CalibrationFit(
     84213.44, 1.26, -5.60005e-6, 2.34e-10, 2.24e-4, datetime(2026, 3, 2, tzinfo=UTC), "test", (EMPTY, LOADED),
     (1e-6, -2.5e-5),
