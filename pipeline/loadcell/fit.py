@@ -61,7 +61,7 @@ def _parse(text: str, gravity: float) -> KnownWeight:
     raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
 
 
-MIN_PLATEAU_SAMPLES = 40
+MIN_WEIGHT_SAMPLES = 40
 """Smallest number of samples per weight."""
 OUTLIER_DEVIATIONS = 5.0
 """Distance from the median, in robust standard deviations, beyond which a sample is left out."""
@@ -113,9 +113,9 @@ class WeightMeasurement:
                 too many outliers.
         """
         values = np.asarray(counts, dtype=np.float64)
-        if len(values) < MIN_PLATEAU_SAMPLES:
+        if len(values) < MIN_WEIGHT_SAMPLES:
             raise TaskFailedError(
-                f"{weight.text}: {len(values)} samples are too few: take {MIN_PLATEAU_SAMPLES} or more"
+                f"{weight.text}: {len(values)} samples are too few: take {MIN_WEIGHT_SAMPLES} or more"
             )
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
