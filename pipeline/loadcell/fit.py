@@ -67,7 +67,7 @@ OUTLIER_DEVIATIONS = 5.0
 """Distance from the median, in robust standard deviations, beyond which a sample is left out."""
 MAX_OUTLIER_SHARE = 0.1
 """Largest share of samples that may be left out; with more, somebody probably touched the cell."""
-PLATEAU_BLOCKS = 10
+DRIFT_TEST_BLOCKS = 10
 """Number of blocks into which the samples of a weight are divided, to detect a drift."""
 CORRELATION_FACTOR = 1.5
 """Ratio above which the samples of a weight are correlated.
@@ -105,7 +105,7 @@ class WeightMeasurement:
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
         deviation) from the median are left out. The standard deviation of the mean is that of independent samples,
-        unless the means of `PLATEAU_BLOCKS` successive blocks differ clearly more, because the cell drifts or the
+        unless the means of `DRIFT_TEST_BLOCKS` successive blocks differ clearly more, because the cell drifts or the
         weight swings.
 
         Raises:
@@ -133,9 +133,9 @@ class WeightMeasurement:
                 f"{weight.text}: {outliers} of {len(values)} samples are far off: do not touch the cell, and try again"
             )
         noise = float(kept.std(ddof=1))
-        blocks = [block.mean() for block in np.array_split(kept, PLATEAU_BLOCKS)]
+        blocks = [block.mean() for block in np.array_split(kept, DRIFT_TEST_BLOCKS)]
         mean_std = max(noise, ROUNDING_STD_COUNTS) / math.sqrt(len(kept))
-        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(PLATEAU_BLOCKS)
+        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(DRIFT_TEST_BLOCKS)
         if block_std > CORRELATION_FACTOR * mean_std:
             mean_std = block_std
         return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
