@@ -54,7 +54,7 @@ def calibrate(
     from armdyn.pendulum.physics import STANDARD_GRAVITY
     from pipeline.loadcell.calibration import default_calibration_path
     from pipeline.loadcell.cell import LoadCell
-    from pipeline.loadcell.fit import calibrate as guided
+    from pipeline.loadcell.fit import calibrate_cell as guided
     from pipeline.loadcell.fit import parse_weights
     from pipeline.loadcell.monitor import calibration_json, calibration_table
 

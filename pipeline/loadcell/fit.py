@@ -261,7 +261,7 @@ SETTLING_SAMPLES = 8
 Time")."""
 
 
-def calibrate(
+def calibrate_cell(
     cell: LoadCell,
     weights: Sequence[KnownWeight],
     samples: int,
