@@ -256,7 +256,7 @@ def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
             )
 
 
-SETTLING_SAMPLES = 8
+FILTER_SETTLING_SAMPLES = 8
 """Number of samples that are dropped after a weight was changed; the HX711's filter needs four (datasheet, "Settling
 Time")."""
 
@@ -292,12 +292,12 @@ def calibrate_cell(
         ask(weight)
         cell.read_counts()  # drop the samples that were received while the weight was changed
         counts: list[int] = []
-        while len(counts) < SETTLING_SAMPLES + samples:
+        while len(counts) < FILTER_SETTLING_SAMPLES + samples:
             counts += [sample.counts for sample in cell.read_counts()]
             _require_alive(cell)
-            progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
+            progress(weight, min(max(len(counts) - FILTER_SETTLING_SAMPLES, 0), samples))
             wait(0.02)
-        plateaus.append(WeightMeasurement.of(weight, counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]))
+        plateaus.append(WeightMeasurement.of(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples]))
     return fit_calibration(plateaus, source)
 
 
