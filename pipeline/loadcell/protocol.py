@@ -71,7 +71,7 @@ MAX_SEQUENCE_GAP = 1000
 
 
 @dataclass
-class Decoded:
+class DecodedSamples:
     """Result of decoding a part of the byte stream: samples, oldest first, and the number of faults of each kind."""
 
     readings: list[CellReading] = field(default_factory=list)
@@ -90,9 +90,9 @@ class Decoder:
         self._too_long = False
         self._sequence: int | None = None
 
-    def feed(self, data: bytes) -> Decoded:
+    def feed(self, data: bytes) -> DecodedSamples:
         """Decode the next bytes of the stream."""
-        decoded = Decoded()
+        decoded = DecodedSamples()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             self._line(line, decoded)
@@ -102,7 +102,7 @@ class Decoder:
             self._rest, self._too_long = self._rest[-MAX_LINE_BYTES:], True
         return decoded
 
-    def _line(self, line: bytes, decoded: Decoded) -> None:
+    def _line(self, line: bytes, decoded: DecodedSamples) -> None:
         line = line.rstrip(b"\r")
         # A sample that follows noise on the same line is still valid, because its checksum is right.
         start = max(line.rfind(LINE_START), 0)
