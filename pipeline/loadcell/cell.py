@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
-from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, open_port
+from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
 
@@ -130,7 +130,7 @@ class LoadCell(Closable):
         self._calibration, self._clock = calibration, clock
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
-        self._decoder, self._times = Decoder(), ReceptionTimes()
+        self._decoder, self._times = LineDecoder(), ReceptionTimes()
         self._detector = FaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
         self._events: deque[FaultEvent] = deque(maxlen=QUEUE_LENGTH)

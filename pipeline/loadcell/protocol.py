@@ -78,7 +78,7 @@ class DecodedSamples:
     faults: Counter[Fault] = field(default_factory=Counter)
 
 
-class Decoder:
+class LineDecoder:
     """Decodes the byte stream of a load cell: splits it into lines, and checks checksums and sequence numbers.
 
     The first line may be incomplete, because the port was opened in its middle; this is not a fault.

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import CellReading, Decoder, checksum, decode, encode
+from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode, encode
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
@@ -99,7 +99,7 @@ def lines(*numbers):
 
 
 def decode_all(pieces):
-    decoder, readings, faults = Decoder(), [], Counter()
+    decoder, readings, faults = LineDecoder(), [], Counter()
     for piece in pieces:
         decoded = decoder.feed(piece)
         readings += decoded.readings
@@ -149,7 +149,7 @@ def test_samples_come_again_after_any_noise():
 
 
 def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():
-    decoder = Decoder()
+    decoder = LineDecoder()
     decoder.feed(lines(0)[0])
     for _ in range(1000):
         assert not decoder.feed(b"x" * 1000).readings
