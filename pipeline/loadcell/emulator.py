@@ -13,7 +13,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode_line
 from pipeline.processes import Closable
 
 EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
@@ -44,7 +44,7 @@ class EmulatedPort(Closable):
         """Make the line for the next sample, with the next sequence number."""
         reading = CellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        return encode(reading)
+        return encode_line(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
         """Send bytes; returns False if no program reads them within `patience` [s], so that some are lost."""

@@ -44,7 +44,7 @@ class CellReading(NamedTuple):
     counts: int
 
 
-def encode(reading: CellReading) -> bytes:
+def encode_line(reading: CellReading) -> bytes:
     """Encode a sample as a line of the protocol, with a line feed at the end."""
     payload = LINE_START + b"%d %d" % reading
     return payload + b" %04X\n" % checksum(payload)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode, encode
+from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode, encode_line
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
@@ -38,7 +38,7 @@ def test_the_checksum_is_the_remainder_of_the_long_division(data):
 
 @given(readings, st.data())
 def test_only_a_whole_and_undamaged_line_gives_back_its_reading(reading, data):
-    line = encode(reading)
+    line = encode_line(reading)
     assert len(line) <= 26
     assert line.endswith(b"\n")
     assert decode(line[:-1]) == reading
@@ -95,7 +95,7 @@ def test_the_documents_arduino_program_sends_what_its_hx711_measures(tmp_path):
 
 
 def lines(*numbers):
-    return [encode(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
+    return [encode_line(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
 
 
 def decode_all(pieces):
