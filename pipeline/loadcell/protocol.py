@@ -50,7 +50,7 @@ def encode_line(reading: CellReading) -> bytes:
     return payload + b" %04X\n" % checksum(payload)
 
 
-def decode(line: bytes) -> CellReading | None:
+def decode_line(line: bytes) -> CellReading | None:
     """Decode a line of the protocol, without its line feed; None if it is not a valid sample."""
     match = _LINE.fullmatch(line)
     if match is None:
@@ -106,7 +106,7 @@ class LineDecoder:
         line = line.rstrip(b"\r")
         # A sample that follows noise on the same line is still valid, because its checksum is right.
         start = max(line.rfind(LINE_START), 0)
-        reading = decode(line[start:])
+        reading = decode_line(line[start:])
         if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
             decoded.faults[Fault.MALFORMED] += 1
         if reading is not None and self._is_new(reading.sequence, decoded.faults):

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode, encode_line
+from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode_line, encode_line
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
@@ -41,23 +41,23 @@ def test_only_a_whole_and_undamaged_line_gives_back_its_reading(reading, data):
     line = encode_line(reading)
     assert len(line) <= 26
     assert line.endswith(b"\n")
-    assert decode(line[:-1]) == reading
-    assert decode(line[: data.draw(st.integers(0, len(line) - 6))]) is None
+    assert decode_line(line[:-1]) == reading
+    assert decode_line(line[: data.draw(st.integers(0, len(line) - 6))]) is None
     wrong = bytearray(line[:-1])
     wrong[data.draw(st.integers(0, len(wrong) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     # A wrong bit may make a small letter of a hexadecimal digit, which changes nothing.
-    assert decode(bytes(wrong)) in (None, reading)
+    assert decode_line(bytes(wrong)) in (None, reading)
 
 
 @pytest.mark.parametrize(
     "text", [b"HX711 65536 0", b"HX711 1 8388608", b"HX711 1 -8388609", b"HX711 -1 0", b"HX712 1 0"]
 )
 def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
-    assert decode(text + b" %04X" % checksum(text)) is None
+    assert decode_line(text + b" %04X" % checksum(text)) is None
 
 
 def test_the_example_of_the_document_is_a_sample():
-    assert decode(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(4711, 259390)
+    assert decode_line(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(4711, 259390)
 
 
 ARDUINO = r"""
