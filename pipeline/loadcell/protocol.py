@@ -47,7 +47,7 @@ class CellReading(NamedTuple):
 def encode_line(reading: CellReading) -> bytes:
     """Encode a sample as a line of the protocol, with a line feed at the end."""
     payload = LINE_START + b"%d %d" % reading
-    return payload + b" %04X\n" % checksum(payload)
+    return payload + b" %04X\n" % crc16(payload)
 
 
 def decode_line(line: bytes) -> CellReading | None:
@@ -58,10 +58,10 @@ def decode_line(line: bytes) -> CellReading | None:
     payload, sequence, counts, crc = match.groups()
     reading = CellReading(int(sequence), int(counts))
     in_range = reading.sequence < SEQUENCE_MODULUS and MINIMUM_COUNTS <= reading.counts <= MAXIMUM_COUNTS
-    return reading if in_range and int(crc, 16) == checksum(payload) else None
+    return reading if in_range and int(crc, 16) == crc16(payload) else None
 
 
-def checksum(payload: bytes) -> int:
+def crc16(payload: bytes) -> int:
     """CRC-16/XMODEM of bytes: polynomial 0x1021, initial value 0, no reflection; 0x31C3 for ``b"123456789"``."""
     return binascii.crc_hqx(payload, 0)
 

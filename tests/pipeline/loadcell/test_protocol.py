@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import CellReading, LineDecoder, checksum, decode_line, encode_line
+from pipeline.loadcell.protocol import CellReading, LineDecoder, crc16, decode_line, encode_line
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
@@ -32,8 +32,8 @@ def bitwise_crc(data):
 
 @given(st.binary(max_size=40))
 def test_the_checksum_is_the_remainder_of_the_long_division(data):
-    assert checksum(data) == bitwise_crc(data)
-    assert checksum(b"123456789") == 0x31C3  # as published
+    assert crc16(data) == bitwise_crc(data)
+    assert crc16(b"123456789") == 0x31C3  # as published
 
 
 @given(readings, st.data())
@@ -53,7 +53,7 @@ def test_only_a_whole_and_undamaged_line_gives_back_its_reading(reading, data):
     "text", [b"HX711 65536 0", b"HX711 1 8388608", b"HX711 1 -8388609", b"HX711 -1 0", b"HX712 1 0"]
 )
 def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
-    assert decode_line(text + b" %04X" % checksum(text)) is None
+    assert decode_line(text + b" %04X" % crc16(text)) is None
 
 
 def test_the_example_of_the_document_is_a_sample():
