@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
-from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
+from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
 
@@ -123,7 +123,7 @@ class LoadCell(Closable):
         port: str,
         calibration: Calibration | None,
         *,
-        baud: int = BAUD,
+        baud: int = DEFAULT_BAUD_RATE,
         clock: Callable[[], float] = time.monotonic,
         silent_after: float = 0.2,
     ) -> None:

@@ -128,13 +128,13 @@ def _is_remark(line: bytes) -> bool:
     return not line or (line.startswith(b"#") and line.isascii() and line.decode("ascii").isprintable())
 
 
-BAUD = 115200
+DEFAULT_BAUD_RATE = 115200
 """Default baud rate."""
 READ_TIMEOUT_SECONDS = 0.05
 """Longest wait of a read for the first byte [s]."""
 
 
-def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
+def open_port(port: str, baud: int = DEFAULT_BAUD_RATE) -> "serial.Serial":
     """Open a serial port for this program alone.
 
     Reading from the port waits at most `READ_TIMEOUT_SECONDS`, and raises OSError after a disconnection.
@@ -162,7 +162,7 @@ def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
 
 def _reason(port: str, baud: int, error: OSError | ValueError) -> str:
     if isinstance(error, ValueError):
-        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {BAUD}"
+        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {DEFAULT_BAUD_RATE}"
     number = error.errno
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return f"there is no such port: {_present()}"
