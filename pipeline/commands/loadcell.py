@@ -107,7 +107,7 @@ def monitor(
     from pipeline.loadcell.calibration import Calibration, default_calibration_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.emulator import emulated_calibration
-    from pipeline.loadcell.faults import Fault
+    from pipeline.loadcell.faults import LoadCellFault
     from pipeline.loadcell.monitor import monitor_json
 
     console = _console(json_file)
@@ -121,7 +121,7 @@ def monitor(
     if json_file is not None:
         write_json({"port": port, **monitor_json(seen, status, start)}, json_file)
     if not status.reliable:
-        worst = next(iter(status.active), Fault.SILENT)
+        worst = next(iter(status.active), LoadCellFault.SILENT)
         raise TaskFailedError(f"{port}: {worst.value}")
 
 
@@ -132,7 +132,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
     from rich.live import Live
 
     from pipeline.interrupts import deferred_signals
-    from pipeline.loadcell.faults import Fault
+    from pipeline.loadcell.faults import LoadCellFault
     from pipeline.loadcell.monitor import Monitor, monitor_table
 
     seen, start = Monitor(), time.monotonic()
@@ -150,7 +150,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
                 status = cell.status()
                 live.update(monitor_table(seen, status, start))
                 now = time.monotonic()
-                if begin is None and (status.samples or Fault.SILENT in status.active):
+                if begin is None and (status.samples or LoadCellFault.SILENT in status.active):
                     begin = now
                 if seconds is not None and begin is not None and now - begin >= seconds:
                     break

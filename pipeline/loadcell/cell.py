@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
 from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
@@ -134,7 +134,7 @@ class LoadCell(Closable):
         self._detector = FaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
         self._events: deque[FaultEvent] = deque(maxlen=QUEUE_LENGTH)
-        self._faults: Counter[Fault] = Counter()
+        self._faults: Counter[LoadCellFault] = Counter()
         self._received = 0
         self._overflowing = False
         self._connected = True
@@ -178,15 +178,15 @@ class LoadCell(Closable):
         with self._lock:
             self._watch()
             active = self._detector.active
-            if self._faults[Fault.DISCONNECTED]:
-                active = (Fault.DISCONNECTED, *active)
-            heard = bool(self._received) and Fault.SILENT not in active and self._connected
+            if self._faults[LoadCellFault.DISCONNECTED]:
+                active = (LoadCellFault.DISCONNECTED, *active)
+            heard = bool(self._received) and LoadCellFault.SILENT not in active and self._connected
             return LoadCellStatus(
                 connected=self._connected,
                 samples=self._received,
                 rate=self._times.rate if heard else 0.0,
                 active=active,
-                counts={fault: self._faults[fault] for fault in Fault},
+                counts={fault: self._faults[fault] for fault in LoadCellFault},
             )
 
     def _run(self) -> None:
@@ -199,7 +199,7 @@ class LoadCell(Closable):
         except OSError:
             with self._lock:
                 self._connected = False
-                self._note([FaultEvent(self._clock(), Fault.DISCONNECTED)])
+                self._note([FaultEvent(self._clock(), LoadCellFault.DISCONNECTED)])
 
     def _take(self, data: bytes) -> None:
         now = self._clock()
@@ -210,10 +210,10 @@ class LoadCell(Closable):
             self._detector.sample(stamp, reading.counts)
             self._received += 1
             if len(self._samples) == self._samples.maxlen:
-                self._faults[Fault.OVERFLOW] += 1
+                self._faults[LoadCellFault.OVERFLOW] += 1
                 if not self._overflowing:
                     self._overflowing = True
-                    self._events.append(FaultEvent(stamp, Fault.OVERFLOW))
+                    self._events.append(FaultEvent(stamp, LoadCellFault.OVERFLOW))
             self._samples.append(CountSample(stamp, reading.counts))
         self._watch()
 

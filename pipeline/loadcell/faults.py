@@ -11,7 +11,7 @@ from itertools import pairwise
 from pipeline.robot.protocol import ForceSample
 
 
-class Fault(Enum):
+class LoadCellFault(Enum):
     """A kind of fault of a load cell; the value says what is wrong and what to do. The most serious ones come first.
 
     The faults from `DISCONNECTED` to `DRIFTING` last for some time, in which the force is unreliable; the others are
@@ -46,7 +46,7 @@ class FaultEvent:
     """
 
     time: float
-    fault: Fault
+    fault: LoadCellFault
     began: bool = True
     count: int = 1
 
@@ -170,7 +170,7 @@ class FaultDetector:
 
     def __init__(self, limits: FaultLimits | None = None) -> None:
         self._limits = limits or FaultLimits()
-        self._active: set[Fault] = set()
+        self._active: set[LoadCellFault] = set()
         self._events: list[FaultEvent] = []
         self._heard: float | None = None
         self._patience = self._limits.start_up + self._limits.silent_after
@@ -180,11 +180,11 @@ class FaultDetector:
         self._impossible = 0
 
     @property
-    def active(self) -> tuple[Fault, ...]:
+    def active(self) -> tuple[LoadCellFault, ...]:
         """Faults that last at present, the most serious first."""
-        return tuple(fault for fault in Fault if fault in self._active)
+        return tuple(fault for fault in LoadCellFault if fault in self._active)
 
-    def update(self, now: float, samples: Iterable[ForceSample]) -> Fault | None:
+    def update(self, now: float, samples: Iterable[ForceSample]) -> LoadCellFault | None:
         """Add samples that arrived until `now` [s], oldest first; returns the most serious present fault, or None."""
         for sample in samples:
             self.sample(sample.time, sample.force)
@@ -194,23 +194,23 @@ class FaultDetector:
         """Add one sample: its time of reception [s], and its value in the unit of the limits."""
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after
-        self._set(Fault.SILENT, False, time)
+        self._set(LoadCellFault.SILENT, False, time)
         limits = self._limits
         self._stuck.add(value)
-        self._set(Fault.FROZEN, self._stuck.count >= limits.repeats, time)
+        self._set(LoadCellFault.FROZEN, self._stuck.count >= limits.repeats, time)
         if limits.spike < math.inf:
             self._set(
-                Fault.SPIKES,
-                self._count_spikes(value) > (FEW_SPIKES if Fault.SPIKES in self._active else MANY_SPIKES),
+                LoadCellFault.SPIKES,
+                self._count_spikes(value) > (FEW_SPIKES if LoadCellFault.SPIKES in self._active else MANY_SPIKES),
                 time,
             )
         if limits.drift < math.inf:
             self._drift.add(time, value)
-            self._set(Fault.DRIFTING, self._drift.steady, time)
+            self._set(LoadCellFault.DRIFTING, self._drift.steady, time)
         self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
-        self._set(Fault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
+        self._set(LoadCellFault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
         # Written in this form, the comparison also finds nan out of range.
-        self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
+        self._set(LoadCellFault.SATURATED, not limits.lower < value < limits.upper, time)
 
     def _count_spikes(self, value: float) -> int:
         """Count the latest samples that differ strongly from both neighbours, on the same side."""
@@ -221,12 +221,12 @@ class FaultDetector:
             self._spikes.append(step > self._limits.spike and (middle > before) == (middle > after))
         return sum(self._spikes)
 
-    def check(self, now: float) -> Fault | None:
+    def check(self, now: float) -> LoadCellFault | None:
         """Check whether samples are missing at `now` [s]; returns the most serious present fault, or None."""
         if self._heard is None:
             self._heard = now
         if now - self._heard > self._patience:
-            self._set(Fault.SILENT, True, now)
+            self._set(LoadCellFault.SILENT, True, now)
         return next(iter(self.active), None)
 
     def take_events(self) -> list[FaultEvent]:
@@ -234,7 +234,7 @@ class FaultDetector:
         events, self._events = self._events, []
         return events
 
-    def _set(self, fault: Fault, holds: bool, time: float) -> None:
+    def _set(self, fault: LoadCellFault, holds: bool, time: float) -> None:
         if holds != (fault in self._active):
             (self._active.add if holds else self._active.remove)(fault)
             self._events.append(FaultEvent(time, fault, began=holds))
@@ -255,8 +255,8 @@ class LoadCellStatus:
     connected: bool
     samples: int
     rate: float
-    active: tuple[Fault, ...]
-    counts: Mapping[Fault, int]
+    active: tuple[LoadCellFault, ...]
+    counts: Mapping[LoadCellFault, int]
 
     @property
     def reliable(self) -> bool:

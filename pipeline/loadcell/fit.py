@@ -13,7 +13,7 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.recording.units import parse_quantity
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 
 
@@ -303,8 +303,8 @@ def calibrate_cell(
 
 def _require_alive(cell: LoadCell) -> None:
     status = cell.status()
-    for fault in (Fault.DISCONNECTED, Fault.SILENT):
+    for fault in (LoadCellFault.DISCONNECTED, LoadCellFault.SILENT):
         if fault in status.active:
-            seen = status.counts[Fault.MALFORMED]
+            seen = status.counts[LoadCellFault.MALFORMED]
             hint = f" ({seen} lines came that are not samples: is the baud rate right?)" if seen else ""
             raise TaskFailedError(f"load cell: {fault.value}{hint}")

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from armdyn.errors import InputError
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 
 if TYPE_CHECKING:
     import serial
@@ -75,7 +75,7 @@ class DecodedSamples:
     """Result of decoding a part of the byte stream: samples, oldest first, and the number of faults of each kind."""
 
     readings: list[CellReading] = field(default_factory=list)
-    faults: Counter[Fault] = field(default_factory=Counter)
+    faults: Counter[LoadCellFault] = field(default_factory=Counter)
 
 
 class LineDecoder:
@@ -108,19 +108,19 @@ class LineDecoder:
         start = max(line.rfind(LINE_START), 0)
         reading = decode_line(line[start:])
         if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
-            decoded.faults[Fault.MALFORMED] += 1
+            decoded.faults[LoadCellFault.MALFORMED] += 1
         if reading is not None and self._is_new(reading.sequence, decoded.faults):
             decoded.readings.append(reading)
 
-    def _is_new(self, sequence: int, faults: Counter[Fault]) -> bool:
+    def _is_new(self, sequence: int, faults: Counter[LoadCellFault]) -> bool:
         last, self._sequence = self._sequence, sequence
         step = 1 if last is None else (sequence - last) % SEQUENCE_MODULUS
         if step == 0:
-            faults[Fault.REPEATED] += 1
+            faults[LoadCellFault.REPEATED] += 1
         elif step > MAX_SEQUENCE_GAP:
-            faults[Fault.RESTARTED] += 1
+            faults[LoadCellFault.RESTARTED] += 1
         elif step > 1:
-            faults[Fault.DROPPED] += step - 1
+            faults[LoadCellFault.DROPPED] += step - 1
         return step != 0
 
 

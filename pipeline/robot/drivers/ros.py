@@ -13,7 +13,7 @@ import numpy as np
 import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closable, HighPriorityThread
@@ -181,7 +181,7 @@ class RosRobot(Closable):
             return []
         samples = self._cell.read()
         if not samples and not self._cell.status().connected:
-            raise TaskFailedError(f"load cell: {Fault.DISCONNECTED.value}")
+            raise TaskFailedError(f"load cell: {LoadCellFault.DISCONNECTED.value}")
         if self.telemetry is not None:
             self.telemetry.load_force(samples)
         return samples

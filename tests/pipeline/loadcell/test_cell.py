@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from armdyn.errors import InputError
 from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionTimes
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
 
 from .cells import calibration
@@ -123,9 +123,9 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
         "DROPPED": 3,  # two, and the one whose line was torn
         "REPEATED": 1,
     }
-    assert status.active == (Fault.DISCONNECTED,)
+    assert status.active == (LoadCellFault.DISCONNECTED,)
     assert not status.reliable
-    lasting = (Fault.SATURATED, Fault.FROZEN, Fault.DISCONNECTED)
+    lasting = (LoadCellFault.SATURATED, LoadCellFault.FROZEN, LoadCellFault.DISCONNECTED)
     told = [(event.fault, event.began) for event in events if event.fault in lasting]
     assert told == [(fault, began) for fault in lasting for began in (True, False)][:-1]
 
@@ -135,12 +135,12 @@ def test_silence_is_noticed_without_a_sample_and_ends_with_one(wire, clock, cell
     until(lambda: cell.status().samples == 1)
     assert cell.status().reliable
     clock.now += 0.21
-    assert cell.status().active == (Fault.SILENT,)
+    assert cell.status().active == (LoadCellFault.SILENT,)
     assert cell.status().rate == 0.0
     assert cell.status().connected
     wire.send(wire.line(2001), 10.0)
     until(lambda: cell.status().reliable)
-    assert began(cell) == [Fault.SILENT]
+    assert began(cell) == [LoadCellFault.SILENT]
 
 
 def test_a_board_that_restarts_when_opened_has_time_to_do_so(clock, cell):
@@ -148,7 +148,7 @@ def test_a_board_that_restarts_when_opened_has_time_to_do_so(clock, cell):
     assert cell.status().active == ()
     assert not cell.status().reliable
     clock.now += 2.0
-    assert cell.status().active == (Fault.SILENT,)
+    assert cell.status().active == (LoadCellFault.SILENT,)
 
 
 def test_an_unplugged_cell_is_noticed_and_its_last_samples_can_be_read(wire, cell, until):
@@ -156,11 +156,11 @@ def test_an_unplugged_cell_is_noticed_and_its_last_samples_can_be_read(wire, cel
         wire.send(wire.line(counts), 10.0)
     until(lambda: cell.status().samples == 5)
     wire.close()
-    until(lambda: began(cell) == [Fault.DISCONNECTED])
+    until(lambda: began(cell) == [LoadCellFault.DISCONNECTED])
     assert len(cell.read()) == 5
     assert cell.read() == []
     assert not cell.status().connected
-    assert cell.status().active == (Fault.DISCONNECTED,)
+    assert cell.status().active == (LoadCellFault.DISCONNECTED,)
 
 
 def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(wire, clock, until, monkeypatch):
@@ -170,8 +170,8 @@ def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(w
             assert wire.send(wire.line(counts), 10.0)
         until(lambda: cell.status().samples == 50)
         assert [s.force for s in cell.read()] == pytest.approx([CALIBRATION.force(c) for c in COUNTS[40:50]])
-        assert cell.status().counts[Fault.OVERFLOW] == 40
-        assert began(cell) == [Fault.OVERFLOW]
+        assert cell.status().counts[LoadCellFault.OVERFLOW] == 40
+        assert began(cell) == [LoadCellFault.OVERFLOW]
 
 
 def test_a_flood_of_noise_does_not_pile_up(wire, cell, until):
@@ -180,7 +180,7 @@ def test_a_flood_of_noise_does_not_pile_up(wire, cell, until):
         assert wire.send(noise, 10.0)
     assert wire.send(b"\n" + wire.line(2000), 10.0)
     until(lambda: cell.status().samples == 1)
-    assert cell.status().counts[Fault.MALFORMED] > 100
+    assert cell.status().counts[LoadCellFault.MALFORMED] > 100
     assert len(cell.events()) <= 1000
 
 
@@ -193,7 +193,7 @@ def test_closing_ends_the_thread_and_frees_the_port(wire):
         cell.close()
         assert threading.active_count() == before
     assert not cell.status().connected
-    assert Fault.DISCONNECTED not in cell.status().active
+    assert LoadCellFault.DISCONNECTED not in cell.status().active
 
 
 def test_closing_after_the_cable_was_pulled_is_clean(wire, until):
@@ -248,7 +248,7 @@ def test_an_emulated_cell_measures_what_hangs_on_it(until):
             until(lambda: cell.status().samples >= 100)
             forces = np.array([sample.force for sample in cell.read()])
             source.close()
-            until(lambda: cell.status().active == (Fault.DISCONNECTED,))
+            until(lambda: cell.status().active == (LoadCellFault.DISCONNECTED,))
     assert forces.mean() == pytest.approx(0.785, abs=5 * noise / np.sqrt(len(forces)))
     assert forces.std() == pytest.approx(noise, rel=0.4)
 

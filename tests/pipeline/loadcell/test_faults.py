@@ -8,7 +8,7 @@ import pytest
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
@@ -34,24 +34,24 @@ def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step
 def test_identical_values_are_a_frozen_cell_until_they_change():
     detector = FaultDetector(FaultLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
-    assert detector.update(0.05, stream([1.0] * 2, 0.04)) is Fault.FROZEN
+    assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
-    assert detector.take_events() == [FaultEvent(0.04, Fault.FROZEN), FaultEvent(0.06, Fault.FROZEN, began=False)]
+    assert detector.take_events() == [FaultEvent(0.04, LoadCellFault.FROZEN), FaultEvent(0.06, LoadCellFault.FROZEN, began=False)]
     assert detector.take_events() == []
 
 
 @pytest.mark.parametrize("force", [9.8, -9.8, 12.0, math.inf, math.nan])
 def test_a_force_at_the_end_of_the_range_is_saturated(force):
     detector = FaultDetector(NOISY)
-    assert detector.update(0.0, stream([force])) is Fault.SATURATED
+    assert detector.update(0.0, stream([force])) is LoadCellFault.SATURATED
     assert detector.update(0.01, stream([9.7], 0.01)) is None
 
 
 def test_silence_begins_after_its_time_and_ends_with_a_sample():
     detector = FaultDetector(FaultLimits(silent_after=0.2))
     assert detector.update(1.0, stream([0.5], 1.0)) is None
-    assert [detector.check(now) for now in (1.199, 1.201)] == [None, Fault.SILENT]
-    assert detector.active == (Fault.SILENT,)
+    assert [detector.check(now) for now in (1.199, 1.201)] == [None, LoadCellFault.SILENT]
+    assert detector.active == (LoadCellFault.SILENT,)
     assert detector.update(1.3, stream([0.6], 1.3)) is None
     # A gap between samples that come together is told as well.
     detector.update(2.5, stream([0.6], 2.0) + stream([0.7], 2.5))
@@ -61,21 +61,21 @@ def test_silence_begins_after_its_time_and_ends_with_a_sample():
 def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_granted_once():
     limits = FaultLimits(silent_after=0.2, start_up=2.0)
     detector = FaultDetector(limits)
-    assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, Fault.SILENT]
+    assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, LoadCellFault.SILENT]
     detector = FaultDetector(limits)
     detector.update(0.0, stream([0.5]))
-    assert detector.check(0.5) is Fault.SILENT
+    assert detector.check(0.5) is LoadCellFault.SILENT
 
 
 def test_the_gravest_fault_comes_first():
     detector = FaultDetector(FaultLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
-    assert detector.active == (Fault.SATURATED, Fault.FROZEN)
-    assert detector.check(5.0) is Fault.SILENT
+    assert detector.active == (LoadCellFault.SATURATED, LoadCellFault.FROZEN)
+    assert detector.check(5.0) is LoadCellFault.SILENT
 
 
 def test_every_fault_says_what_to_do_in_one_line():
-    assert all(": " in fault.value and "\n" not in fault.value for fault in Fault)
+    assert all(": " in fault.value and "\n" not in fault.value for fault in LoadCellFault)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 1.0])
@@ -92,9 +92,9 @@ def test_working_cells_repeat_themselves_as_rarely_as_stated(ratio):
 @pytest.mark.parametrize(
     ("spoil", "expected", "within"),
     [
-        (lambda _sample, _last: [], Fault.SILENT, 0.25),
-        (lambda sample, last: [ForceSample(sample.time, last)], Fault.FROZEN, 0.15),
-        (lambda sample, _last: [ForceSample(sample.time, 9.80665)], Fault.SATURATED, 0.05),
+        (lambda _sample, _last: [], LoadCellFault.SILENT, 0.25),
+        (lambda sample, last: [ForceSample(sample.time, last)], LoadCellFault.FROZEN, 0.15),
+        (lambda sample, _last: [ForceSample(sample.time, 9.80665)], LoadCellFault.SATURATED, 0.05),
     ],
 )
 def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expected, within):
@@ -163,7 +163,7 @@ def test_a_healthy_cell_is_reliable_for_two_minutes(force, scale):
 def test_spikes_in_one_of_twenty_samples_are_noticed(force, seed):
     time, counts = counts_of(force, 5.0, seed)
     spikes = np.random.default_rng(seed).random(time.size) < 0.05
-    assert judged(time, np.where(spikes, OFFSET + SPIKE, counts)).active == (Fault.SPIKES,)
+    assert judged(time, np.where(spikes, OFFSET + SPIKE, counts)).active == (LoadCellFault.SPIKES,)
 
 
 @pytest.mark.parametrize(("where", "told"), [(slice(200, 201), []), (slice(100, 160, 8), [True, False])])
@@ -172,13 +172,13 @@ def test_one_spike_is_bridged_and_many_are_over_when_they_have_ended(where, told
     counts[where] += SPIKE
     detector = judged(time, counts)
     assert detector.active == ()
-    assert [(event.fault, event.began) for event in detector.take_events()] == [(Fault.SPIKES, b) for b in told]
+    assert [(event.fault, event.began) for event in detector.take_events()] == [(LoadCellFault.SPIKES, b) for b in told]
 
 
 def test_values_that_are_stuck_within_one_count_are_frozen():
     time, _ = counts_of(SWING, 3.0)
     toggling = 200_000 + np.random.default_rng(0).integers(0, 2, time.size)
-    assert judged(time, toggling).active == (Fault.FROZEN,)
+    assert judged(time, toggling).active == (LoadCellFault.FROZEN,)
     assert judged(time, 200_000 + np.arange(time.size) // 2).active == ()  # goes on, slowly
 
 
@@ -196,8 +196,8 @@ def test_a_force_that_is_no_pull_a_drift_and_a_spike_are_told_from_where_they_be
     spiky[10:34:8] += share * STEP
     beyond = share > 1.0
     for stamps, counts, fault in (
-        (time[:9], pushed[:9], None), (time[:10], pushed[:10], Fault.NEGATIVE), (time, drifted, Fault.DRIFTING),
-        (time[time < 2.4], drifted[time < 2.4], None), (time[:50], spiky, Fault.SPIKES), (time[:26], spiky[:26], None),
+        (time[:9], pushed[:9], None), (time[:10], pushed[:10], LoadCellFault.NEGATIVE), (time, drifted, LoadCellFault.DRIFTING),
+        (time[time < 2.4], drifted[time < 2.4], None), (time[:50], spiky, LoadCellFault.SPIKES), (time[:26], spiky[:26], None),
     ):  # fmt: skip
         wiggled = counts + 3.0 * (np.arange(len(counts)) % 2)  # a cell that stands still is frozen
         assert judged(stamps, np.round(wiggled), scale).active == ((fault,) if fault and beyond else ())
@@ -207,10 +207,10 @@ def test_a_force_that_is_no_pull_a_drift_and_a_spike_are_told_from_where_they_be
 def test_a_bridge_without_supply_reads_zero_volts_which_is_no_pull(scale):
     time = np.arange(0.0, 3.0, 1.0 / RATE)
     zero = np.random.default_rng(0).normal(0.0, NOISE, time.size)
-    assert Fault.NEGATIVE in judged(time, zero if scale > 0 else 2 * OFFSET - zero, scale).active
+    assert LoadCellFault.NEGATIVE in judged(time, zero if scale > 0 else 2 * OFFSET - zero, scale).active
 
 
 @pytest.mark.parametrize("speed", [1.0, -1.0, 0.2])
 @pytest.mark.parametrize("force", [SWING, lambda _t: REST])
 def test_a_drift_is_noticed_while_it_lasts(force, speed):
-    assert Fault.DRIFTING in judged(*counts_of(lambda t: force(t) + 5.0 + speed * t, 4.0)).active
+    assert LoadCellFault.DRIFTING in judged(*counts_of(lambda t: force(t) + 5.0 + speed * t, 4.0)).active

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from pipeline.loadcell.faults import Fault, FaultEvent, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, KnownWeight
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
@@ -22,7 +22,7 @@ from pipeline.loadcell.monitor import (
 )
 from pipeline.robot.protocol import ForceSample
 
-STATUS = LoadCellStatus(True, 3, 79.96, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
+STATUS = LoadCellStatus(True, 3, 79.96, (LoadCellFault.FROZEN,), {**dict.fromkeys(LoadCellFault, 0), LoadCellFault.MALFORMED: 2})
 EMPTY = WeightMeasurement(KnownWeight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
 LOADED = WeightMeasurement(KnownWeight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
 FIT = CalibrationFit(
@@ -61,7 +61,7 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
 
 def test_a_monitor_answers_and_shows_forces_rate_and_faults():
     seen = Monitor()
-    event = FaultEvent(12.25, Fault.FROZEN, began=False)
+    event = FaultEvent(12.25, LoadCellFault.FROZEN, began=False)
     seen.add([ForceSample(0.5, 9.0), *(ForceSample(11.5 + 0.5 * k, 1.0 + 0.01 * k) for k in range(3))], [event])
     answer = monitor_json(seen, STATUS, 10.0)
     assert {key: answer[key] for key in ("reliable", "connected", "samples", "rate")} == {
@@ -71,11 +71,11 @@ def test_a_monitor_answers_and_shows_forces_rate_and_faults():
     assert answer["active"] == ["frozen"]
     assert answer["faults"]["malformed"] == 2
     assert answer["events"] == [
-        {"time": 2.25, "fault": "frozen", "began": False, "count": 1, "sentence": Fault.FROZEN.value}
+        {"time": 2.25, "fault": "frozen", "began": False, "count": 1, "sentence": LoadCellFault.FROZEN.value}
     ]
     assert shown(monitor_table(seen, STATUS, 10.0)) == (
         "force 1.0200 N last second 1.0100 N ± 10.00 mN rate 80.0 Hz, 3 samples "
-        f"now {Fault.FROZEN.value} faults malformed 2 2.25 s frozen is over"
+        f"now {LoadCellFault.FROZEN.value} faults malformed 2 2.25 s frozen is over"
     )
 
 

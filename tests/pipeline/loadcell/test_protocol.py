@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import CellReading, LineDecoder, crc16, decode_line, encode_line
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
@@ -115,7 +115,7 @@ def test_the_size_of_the_pieces_changes_nothing(parts, data):
     assert decode_all(pieces) == decode_all([stream])
 
 
-MALFORMED, DROPPED = Fault.MALFORMED, Fault.DROPPED
+MALFORMED, DROPPED = LoadCellFault.MALFORMED, LoadCellFault.DROPPED
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,8 @@ MALFORMED, DROPPED = Fault.MALFORMED, Fault.DROPPED
         ([*lines(0), lines(1)[0][:-1], *lines(2, 3)], [0, 2, 3], {MALFORMED: 1, DROPPED: 1}),  # a lost line feed
         ([*lines(0), b"HX711 1 1001\n", b"1001\n", b"HX711 1 1001 zzzz\n"], [0], {MALFORMED: 3}),
         (lines(*range(65530, 65545)), [n % 65536 for n in range(65530, 65545)], {}),
-        (lines(0, 1, 1, 1, 2), [0, 1, 2], {Fault.REPEATED: 2}),
-        (lines(500, 501, 0, 1), [500, 501, 0, 1], {Fault.RESTARTED: 1}),
+        (lines(0, 1, 1, 1, 2), [0, 1, 2], {LoadCellFault.REPEATED: 2}),
+        (lines(500, 501, 0, 1), [500, 501, 0, 1], {LoadCellFault.RESTARTED: 1}),
     ],
 )
 def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, faults):
