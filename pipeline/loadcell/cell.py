@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, FaultLimits, LoadCellStatus
 from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
@@ -133,7 +133,7 @@ class LoadCell(Closable):
         self._decoder, self._times = LineDecoder(), ReceptionTimes()
         self._detector = FaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
-        self._events: deque[FaultEvent] = deque(maxlen=QUEUE_LENGTH)
+        self._events: deque[LoadCellFaultEvent] = deque(maxlen=QUEUE_LENGTH)
         self._faults: Counter[LoadCellFault] = Counter()
         self._received = 0
         self._overflowing = False
@@ -165,7 +165,7 @@ class LoadCell(Closable):
             self._overflowing = False
             return samples
 
-    def events(self) -> list[FaultEvent]:
+    def events(self) -> list[LoadCellFaultEvent]:
         """Faults that began or ended since the last call, oldest first."""
         with self._lock:
             self._watch()
@@ -199,12 +199,12 @@ class LoadCell(Closable):
         except OSError:
             with self._lock:
                 self._connected = False
-                self._note([FaultEvent(self._clock(), LoadCellFault.DISCONNECTED)])
+                self._note([LoadCellFaultEvent(self._clock(), LoadCellFault.DISCONNECTED)])
 
     def _take(self, data: bytes) -> None:
         now = self._clock()
         decoded = self._decoder.feed(data)
-        self._note(FaultEvent(now, fault, count=count) for fault, count in decoded.faults.items())
+        self._note(LoadCellFaultEvent(now, fault, count=count) for fault, count in decoded.faults.items())
         stamps = self._times.stamp(now, len(decoded.readings))
         for stamp, reading in zip(stamps, decoded.readings, strict=True):
             self._detector.sample(stamp, reading.counts)
@@ -213,7 +213,7 @@ class LoadCell(Closable):
                 self._faults[LoadCellFault.OVERFLOW] += 1
                 if not self._overflowing:
                     self._overflowing = True
-                    self._events.append(FaultEvent(stamp, LoadCellFault.OVERFLOW))
+                    self._events.append(LoadCellFaultEvent(stamp, LoadCellFault.OVERFLOW))
             self._samples.append(CountSample(stamp, reading.counts))
         self._watch()
 
@@ -222,7 +222,7 @@ class LoadCell(Closable):
             self._detector.check(self._clock())
         self._note(self._detector.take_events())
 
-    def _note(self, events: Iterable[FaultEvent]) -> None:
+    def _note(self, events: Iterable[LoadCellFaultEvent]) -> None:
         for event in events:
             self._events.append(event)
             if event.began:

@@ -35,7 +35,7 @@ class LoadCellFault(Enum):
 
 
 @dataclass(frozen=True)
-class FaultEvent:
+class LoadCellFaultEvent:
     """The beginning or end of a fault of a load cell, or a single event such as a lost sample.
 
     Attributes:
@@ -171,7 +171,7 @@ class FaultDetector:
     def __init__(self, limits: FaultLimits | None = None) -> None:
         self._limits = limits or FaultLimits()
         self._active: set[LoadCellFault] = set()
-        self._events: list[FaultEvent] = []
+        self._events: list[LoadCellFaultEvent] = []
         self._heard: float | None = None
         self._patience = self._limits.start_up + self._limits.silent_after
         self._stuck, self._drift = _Stuck(self._limits.step), _Drift(self._limits.drift)
@@ -229,7 +229,7 @@ class FaultDetector:
             self._set(LoadCellFault.SILENT, True, now)
         return next(iter(self.active), None)
 
-    def take_events(self) -> list[FaultEvent]:
+    def take_events(self) -> list[LoadCellFaultEvent]:
         """Faults that began or ended since the last call, oldest first."""
         events, self._events = self._events, []
         return events
@@ -237,7 +237,7 @@ class FaultDetector:
     def _set(self, fault: LoadCellFault, holds: bool, time: float) -> None:
         if holds != (fault in self._active):
             (self._active.add if holds else self._active.remove)(fault)
-            self._events.append(FaultEvent(time, fault, began=holds))
+            self._events.append(LoadCellFaultEvent(time, fault, began=holds))
 
 
 @dataclass(frozen=True)

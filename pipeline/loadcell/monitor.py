@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.fields import attributes_as_json, finite_or_none
-from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
@@ -33,13 +33,13 @@ class Monitor:
     """
 
     def __init__(self) -> None:
-        self.events: deque[FaultEvent] = deque(maxlen=KEPT_EVENTS)
+        self.events: deque[LoadCellFaultEvent] = deque(maxlen=KEPT_EVENTS)
         self.samples = 0
         self.mean, self.minimum, self.maximum = math.nan, math.inf, -math.inf
         self._squares = 0.0
         self._latest: deque[ForceSample] = deque()
 
-    def add(self, samples: Iterable[ForceSample], events: Iterable[FaultEvent]) -> None:
+    def add(self, samples: Iterable[ForceSample], events: Iterable[LoadCellFaultEvent]) -> None:
         """Add samples and fault events that have arrived since the last call."""
         self.events.extend(events)
         for sample in samples:

@@ -8,7 +8,7 @@ import pytest
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, FaultLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
@@ -36,7 +36,7 @@ def test_identical_values_are_a_frozen_cell_until_they_change():
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
-    assert detector.take_events() == [FaultEvent(0.04, LoadCellFault.FROZEN), FaultEvent(0.06, LoadCellFault.FROZEN, began=False)]
+    assert detector.take_events() == [LoadCellFaultEvent(0.04, LoadCellFault.FROZEN), LoadCellFaultEvent(0.06, LoadCellFault.FROZEN, began=False)]
     assert detector.take_events() == []
 
 

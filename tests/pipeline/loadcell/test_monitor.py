@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from pipeline.loadcell.faults import LoadCellFault, FaultEvent, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, KnownWeight
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
@@ -61,7 +61,7 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
 
 def test_a_monitor_answers_and_shows_forces_rate_and_faults():
     seen = Monitor()
-    event = FaultEvent(12.25, LoadCellFault.FROZEN, began=False)
+    event = LoadCellFaultEvent(12.25, LoadCellFault.FROZEN, began=False)
     seen.add([ForceSample(0.5, 9.0), *(ForceSample(11.5 + 0.5 * k, 1.0 + 0.01 * k) for k in range(3))], [event])
     answer = monitor_json(seen, STATUS, 10.0)
     assert {key: answer[key] for key in ("reliable", "connected", "samples", "rate")} == {
