@@ -9,7 +9,7 @@ from typing import Annotated
 
 from armdyn.atomic import write_text
 from armdyn.errors import InputError
-from pipeline.loadcell.faults import FaultLimits
+from pipeline.loadcell.faults import LoadCellLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
 from urdf.toml_tables import TomlFileError, ValueCheck, read_toml_with_text, table_to_dataclass
@@ -78,10 +78,10 @@ class Calibration:
             raise InputError("a standard deviation is negative, or the noise is zero")
 
     @property
-    def force_limits(self) -> FaultLimits:
+    def force_limits(self) -> LoadCellLimits:
         """Limits for detecting faults in this cell's samples of force [N]."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
-        return FaultLimits.of(self.noise, abs(self.scale), *ends)
+        return LoadCellLimits.of(self.noise, abs(self.scale), *ends)
 
     def force(self, counts: float) -> float:
         """Convert counts to a force [N]."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, FaultLimits, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, LoadCellLimits, LoadCellStatus
 from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
@@ -68,7 +68,7 @@ MAX_DRIFT_RATE = 0.1
 """Largest rate of drift of a cell that works, by creep or temperature [N/s]."""
 
 
-def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
+def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> LoadCellLimits:
     """Limits for detecting faults in the counts of an HX711.
 
     Args:
@@ -77,7 +77,7 @@ def count_limits(calibration: Calibration | None = None, silent_after: float = 0
     """
     noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
-        FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
+        LoadCellLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
         spike=SPIKE_RANGE_SHARE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE_DEVIATIONS * noise,
         silent_after=silent_after,
         start_up=START_UP_SECONDS,

@@ -52,7 +52,7 @@ class LoadCellFaultEvent:
 
 
 @dataclass(frozen=True)
-class FaultLimits:
+class LoadCellLimits:
     """Limits for the samples of a load cell that works, in the unit of the samples: N or counts.
 
     Attributes:
@@ -168,8 +168,8 @@ class FaultDetector:
         limits: limits for the samples of a cell that works; by default `FaultLimits()`.
     """
 
-    def __init__(self, limits: FaultLimits | None = None) -> None:
-        self._limits = limits or FaultLimits()
+    def __init__(self, limits: LoadCellLimits | None = None) -> None:
+        self._limits = limits or LoadCellLimits()
         self._active: set[LoadCellFault] = set()
         self._events: list[LoadCellFaultEvent] = []
         self._heard: float | None = None

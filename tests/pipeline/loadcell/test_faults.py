@@ -8,7 +8,7 @@ import pytest
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, FaultLimits, implausible_repeats
+from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, LoadCellLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
@@ -16,7 +16,7 @@ from pipeline.robot.settings import CellSettings
 
 from .cells import calibration
 
-NOISY = FaultLimits.of(0.005, 5e-4, -9.8, 9.8)
+NOISY = LoadCellLimits.of(0.005, 5e-4, -9.8, 9.8)
 
 
 def stream(forces, start=0.0, period=0.01):
@@ -26,13 +26,13 @@ def stream(forces, start=0.0, period=0.01):
 @pytest.mark.parametrize(("noise", "step"), [(0.005, 5e-4), (0.0, 0.0)])
 def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step):
     forces = np.random.default_rng(0).normal(0.78, noise, 20_000)
-    detector = FaultDetector(FaultLimits.of(noise, step, -9.8, 9.8))
+    detector = FaultDetector(LoadCellLimits.of(noise, step, -9.8, 9.8))
     assert detector.update(199.99, stream(step * np.round(forces / step) if step else forces)) is None
     assert detector.take_events() == []
 
 
 def test_identical_values_are_a_frozen_cell_until_they_change():
-    detector = FaultDetector(FaultLimits(repeats=5))
+    detector = FaultDetector(LoadCellLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
@@ -48,7 +48,7 @@ def test_a_force_at_the_end_of_the_range_is_saturated(force):
 
 
 def test_silence_begins_after_its_time_and_ends_with_a_sample():
-    detector = FaultDetector(FaultLimits(silent_after=0.2))
+    detector = FaultDetector(LoadCellLimits(silent_after=0.2))
     assert detector.update(1.0, stream([0.5], 1.0)) is None
     assert [detector.check(now) for now in (1.199, 1.201)] == [None, LoadCellFault.SILENT]
     assert detector.active == (LoadCellFault.SILENT,)
@@ -59,7 +59,7 @@ def test_silence_begins_after_its_time_and_ends_with_a_sample():
 
 
 def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_granted_once():
-    limits = FaultLimits(silent_after=0.2, start_up=2.0)
+    limits = LoadCellLimits(silent_after=0.2, start_up=2.0)
     detector = FaultDetector(limits)
     assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, LoadCellFault.SILENT]
     detector = FaultDetector(limits)
@@ -68,7 +68,7 @@ def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_g
 
 
 def test_the_gravest_fault_comes_first():
-    detector = FaultDetector(FaultLimits(-1.0, 1.0, repeats=3))
+    detector = FaultDetector(LoadCellLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
     assert detector.active == (LoadCellFault.SATURATED, LoadCellFault.FROZEN)
     assert detector.check(5.0) is LoadCellFault.SILENT
@@ -100,7 +100,7 @@ def test_working_cells_repeat_themselves_as_rarely_as_stated(ratio):
 def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expected, within):
     settings, rng = CellSettings(), np.random.default_rng(2)
     cell = SimulatedCell(settings, dict.fromkeys(HIDDEN_EFFECTS, 0.0), 0.01, 0.013, rng)
-    limits = FaultLimits.of(settings.noise, settings.resolution, -settings.full_scale, settings.full_scale)
+    limits = LoadCellLimits.of(settings.noise, settings.resolution, -settings.full_scale, settings.full_scale)
     detector, found, last = FaultDetector(limits), None, 0.0
     for step in range(3000):
         cell.feel(step, 0.785 + 0.05 * math.sin(0.01 * step), 0.0)
