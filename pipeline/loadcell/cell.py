@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, LoadCellLimits, LoadCellStatus
+from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultDetector, LoadCellFaultEvent, LoadCellLimits, LoadCellStatus
 from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
@@ -131,7 +131,7 @@ class LoadCell(Closable):
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
         self._decoder, self._times = LineDecoder(), ReceptionTimes()
-        self._detector = FaultDetector(count_limits(calibration, silent_after))
+        self._detector = LoadCellFaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
         self._events: deque[LoadCellFaultEvent] = deque(maxlen=QUEUE_LENGTH)
         self._faults: Counter[LoadCellFault] = Counter()

@@ -161,7 +161,7 @@ class _Drift:
         self._count += 1
 
 
-class FaultDetector:
+class LoadCellFaultDetector:
     """Detects faults of a load cell from its samples, which are passed in with their times.
 
     Args:

@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
-from pipeline.loadcell.faults import FaultDetector
+from pipeline.loadcell.faults import LoadCellFaultDetector
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
 from pipeline.record import Recorder
@@ -136,7 +136,7 @@ class MeasurementNode:
         robot: RobotInterface,
         description: urdf.Robot,
         recorder: Recorder,
-        detector: FaultDetector,
+        detector: LoadCellFaultDetector,
         noise: dict[str, float],
         mass: float,
     ) -> None:

@@ -22,7 +22,7 @@ from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
 from ik.torque import JointTorque
 from pipeline.interrupts import deferred_signals
-from pipeline.loadcell.faults import FaultDetector
+from pipeline.loadcell.faults import LoadCellFaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
 from pipeline.motion.gate import PERIOD
@@ -134,7 +134,7 @@ class Experiment:
         elif settings.estimate:  # SAC goes anywhere on the line
             check_line(table, description, sweep(table), check).require_feasible("the line, along which SAC moves,")
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
+        self.measurement = MeasurementNode(robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass)
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))

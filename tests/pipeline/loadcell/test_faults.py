@@ -8,7 +8,7 @@ import pytest
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import LoadCellFault, FaultDetector, LoadCellFaultEvent, LoadCellLimits, implausible_repeats
+from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultDetector, LoadCellFaultEvent, LoadCellLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
@@ -26,13 +26,13 @@ def stream(forces, start=0.0, period=0.01):
 @pytest.mark.parametrize(("noise", "step"), [(0.005, 5e-4), (0.0, 0.0)])
 def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step):
     forces = np.random.default_rng(0).normal(0.78, noise, 20_000)
-    detector = FaultDetector(LoadCellLimits.of(noise, step, -9.8, 9.8))
+    detector = LoadCellFaultDetector(LoadCellLimits.of(noise, step, -9.8, 9.8))
     assert detector.update(199.99, stream(step * np.round(forces / step) if step else forces)) is None
     assert detector.take_events() == []
 
 
 def test_identical_values_are_a_frozen_cell_until_they_change():
-    detector = FaultDetector(LoadCellLimits(repeats=5))
+    detector = LoadCellFaultDetector(LoadCellLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
@@ -42,13 +42,13 @@ def test_identical_values_are_a_frozen_cell_until_they_change():
 
 @pytest.mark.parametrize("force", [9.8, -9.8, 12.0, math.inf, math.nan])
 def test_a_force_at_the_end_of_the_range_is_saturated(force):
-    detector = FaultDetector(NOISY)
+    detector = LoadCellFaultDetector(NOISY)
     assert detector.update(0.0, stream([force])) is LoadCellFault.SATURATED
     assert detector.update(0.01, stream([9.7], 0.01)) is None
 
 
 def test_silence_begins_after_its_time_and_ends_with_a_sample():
-    detector = FaultDetector(LoadCellLimits(silent_after=0.2))
+    detector = LoadCellFaultDetector(LoadCellLimits(silent_after=0.2))
     assert detector.update(1.0, stream([0.5], 1.0)) is None
     assert [detector.check(now) for now in (1.199, 1.201)] == [None, LoadCellFault.SILENT]
     assert detector.active == (LoadCellFault.SILENT,)
@@ -60,15 +60,15 @@ def test_silence_begins_after_its_time_and_ends_with_a_sample():
 
 def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_granted_once():
     limits = LoadCellLimits(silent_after=0.2, start_up=2.0)
-    detector = FaultDetector(limits)
+    detector = LoadCellFaultDetector(limits)
     assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, LoadCellFault.SILENT]
-    detector = FaultDetector(limits)
+    detector = LoadCellFaultDetector(limits)
     detector.update(0.0, stream([0.5]))
     assert detector.check(0.5) is LoadCellFault.SILENT
 
 
 def test_the_gravest_fault_comes_first():
-    detector = FaultDetector(LoadCellLimits(-1.0, 1.0, repeats=3))
+    detector = LoadCellFaultDetector(LoadCellLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
     assert detector.active == (LoadCellFault.SATURATED, LoadCellFault.FROZEN)
     assert detector.check(5.0) is LoadCellFault.SILENT
@@ -101,7 +101,7 @@ def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expecte
     settings, rng = CellSettings(), np.random.default_rng(2)
     cell = SimulatedCell(settings, dict.fromkeys(HIDDEN_EFFECTS, 0.0), 0.01, 0.013, rng)
     limits = LoadCellLimits.of(settings.noise, settings.resolution, -settings.full_scale, settings.full_scale)
-    detector, found, last = FaultDetector(limits), None, 0.0
+    detector, found, last = LoadCellFaultDetector(limits), None, 0.0
     for step in range(3000):
         cell.feel(step, 0.785 + 0.05 * math.sin(0.01 * step), 0.0)
         samples = cell.received(step * 0.001)
@@ -141,7 +141,7 @@ def counts_of(force, seconds, seed=0, scale=SCALE):
 
 def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
-    detector = FaultDetector(count_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
+    detector = LoadCellFaultDetector(count_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
     for t, count in zip(time, counts, strict=True):
         detector.sample(float(t), int(count))
     return detector
