@@ -114,7 +114,7 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 SPIKE_WINDOW_SAMPLES = 100
 """Number of latest samples among which spikes are counted."""
-SPIKES_BEGIN_COUNT, FEW_SPIKES = 2, 1
+SPIKES_BEGIN_COUNT, SPIKES_END_COUNT = 2, 1
 """The fault `SPIKES` begins with more spikes than the first number, and ends with at most the second number."""
 MAX_IMPOSSIBLE_SAMPLES = 10
 """Number of successive samples with an impossible force that is a fault; a bouncing load gives fewer."""
@@ -201,7 +201,7 @@ class LoadCellFaultDetector:
         if limits.spike < math.inf:
             self._set(
                 LoadCellFault.SPIKES,
-                self._count_spikes(value) > (FEW_SPIKES if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
+                self._count_spikes(value) > (SPIKES_END_COUNT if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
                 time,
             )
         if limits.drift < math.inf:
