@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipeline.loadcell.emulator import EmulatedCell
     from pipeline.loadcell.faults import LoadCellStatus
     from pipeline.loadcell.fit import KnownWeight
-    from pipeline.loadcell.monitor import Monitor
+    from pipeline.loadcell.monitor import ForceStatistics
 
 PANEL = "Experiments"
 
@@ -133,9 +133,9 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 
     from pipeline.interrupts import deferred_signals
     from pipeline.loadcell.faults import LoadCellFault
-    from pipeline.loadcell.monitor import Monitor, monitor_table
+    from pipeline.loadcell.monitor import ForceStatistics, monitor_table
 
-    seen, start = Monitor(), time.monotonic()
+    seen, start = ForceStatistics(), time.monotonic()
     begin: float | None = None
     status = cell.status()
     if seconds is None:

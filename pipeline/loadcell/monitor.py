@@ -21,7 +21,7 @@ KEPT_EVENTS = 1000
 """Largest number of fault events that are stored."""
 
 
-class Monitor:
+class ForceStatistics:
     """Collects statistics of a load cell's samples, and its fault events, in constant memory.
 
     Attributes:
@@ -87,7 +87,7 @@ def calibration_table(fit: CalibrationFit) -> RenderableType:
     return Group(table, Text(summary))
 
 
-def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> RenderableType:
+def monitor_table(seen: ForceStatistics, status: LoadCellStatus, start: float) -> RenderableType:
     """Table of a load cell's forces and faults for the screen; times in it count from `start` [s]."""
     force, mean, std = seen.latest
     table = Table(show_header=False, min_width=60)
@@ -122,7 +122,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
     }
 
 
-def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[str, Any]:
+def monitor_json(seen: ForceStatistics, status: LoadCellStatus, start: float) -> dict[str, Any]:
     """JSON output of the command `loadcell monitor`; times in it count from `start` [s]."""
     force = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum, "std": seen.std}
     return {

@@ -14,7 +14,7 @@ from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultEvent, LoadCell
 from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, KnownWeight
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
-    Monitor,
+    ForceStatistics,
     calibration_json,
     calibration_table,
     monitor_json,
@@ -46,7 +46,7 @@ def shown(table):
 def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
     time = np.cumsum(steps[: len(forces)])
     samples = [ForceSample(float(t), 1e3 + f) for t, f in zip(time, forces, strict=True)]
-    seen = Monitor()
+    seen = ForceStatistics()
     assert (math.isnan(seen.latest[0]), math.isnan(seen.std)) == (True, True)
     for part in (samples[:at], samples[at:]):
         seen.add(part, [])
@@ -60,7 +60,7 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
 
 
 def test_a_monitor_answers_and_shows_forces_rate_and_faults():
-    seen = Monitor()
+    seen = ForceStatistics()
     event = LoadCellFaultEvent(12.25, LoadCellFault.FROZEN, began=False)
     seen.add([ForceSample(0.5, 9.0), *(ForceSample(11.5 + 0.5 * k, 1.0 + 0.01 * k) for k in range(3))], [event])
     answer = monitor_json(seen, STATUS, 10.0)
