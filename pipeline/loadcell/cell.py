@@ -21,7 +21,7 @@ RATE_SAMPLES = 100
 """Number of samples over which the rate is measured."""
 
 
-class ReceptionTimes:
+class ReceptionClock:
     """Assigns times of reception to samples, and measures their rate.
 
     A busy computer or a USB adapter may deliver several samples at once. The last of them gets the present time; the
@@ -130,7 +130,7 @@ class LoadCell(Closable):
         self._calibration, self._clock = calibration, clock
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
-        self._decoder, self._times = LineDecoder(), ReceptionTimes()
+        self._decoder, self._times = LineDecoder(), ReceptionClock()
         self._detector = LoadCellFaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
         self._events: deque[LoadCellFaultEvent] = deque(maxlen=QUEUE_LENGTH)

@@ -12,7 +12,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
-from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionTimes
+from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionClock
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
 from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
@@ -255,7 +255,7 @@ def test_an_emulated_cell_measures_what_hangs_on_it(until):
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 20)), min_size=1))
 def test_times_strictly_increase_and_are_not_in_the_future(pieces):
-    times, now, stamps = ReceptionTimes(), 100.0, []
+    times, now, stamps = ReceptionClock(), 100.0, []
     for pause, count in pieces:
         now += pause
         new = times.stamp(now, count)
@@ -267,20 +267,20 @@ def test_times_strictly_increase_and_are_not_in_the_future(pieces):
 
 
 def test_a_sample_that_comes_alone_has_the_time_of_its_reception():
-    times = ReceptionTimes()
+    times = ReceptionClock()
     assert [times.stamp(now, 1)[0] for now in (1.0, 1.01, 1.5, 1.51)] == [1.0, 1.01, 1.5, 1.51]
 
 
 @pytest.mark.parametrize(("now", "came"), [(0.54, [0.50, 0.51, 0.52, 0.53, 0.54]), (5.0, [4.98, 4.99, 5.0])])
 def test_samples_collected_by_an_adapter_are_dated_back_to_when_they_came_but_not_over_a_silence(now, came):
-    times = ReceptionTimes()
+    times = ReceptionClock()
     for k in range(50):
         times.stamp(0.01 * k, 1)
     np.testing.assert_allclose(times.stamp(now, len(came)), came, atol=1e-9)
 
 
 def test_the_rate_is_that_of_the_samples():
-    times = ReceptionTimes()
+    times = ReceptionClock()
     assert times.rate == 0.0
     for k in range(500):
         times.stamp(k / 80, 1)
