@@ -68,7 +68,7 @@ MAX_DRIFT_RATE = 0.1
 """Largest rate of drift of a cell that works, by creep or temperature [N/s]."""
 
 
-def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> LoadCellLimits:
+def count_fault_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> LoadCellLimits:
     """Limits for detecting faults in the counts of an HX711.
 
     Args:
@@ -131,7 +131,7 @@ class LoadCell(Closable):
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
         self._decoder, self._times = LineDecoder(), ReceptionClock()
-        self._detector = LoadCellFaultDetector(count_limits(calibration, silent_after))
+        self._detector = LoadCellFaultDetector(count_fault_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
         self._events: deque[LoadCellFaultEvent] = deque(maxlen=QUEUE_LENGTH)
         self._faults: Counter[LoadCellFault] = Counter()

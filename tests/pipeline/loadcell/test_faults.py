@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.pendulum.physics import STANDARD_GRAVITY
-from pipeline.loadcell.cell import count_limits
+from pipeline.loadcell.cell import count_fault_limits
 from pipeline.loadcell.emulator import swinging_load
 from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultDetector, LoadCellFaultEvent, LoadCellLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
@@ -141,7 +141,7 @@ def counts_of(force, seconds, seed=0, scale=SCALE):
 
 def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
-    detector = LoadCellFaultDetector(count_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
+    detector = LoadCellFaultDetector(count_fault_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
     for t, count in zip(time, counts, strict=True):
         detector.sample(float(t), int(count))
     return detector
