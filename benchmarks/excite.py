@@ -38,7 +38,7 @@ from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 from pipeline.answers_motion import excitation_sentence, std_ratios
-from pipeline.motion.excitation import Excitation, Expectation, excitation
+from pipeline.motion.excitation import Excitation, Expectation, design_excitation
 
 hidden_arm = generator("baxter")
 
@@ -212,7 +212,7 @@ def main() -> int:
     results, claims = {}, []
     for name in given.what.split(","):
         began = time.process_time()
-        found = excitation(goal_of(name), SECONDS, random=given.random, seed=given.seed)
+        found = design_excitation(goal_of(name), SECONDS, random=given.random, seed=given.seed)
         results[name], new = report(name, found, time.process_time() - began)
         claims += new
         if given.verify and not found.goal.rivals:

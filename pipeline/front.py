@@ -85,7 +85,7 @@ def excite(
     from armdyn.arm.model import required_arm
     from armdyn.effects.catalogue import find
     from armdyn.experiments.goal import determining, separating
-    from pipeline.motion.excitation import excitation
+    from pipeline.motion.excitation import design_excitation
 
     given = model if isinstance(model, Model) else read_model_file(model).model
     arm = required_arm(given, "a motion is designed", "give an arm's").named_only()
@@ -93,7 +93,7 @@ def excite(
         goal = determining(arm, [find(name) for name in effects], rate)
     else:
         goal = separating(arm, find(rivals[0]), find(rivals[1]), rate)
-    return excitation(goal, seconds, random=random, compare=False, seed=seed)
+    return design_excitation(goal, seconds, random=random, compare=False, seed=seed)
 
 
 def next_experiment(

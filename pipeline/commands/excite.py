@@ -94,14 +94,14 @@ def excite(
         from armdyn.atomic import write_text
         from armdyn.recording.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
-        from pipeline.motion.excitation import excitation
+        from pipeline.motion.excitation import design_excitation
         from pipeline.report.excitation import excitation_document, excitation_page
 
         say("reading the robot")
         model = arm_model(choice.urdf_file, choice.robot, split_names(joints), tool=tool)
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
-        found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
+        found = design_excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
     # `check` reads the arm from its description again.
     known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]

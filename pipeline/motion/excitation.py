@@ -130,7 +130,7 @@ SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
 
 
 @one_thread
-def excitation(
+def design_excitation(
     goal: Goal,
     seconds: float,
     *,

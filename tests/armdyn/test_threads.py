@@ -14,7 +14,7 @@ from armdyn.identify.study import Study
 from armdyn.threads import one_thread
 from ik.child_processes import worker_pool
 from pipeline.cli import ONE_THREAD_ENVIRONMENT
-from pipeline.motion.excitation import excitation
+from pipeline.motion.excitation import design_excitation
 
 OUTSIDE = 3
 """Threads that a user has given to linear algebra."""
@@ -92,7 +92,7 @@ def test_a_question_is_answered_by_one_thread_and_gives_the_others_back(question
 def test_a_motion_is_designed_by_one_thread():
     seen = set()
     goal = determining(armdyn.arm.arm_model(robot="ur5"), [armdyn.CATALOGUE["joint_viscous_friction"]], 50.0)
-    excitation(goal, 2.0, random=1, compare=False, say=lambda _: seen.update(threads()))
+    design_excitation(goal, 2.0, random=1, compare=False, say=lambda _: seen.update(threads()))
     assert seen == {1}
     assert threads() == {OUTSIDE}
 
