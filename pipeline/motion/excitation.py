@@ -28,7 +28,7 @@ CACHED_POSTURES = 5000
 """Number of postures whose distances are stored, because a posture is evaluated twice and takes milliseconds."""
 
 
-class FreePostures:
+class CollisionFreePostures:
     """Tells for a robot's postures whether they are free of collisions, and their distance from a collision.
 
     Attributes:
@@ -153,7 +153,7 @@ def design_excitation(
         TaskFailedError: no feasible motion was found.
     """
     robot = goal.columns.arm.robot
-    postures = FreePostures(robot, MIN_CLEARANCE)
+    postures = CollisionFreePostures(robot, MIN_CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
@@ -240,7 +240,7 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
 def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem:
     """The problem with narrower limits where the check found a violation."""
     joints, postures = problem.columns.arm.joints, problem.postures
-    assert isinstance(postures, FreePostures)
+    assert isinstance(postures, CollisionFreePostures)
     for margin in check.margins:
         if margin.margin >= 0.0:
             continue
@@ -248,5 +248,5 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
             limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
-            postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
+            postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
     return replace(problem, postures=postures)
