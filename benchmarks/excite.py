@@ -38,7 +38,7 @@ from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 from pipeline.answers_motion import excitation_sentence, std_ratios
-from pipeline.motion.excitation import Excitation, Expectation, design_excitation
+from pipeline.motion.excitation import Excitation, ExpectedResults, design_excitation
 
 hidden_arm = generator("baxter")
 
@@ -71,7 +71,7 @@ class Moved:
         return found.q, found.v, found.a
 
 
-def contenders(found: Excitation) -> Iterator[tuple[str, Expectation]]:
+def contenders(found: Excitation) -> Iterator[tuple[str, ExpectedResults]]:
     yield "designed", found.expected
     if found.random is not None:
         yield "best random", found.random
@@ -101,7 +101,7 @@ def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: floa
     return Run(f"seed {seed}", channels, noise=noise)
 
 
-def errors(found: Excitation, motion: Expectation, seeds: int, encoder: float) -> np.ndarray:
+def errors(found: Excitation, motion: ExpectedResults, seeds: int, encoder: float) -> np.ndarray:
     """(W,) root mean square errors of the wanted unknowns after armdyn's fit."""
     goal = found.goal
     model = goal.columns.model
@@ -136,7 +136,7 @@ def verify(found: Excitation, seeds: int) -> dict:
     return answer
 
 
-def named(found: Excitation, motion: Expectation, truth: str, seed: int) -> tuple[bool, bool]:
+def named(found: Excitation, motion: ExpectedResults, truth: str, seed: int) -> tuple[bool, bool]:
     """Whether the first name is right without a tie, and whether the answer is honest."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)

@@ -63,7 +63,7 @@ REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
-class Expectation:
+class ExpectedResults:
     """What a recording of a motion is expected to determine.
 
     Attributes:
@@ -98,9 +98,9 @@ class Excitation:
     series: Series
     trajectory: JointTrajectory
     check: FeasibilityReport
-    expected: Expectation
-    random: Expectation | None
-    conditioned: Expectation | None
+    expected: ExpectedResults
+    random: ExpectedResults | None
+    conditioned: ExpectedResults | None
     tried: int
     torque: Array
 
@@ -185,13 +185,13 @@ def design_excitation(
     )
 
 
-def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
+def expectation(problem: ArmProblem, goal: Goal, x: Array) -> ExpectedResults:
     """Compute what a recording of a motion, given by its coefficients x (nj, size), is expected to determine."""
     information, prior = problem.information(x), goal.columns.prior
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.hidden)
-    return Expectation(x, std, separations)
+    return ExpectedResults(x, std, separations)
 
 
 def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
