@@ -171,21 +171,21 @@ def design_excitation(
         rival = replace(problem, criterion=goal.conditioned)
         other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
         inside = shrink(rival, other, COMPARED_EXCESS)
-        conditioned = expectation(problem, goal, other if inside is None else inside)
+        conditioned = expected_results(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
         series=problem.series,
         trajectory=trajectory,
         check=check,
-        expected=expectation(problem, goal, x),
-        random=expectation(problem, goal, best),
+        expected=expected_results(problem, goal, x),
+        random=expected_results(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
         torque=problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
-def expectation(problem: ArmProblem, goal: Goal, x: Array) -> ExpectedResults:
+def expected_results(problem: ArmProblem, goal: Goal, x: Array) -> ExpectedResults:
     """Compute what a recording of a motion, given by its coefficients x (nj, size), is expected to determine."""
     information, prior = problem.information(x), goal.columns.prior
     K = covariance(information, prior)
