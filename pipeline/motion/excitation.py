@@ -194,7 +194,7 @@ def expected_results(problem: ArmProblem, goal: Goal, x: Array) -> ExpectedResul
     return ExpectedResults(x, std, separations)
 
 
-def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
+def sample_motion(problem: ArmProblem, x: Array) -> JointTrajectory:
     """Sample a motion, given by its coefficients x (nj, size), at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
@@ -209,7 +209,7 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
     """
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
-        trajectory = sampled(problem, x)
+        trajectory = sample_motion(problem, x)
         return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK)
 
     say("checking the motion on the whole arm")
