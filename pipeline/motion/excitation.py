@@ -20,7 +20,7 @@ from pipeline.motion.feasibility.clearance import MIN_CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
-AMPLE_CLEARANCE = 0.1
+CLEARANCE_UNIT = 0.1
 """Unit of the margin in the optimisation: an additional distance of links that is ample [m]."""
 DESIGN_CLEARANCE_FACTOR = 1.5
 """Distance of links in the design over that in the check, because the design uses fewer instants."""
@@ -48,10 +48,10 @@ class CollisionFreePostures:
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond the required one at a posture q (n,), in units of `AMPLE_CLEARANCE`."""
+        """Distance between links beyond the required one at a posture q (n,), in units of `CLEARANCE_UNIT`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / AMPLE_CLEARANCE
+        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / CLEARANCE_UNIT
 
 
 MAX_REPAIRS = 4
