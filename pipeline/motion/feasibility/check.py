@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
 from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, collision_series, swing_series
-from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
+from pipeline.motion.feasibility.verdict import LimitedQuantity, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
@@ -72,7 +72,7 @@ def check_line(
     samples = trajectory.time, trajectory.s, trajectory.v, trajectory.a
     fine = _finer(*samples)
     motion, between = joints(*samples), joints(*fine)
-    series = [Bounded.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
+    series = [LimitedQuantity.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
     series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_series(robot, table.line, between, swing, settings.collision)
@@ -116,7 +116,7 @@ def _series(
     settings: CheckSettings,
     line: urdf.Line | None,
     at: ArrayLike | None,
-) -> list[Bounded]:
+) -> list[LimitedQuantity]:
     """All limited quantities of a motion of the joints, from its samples and from interpolated ones."""
     series = _joint_series(robot, motion, fine, settings)
     if line is not None:
@@ -127,7 +127,7 @@ def _series(
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
         start = -MAX_START_DISTANCE, MAX_START_DISTANCE
         apart = fine.q[:1] - here
-        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
+        series.append(LimitedQuantity.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
     return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
 
 
@@ -146,7 +146,7 @@ def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Arr
 
 def _joint_series(
     robot: urdf.Robot, motion: JointTrajectory, fine: JointTrajectory, settings: CheckSettings
-) -> list[Bounded]:
+) -> list[LimitedQuantity]:
     """Position, velocity, acceleration, jerk, torque and singular value with the robot's limits.
 
     Velocities and accelerations are also computed from differences of the samples, so that a jump of the position, or
@@ -154,8 +154,8 @@ def _joint_series(
     """
     names, limits, unit = robot.joint_names, robot.limits, _unit(robot)
 
-    def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> Bounded:
-        return Bounded.between(limit, per, names, time, value, -bound, bound)
+    def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> LimitedQuantity:
+        return LimitedQuantity.between(limit, per, names, time, value, -bound, bound)
 
     def with_differences(value: Array, slope: Array) -> tuple[Array, Array]:
         when = np.concatenate([fine.time, middle])
@@ -170,12 +170,12 @@ def _joint_series(
     force = "N m" if unit == "rad" else "N m or N"
     tool = (robot.tool_frame,)
     series = [
-        Bounded.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
+        LimitedQuantity.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
         both_ways("velocity", f"{unit}/s", *with_differences(motion.q, fine.v), limits.velocity),
         both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
         both_ways("torque", force, fine.time, torque, limits.effort),
-        Bounded.between("singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value),
+        LimitedQuantity.between("singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value),
     ]
     return [bounded for bounded in series if bounded.time.size]
 
@@ -188,7 +188,7 @@ def _singular_values(robot: urdf.Robot, q: Array) -> Array:
     return np.asarray(np.linalg.svd(np.reshape(jacobians, (len(q), 6, -1)), compute_uv=False)[:, -1])
 
 
-def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[Bounded]:
+def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[LimitedQuantity]:
     """Distance of the tool point from the line, and angle between the tool and the line's orientation."""
     data = robot.model.createData()
     distance, tilt = [], []
@@ -199,8 +199,8 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
-        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
+        LimitedQuantity.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
+        LimitedQuantity.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
 
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 import urdf
 from armdyn.errors import InputError
 from pipeline.box import LOAD_RADIUS, Box
-from pipeline.motion.feasibility.verdict import Bounded
+from pipeline.motion.feasibility.verdict import LimitedQuantity
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes, convex_hull, link_of_shape
 from urdf.robot import Array
@@ -129,7 +129,7 @@ class Surroundings:
         return float(apart[first]), link_of_shape(part), body.name
 
 
-def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
+def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[LimitedQuantity]:
     """Distances between links of the robot, and between links and obstacles, during a motion."""
     itself = urdf.CollisionModel(robot)
     travel = _travel(robot, motion.q)
@@ -156,7 +156,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: PlannedSwing, collision: bool
-) -> list[Bounded]:
+) -> list[LimitedQuantity]:
     """Tension of the string during a motion, and distances of load and string from the arm's links.
 
     Args:
@@ -166,7 +166,7 @@ def swing_series(
         swing: swing of the load.
         collision: whether to compute the distances; the string may touch the hand.
     """
-    tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
+    tension = LimitedQuantity.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
     hand = int(robot.model.frames[robot.tool_frame_id].parentJoint)
@@ -191,7 +191,7 @@ def swing_series(
 
 def _where_it_matters(
     limit: str, time: Array, travel: Array, distance: Callable[[int], tuple[float, str]], least: float
-) -> list[Bounded]:
+) -> list[LimitedQuantity]:
     """Smallest distances during a motion, computed only as often as needed; one series per closest pair.
 
     `travel` (m,) [m] is an upper bound of how far any point has moved until each sample. `distance` gives the smallest
@@ -207,7 +207,7 @@ def _where_it_matters(
         room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
-        Bounded.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
+        LimitedQuantity.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
         for pair, rows in found.items()
     ]
 

@@ -25,7 +25,7 @@ MIN_VIOLATION_GAP_SECONDS = 0.05
 
 
 @dataclass(frozen=True)
-class Bounded:
+class LimitedQuantity:
     """A limited quantity of a motion over time, with its lower and upper bounds.
 
     Attributes:
@@ -56,7 +56,7 @@ class Bounded:
         value: ArrayLike,
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
-    ) -> Bounded:
+    ) -> LimitedQuantity:
         """Make a limited quantity from values and bounds of any shapes that numpy can broadcast to (n, k).
 
         Args:
@@ -186,13 +186,13 @@ class FeasibilityReport:
 
     violations: tuple[Margin, ...]
     margins: tuple[Margin, ...]
-    series: tuple[Bounded, ...]
+    series: tuple[LimitedQuantity, ...]
 
     def __repr__(self) -> str:
         return f"FeasibilityReport: {self.sentence}"
 
     @classmethod
-    def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
+    def of(cls, series: Iterable[LimitedQuantity]) -> FeasibilityReport:
         """Make a report from the limited quantities of a motion."""
         series = tuple(series)
         violations = sorted((v for b in series for v in b.violations()), key=lambda v: v.time)
