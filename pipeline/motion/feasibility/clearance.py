@@ -86,7 +86,7 @@ class PlannedSwing:
             raise InputError(f"swing: length {self.length} m and radius {self.radius} m must be greater than 0")
 
 
-class Surroundings:
+class ObstacleDistances:
     """Computes distances between the arm's links and other bodies, with convex hulls in place of meshes.
 
     The true distances are never smaller.
@@ -142,7 +142,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
     if itself.pairs:  # a URDF whose meshes are missing has none
         series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_CLEARANCE)
     if obstacles:
-        around = Surroundings(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
+        around = ObstacleDistances(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
             around.put(number, block.rotation, block.centre)
 
@@ -171,7 +171,7 @@ def swing_series(
         return [tension]
     hand = int(robot.model.frames[robot.tool_frame_id].parentJoint)
     bodies = [("load", coal.Sphere(swing.radius), -1), ("string", coal.Capsule(1e-3, swing.length), hand)]
-    around, data = Surroundings(robot, bodies), robot.model.createData()
+    around, data = ObstacleDistances(robot, bodies), robot.model.createData()
     along, aside, up = line.direction, -line.axes[:, 1], line.axes[:, 2]
     angle = np.interp(motion.time, swing.time, swing.angle)
 
