@@ -19,7 +19,7 @@ NOISE_DIFFERENCE_ORDER = 6
 """Order of the differences from which noise is estimated; a motion at 1 Hz, sampled at 100 Hz, contributes 1e-7."""
 
 
-def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
+def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
     """Smooth positions (n, k) at increasing times (n,) [s], and compute velocities and accelerations.
 
     A quintic smoothing spline is fitted. The noise of the positions is estimated from their sixth differences, so that
@@ -129,9 +129,9 @@ def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> 
             raise InputError(f"{name} has no sample{where}: a trajectory has no missing samples; fill them in")
     values = [np.column_stack([channels[name].value for name in kind]) for kind in given]
     if kinds[1] not in given:
-        return time, *differentiate(time, values[0])
+        return time, *smooth_and_differentiate(time, values[0])
     q, v, *a = values
-    return time, q, v, a[0] if a else differentiate(time, v)[1]
+    return time, q, v, a[0] if a else smooth_and_differentiate(time, v)[1]
 
 
 def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:

@@ -10,7 +10,7 @@ import ik
 import urdf
 from armdyn.recording.noise import quiet_std
 from pipeline.motion.feasibility import Margin
-from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, differentiate
+from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, smooth_and_differentiate
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2
@@ -125,7 +125,7 @@ def test_the_noise_of_positions_is_found_under_their_motion():
 def test_derivatives_of_noisy_positions_are_near_the_true_ones():
     t = 0.01 * np.arange(400)
     clean, rng = np.sin(2 * np.pi * 0.5 * t), np.random.default_rng(1)
-    q, v, a = differentiate(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
+    q, v, a = smooth_and_differentiate(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
     w, inside = 2 * np.pi * 0.5, slice(30, -30)
     assert np.max(np.abs(v[inside, 0] - w * np.cos(w * t[inside]))) < 0.02 * w
     assert np.max(np.abs(a[inside, 0] + w**2 * clean[inside])) < 0.1 * w**2
@@ -134,7 +134,7 @@ def test_derivatives_of_noisy_positions_are_near_the_true_ones():
 
 def test_derivatives_of_clean_positions_are_exact():
     w = 2 * np.pi * 0.7
-    _, v, a = differentiate(TIME, np.sin(w * TIME)[:, None])
+    _, v, a = smooth_and_differentiate(TIME, np.sin(w * TIME)[:, None])
     assert np.max(np.abs(v[:, 0] - w * np.cos(w * TIME))) < 1e-6
     assert np.max(np.abs(a[:, 0] + w**2 * np.sin(w * TIME))) < 1e-3
 
