@@ -48,7 +48,7 @@ def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array
     return q, v, a
 
 
-UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
+LINE_COLUMN_UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
 """SI unit of each column in the file of a motion along the line."""
 
 
@@ -82,7 +82,7 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
     path = Path(path)
     with at(path):
         if is_line_csv(path):
-            return _line(read_csv(path, UNITS), ("s", "v", "a"))
+            return _line(read_csv(path, LINE_COLUMN_UNITS), ("s", "v", "a"))
         channels = read_run(path).channels
         if any(name.startswith("q.") for name in channels):
             return _joints(channels, robot)
