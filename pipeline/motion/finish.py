@@ -21,7 +21,7 @@ MIN_SPEED_SHARE = 0.02
 MEETING_SPACING = 5e-3
 """Distance between the positions at which a motion may reach or leave the speed limit [m]."""
 
-Pieces = list[tuple[float, Callable[[float], LineState]]]
+MotionPieces = list[tuple[float, Callable[[float], LineState]]]
 """Successive parts of a motion: the duration of each [s], and a function from the time since its begin [s] to state."""
 
 
@@ -88,7 +88,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
     return LineTrajectory(np.linspace(0.0, count * dt, count + 1), s, v, a)
 
 
-def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
+def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
     """The motion within the limits with the shortest duration; empty without one."""
     acceleration = _acceleration(planner, start, target)
     direct = planner.to_state(start, target, acceleration=acceleration)
@@ -98,7 +98,7 @@ def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Piece
     return min(filter(None, moves), key=lambda pieces: sum(duration for duration, _ in pieces), default=[])
 
 
-def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
+def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
     """Motion to the speed limit, along the limit, and to rest; empty if there is none."""
     limits, direction = planner.limits, 1.0 if target.s > start.s else -1.0
     curve = RideCurve(limits)
@@ -140,9 +140,9 @@ def _acceleration(planner: LinePlanner, begin: LineState, end: LineState) -> flo
     return planner.limits.lowest_acceleration(min(reached), max(reached))
 
 
-def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> Pieces:
+def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> MotionPieces:
     """The motion with the highest constant speed limit within the limits, by bisection; empty without one."""
-    best: Pieces = []
+    best: MotionPieces = []
     fits, fails = 0.0, planner.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)
