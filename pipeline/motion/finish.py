@@ -8,7 +8,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
+from pipeline.motion.ride import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
@@ -101,7 +101,7 @@ def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Motio
 def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
     """Motion to the speed limit, along the limit, and to rest; empty if there is none."""
     limits, direction = planner.limits, 1.0 if target.s > start.s else -1.0
-    curve = RideCurve(limits)
+    curve = SpeedLimitCurve(limits)
     stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
     stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
     skip = max(int(MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)

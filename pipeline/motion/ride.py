@@ -18,7 +18,7 @@ MAX_RIDE_STEP_SECONDS = 0.02
 """Largest time step of the integration in `RideCurve.after` [s]; its error is about 1e-5 m."""
 
 
-class RideCurve:
+class SpeedLimitCurve:
     """A smooth speed limit that is nowhere above the true one, and motions at this speed.
 
     The speed limit W(s) of the line has a kink wherever another joint limits the speed; the acceleration ``a = W W'``

@@ -7,7 +7,7 @@ from armdyn.errors import InputError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
+from pipeline.motion.ride import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
@@ -46,7 +46,7 @@ class LineSmoother:
         self._dt = dt
         self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.tight())
         self._limits = self._planner.limits
-        self._ride = RideCurve(self._limits)
+        self._ride = SpeedLimitCurve(self._limits)
         # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
         self._below_ride = LinePlanner(self._ride.limits)
         self.reset(state)
