@@ -15,7 +15,7 @@ from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import LoadCellFault
 from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
-from pipeline.motion.transitions import Blend, Brake
+from pipeline.motion.transitions import StreamBlend, Brake
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import Connect, Driver
@@ -79,7 +79,7 @@ class RosRobot(Closable):
         self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=REMEMBERED_COMMANDS)
         self._ended: str | None = None
         self._foreign = False
-        self._blend: Blend | None = None
+        self._blend: StreamBlend | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
         self._reader = EvenTimes(PERIOD)
@@ -128,7 +128,7 @@ class RosRobot(Closable):
                 self._braking.clear()
                 state = self._states.latest
                 if state is not None and q.shape == state.q.shape and self._gate.begins(self.time):
-                    self._blend = Blend(state.q, q)
+                    self._blend = StreamBlend(state.q, q)
                 if self._blend is not None and q.shape == v.shape == a.shape:
                     q, v, a = self._blend.next(q, v, a)
                 # Without a master the arm still follows, and so can be braked; but the run ends.

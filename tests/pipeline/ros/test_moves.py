@@ -6,7 +6,7 @@ import pytest
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
 from pipeline.motion.gate import PERIOD
-from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, Blend
+from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, StreamBlend
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
@@ -75,7 +75,7 @@ def test_a_refused_command_stops_the_robot(complains):
 
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
-    blend = Blend(here, told)
+    blend = StreamBlend(here, told)
     steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / PERIOD) + 2)]
     q, v, a = (np.array(x) for x in zip(*steps, strict=True))
     assert q[0] == pytest.approx(here)
@@ -87,7 +87,7 @@ def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_j
 
 
 def test_what_is_too_far_stays_too_far():
-    blend, zero = Blend(np.array([0.5]), np.array([0.0])), np.zeros(1)
+    blend, zero = StreamBlend(np.array([0.5]), np.array([0.0])), np.zeros(1)
     assert blend.next(zero, zero, zero)[0] == pytest.approx(MAX_START_OFFSET)
 
 
