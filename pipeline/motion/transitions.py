@@ -15,7 +15,7 @@ BLEND_SECONDS = 0.5
 """Time in which this distance decays to zero [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2 and 10 rad/s^3."""
 
 
-class Brake:
+class BrakingMotion:
     """Motion of an arm's joints to rest, with the share `BRAKING_SHARE` of their acceleration and jerk limits.
 
     Args:

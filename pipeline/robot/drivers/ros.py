@@ -15,7 +15,7 @@ from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import LoadCellFault
 from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
-from pipeline.motion.transitions import StreamBlend, Brake
+from pipeline.motion.transitions import StreamBlend, BrakingMotion
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import Connect, Driver
@@ -297,7 +297,7 @@ class RosRobot(Closable):
 
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
-        brake, due = Brake(start, self._description.limits), self.time
+        brake, due = BrakingMotion(start, self._description.limits), self.time
         for cycle in range(1, round((brake.duration + HOLD_SECONDS) / PERIOD) + 1):
             q, v, a = brake.at(cycle * PERIOD)
             due = PERIOD + (due if self._sent_at is None else max(due, self._sent_at))

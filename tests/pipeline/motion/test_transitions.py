@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.motion.gate import LIMIT_TOLERANCE_SHARE, PERIOD
-from pipeline.motion.transitions import BRAKING_SHARE, Brake
+from pipeline.motion.transitions import BRAKING_SHARE, BrakingMotion
 
 from .lines import TWO_JOINTS as LIMITS
 
@@ -14,7 +14,7 @@ share = st.floats(-1.0, 1.0)
 @given(st.tuples(share, share), st.tuples(share, share))
 def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pulls):
     start = np.zeros(2), np.array(speeds) * LIMITS.velocity, np.array(pulls) * LIMITS.acceleration
-    brake = Brake(start, LIMITS)
+    brake = BrakingMotion(start, LIMITS)
     for given_, found in zip(start, brake.at(0.0), strict=True):
         assert np.allclose(found, given_, atol=1e-9)
     time = np.arange(0.0, brake.duration + 0.05, PERIOD)
@@ -30,7 +30,7 @@ def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pu
 
 
 def test_an_arm_that_stands_stays_where_it_is():
-    brake = Brake((np.array([0.3, -0.2]), np.zeros(2), np.zeros(2)), LIMITS)
+    brake = BrakingMotion((np.array([0.3, -0.2]), np.zeros(2), np.zeros(2)), LIMITS)
     assert brake.duration == 0.0
     for time in (0.0, 0.01, 5.0):
         assert np.array_equal(brake.at(time), [[0.3, -0.2], [0.0, 0.0], [0.0, 0.0]])
