@@ -40,7 +40,7 @@ class FeasibleMotion:
     factor: float
 
 
-def fit_to_arm(
+def fit_motion_to_arm(
     motion: GripperPath,
     hypotheses: Sequence[Hypothesis],
     robot: urdf.Robot,
@@ -92,7 +92,7 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
     if moving is None or moving.experiment.motion is None or moving.outlook.probability <= MIN_RIGHT_PROBABILITY:
         return plan, None
     arm = urdf.load("baxter")
-    found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
+    found = fit_motion_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
     rest = tuple(p for p in plan.proposals if p is not moving)
     if found is None:
         return replace(plan, proposals=rest), None
