@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ik import LineTable
     from pipeline.robot.protocol import JointState
 
-PERIOD = 0.01
+CONTROL_PERIOD_SECONDS = 0.01
 """Duration of a control cycle, the time between two commands [s]."""
 MAX_STATE_AGE_SECONDS = 0.05
 """Largest age of the newest joint state at which a command may be sent [s]."""
@@ -170,7 +170,7 @@ class LineGate:
 
     def _follows(self, reference: LineState, previous: LineState) -> bool:
         """Whether a motion with bounded jerk leads from one reference to the next in a cycle."""
-        h, jerk = PERIOD, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
+        h, jerk = CONTROL_PERIOD_SECONDS, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
         s, v, a = (now - before for now, before in zip(reference, previous, strict=True))
         # Bounds on the change in one cycle of bounded jerk, from the Taylor series at its beginning.
         return (
@@ -196,7 +196,7 @@ class StreamGate(Gate):
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         super().__init__(names, limits)
         self._last: list[Array] = []
-        self._spacings = [PERIOD] * 3
+        self._spacings = [CONTROL_PERIOD_SECONDS] * 3
         self._sent = -np.inf
 
     @property
@@ -222,9 +222,9 @@ class StreamGate(Gate):
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
         spacings = (
-            [*self._spacings[-2:], min(max(now - self._sent, MIN_COMMAND_SPACING_SECONDS), PERIOD)]
+            [*self._spacings[-2:], min(max(now - self._sent, MIN_COMMAND_SPACING_SECONDS), CONTROL_PERIOD_SECONDS)]
             if self._last
-            else [PERIOD] * 3
+            else [CONTROL_PERIOD_SECONDS] * 3
         )
         refusal = refusal or self._continued(q, v, a, np.array(spacings))
         if refusal is None:
@@ -263,7 +263,7 @@ class StreamGate(Gate):
         refusal = refusal or self._most(
             RefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
         )
-        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * PERIOD
+        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * CONTROL_PERIOD_SECONDS
         if refusal is None or not early:
             return refusal
         return replace(refusal, detail=f"{refusal.detail}, {1e3 * spacings[-1]:.3g} ms after the command before")

@@ -4,7 +4,7 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 import urdf
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from urdf.robot import Array
 
 BRAKING_SHARE = 0.5
@@ -84,7 +84,7 @@ class StreamBlend:
 
     def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Add the offset to the next command: positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
-        u = min(self._cycle * PERIOD / BLEND_SECONDS, 1.0)
+        u = min(self._cycle * CONTROL_PERIOD_SECONDS / BLEND_SECONDS, 1.0)
         self._cycle += 1
         if u == 1.0:
             return q, v, a

@@ -6,7 +6,7 @@ from contextlib import suppress
 from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import PERIOD, Refusal, RefusalReason
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, Refusal, RefusalReason
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -34,7 +34,7 @@ class DriveNode:
     """
 
     name = "drive"
-    period = PERIOD
+    period = CONTROL_PERIOD_SECONDS
 
     def __init__(
         self,

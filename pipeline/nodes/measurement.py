@@ -13,7 +13,7 @@ from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
 from pipeline.loadcell.faults import LoadCellFaultDetector
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
@@ -129,7 +129,7 @@ class MeasurementNode:
     """
 
     name = "measurement"
-    period = PERIOD
+    period = CONTROL_PERIOD_SECONDS
 
     def __init__(
         self,

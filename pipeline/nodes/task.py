@@ -16,7 +16,7 @@ from armdyn.pendulum.model import PendulumModel
 from pipeline.box import Box
 from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
 from pipeline.motion.feasibility import FeasibilityReport
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.reference import smooth_reference
 from pipeline.nodes.background import BackgroundWorker
 from pipeline.nodes.drive import DriveNode
@@ -181,7 +181,7 @@ class TaskNode:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
         self._model, self._measured, self._worker = model, measured, worker
         self._planners = {
-            seconds: TaskPlanner(model, round(seconds / PERIOD), PERIOD)
+            seconds: TaskPlanner(model, round(seconds / CONTROL_PERIOD_SECONDS), CONTROL_PERIOD_SECONDS)
             for seconds in (settings.duration, settings.settling)
         }
         self._worker.provide(self.name, self._plan)
@@ -273,7 +273,7 @@ class TaskNode:
             trajectory = self._feasible(plan, task.here)
             if task.finish:
                 trajectory = trajectory.then(
-                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, PERIOD)
+                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, CONTROL_PERIOD_SECONDS)
                 )
         except ArmdynError as error:
             return _Planned(plan, problem=str(error))
@@ -308,9 +308,9 @@ class TaskNode:
         """The motion within the limits that is nearest to the plan, from the last commanded state."""
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
-        v = np.gradient(plan.x, PERIOD)
-        v[-1] = plan.v[-1] + PERIOD / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
-        motion = smooth_reference(plan.x, v, PERIOD, self._limits, start=here)
+        v = np.gradient(plan.x, CONTROL_PERIOD_SECONDS)
+        v[-1] = plan.v[-1] + CONTROL_PERIOD_SECONDS / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
+        motion = smooth_reference(plan.x, v, CONTROL_PERIOD_SECONDS, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
         if not missed.max() <= PLAN_TOLERANCE:
             k = int(missed.argmax())

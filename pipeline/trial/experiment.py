@@ -25,7 +25,7 @@ from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.faults import LoadCellFaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
@@ -138,7 +138,7 @@ class Experiment:
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
-        smoother = LineSmoother(limits, PERIOD, LineState(begin))
+        smoother = LineSmoother(limits, CONTROL_PERIOD_SECONDS, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
@@ -295,7 +295,7 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._robot.time >= started + swing.time[-1] - PERIOD / 2
+        return swing is not None and started is not None and self._robot.time >= started + swing.time[-1] - CONTROL_PERIOD_SECONDS / 2
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.

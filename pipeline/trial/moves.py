@@ -11,7 +11,7 @@ from armdyn.errors import TaskFailedError
 from ik import LineTable
 from pipeline.interrupts import deferred_signals
 from pipeline.motion import LineTrajectory
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import RobotInterface, Vector
@@ -36,7 +36,7 @@ Posture = tuple[Vector, Vector, Vector]
 
 def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
     """Smooth motion of all joints together from one posture (n,) [rad] to another."""
-    return JointTrajectory(*_slow_move(start, goal, JOINT_SPEED, PERIOD), arm.joint_names)
+    return JointTrajectory(*_slow_move(start, goal, JOINT_SPEED, CONTROL_PERIOD_SECONDS), arm.joint_names)
 
 
 def sweep(table: LineTable) -> LineTrajectory:
@@ -53,7 +53,7 @@ def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
         finish: position over the box at which a trial ends [m].
     """
     stops = (0.0, max(-MAX_BACKWARD, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
-    parts = [LineTrajectory(*_slow_move(first, last, LINE_SPEED, PERIOD)) for first, last in pairwise(stops)]
+    parts = [LineTrajectory(*_slow_move(first, last, LINE_SPEED, CONTROL_PERIOD_SECONDS)) for first, last in pairwise(stops)]
     return reduce(LineTrajectory.then, parts)
 
 
@@ -79,7 +79,7 @@ def play(
                 if signals:
                     raise TaskFailedError(f"{sentence_of_signal(signals[0])}: the arm was brought to rest")
                 robot.command(*posture)
-                due = max(due + PERIOD, robot.time)
+                due = max(due + CONTROL_PERIOD_SECONDS, robot.time)
                 robot.advance(due - robot.time)
                 if progress is not None:
                     progress(min((robot.time - begun) / total, 1.0))

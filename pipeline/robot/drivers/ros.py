@@ -14,7 +14,7 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import LoadCellFault
-from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
+from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, CONTROL_PERIOD_SECONDS, StreamGate
 from pipeline.motion.transitions import StreamBlend, BrakingMotion
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
@@ -32,7 +32,7 @@ READING_LAG_SECONDS = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
 ADVERTISE_SECONDS = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
-STATE_TIMEOUT = 2 * PERIOD
+STATE_TIMEOUT = 2 * CONTROL_PERIOD_SECONDS
 """How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
 JUDGEMENT_SECONDS = 0.002
 """From the end of that wait to the gate's verdict, at most [s]."""
@@ -82,7 +82,7 @@ class RosRobot(Closable):
         self._blend: StreamBlend | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
-        self._reader = EvenTimes(PERIOD)
+        self._reader = EvenTimes(CONTROL_PERIOD_SECONDS)
         self._brake_from: tuple[Vector, Vector, Vector] | None = None
         self._braking, self._closing = threading.Event(), threading.Event()
         self.bridge = Bridge(uri, clock=clock)
@@ -122,7 +122,7 @@ class RosRobot(Closable):
         if self._ended is None:
             self._states.wait_for_younger(lambda: self.time - MAX_STATE_AGE_SECONDS + JUDGEMENT_SECONDS, STATE_TIMEOUT)
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
-                self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
+                self.advance(min(self._sent_at + CONTROL_PERIOD_SECONDS - self.time, CONTROL_PERIOD_SECONDS))
         with self._lock:
             if self._ended is None:
                 self._braking.clear()
@@ -202,7 +202,7 @@ class RosRobot(Closable):
             self.stop()
             end = self.time + 2.0
             while self._braking.is_set() and self.time < end:
-                self.advance(PERIOD)
+                self.advance(CONTROL_PERIOD_SECONDS)
         with self._lock:
             self._closing.set()
             self._braking.set()
@@ -265,7 +265,7 @@ class RosRobot(Closable):
             return str(error)
         self.statistics.commands += 1
         self.statistics.ages.append(now - state.time)
-        if self._sent_at is not None and now - self._sent_at < 10 * PERIOD:
+        if self._sent_at is not None and now - self._sent_at < 10 * CONTROL_PERIOD_SECONDS:
             self.statistics.intervals.append(now - self._sent_at)
         self._sent, self._sent_at = (q, v, a), now
         if self.telemetry is not None:
@@ -298,9 +298,9 @@ class RosRobot(Closable):
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
         brake, due = BrakingMotion(start, self._description.limits), self.time
-        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / PERIOD) + 1):
-            q, v, a = brake.at(cycle * PERIOD)
-            due = PERIOD + (due if self._sent_at is None else max(due, self._sent_at))
+        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / CONTROL_PERIOD_SECONDS) + 1):
+            q, v, a = brake.at(cycle * CONTROL_PERIOD_SECONDS)
+            due = CONTROL_PERIOD_SECONDS + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)
             with self._lock:
                 if self._closing.is_set() or not self._braking.is_set():

@@ -11,7 +11,7 @@ from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState,
 from pipeline.motion.gate import (
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    PERIOD,
+    CONTROL_PERIOD_SECONDS,
     STREAM_GAP_SECONDS,
     RefusalReason,
     StreamGate,
@@ -35,10 +35,10 @@ def why(refusal):
 
 def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_gate):
     rng = np.random.default_rng(3)
-    smoother = LineSmoother(line_gate.limits, PERIOD, LineState(0.0))
+    smoother = LineSmoother(line_gate.limits, CONTROL_PERIOD_SECONDS, LineState(0.0))
     noise = [LineState(*map(float, rng.normal(0.0, [0.4, 1.0, 5.0]))) for _ in range(300)]
     smoothed = [smoother.state, *map(smoother.update, noise)]
-    finish = finish_over_box(LineState(0.13, 0.2), 0.46, line_gate.limits, PERIOD)
+    finish = finish_over_box(LineState(0.13, 0.2), 0.46, line_gate.limits, CONTROL_PERIOD_SECONDS)
     for motion in (smoothed, finish):
         assert {line_gate.check(after, before) for before, after in pairwise(motion)} == {None}
 
@@ -91,7 +91,7 @@ def at(q, time=0.0):
 
 def smooth(k, reach=0.3, duration=0.8):
     """Minimum-jerk motion of joint a: peak 0.70 rad/s, 2.7 rad/s^2, 35 rad/s^3."""
-    parts = minimum_jerk(np.asarray(min(k * PERIOD / duration, 1.0)), duration)
+    parts = minimum_jerk(np.asarray(min(k * CONTROL_PERIOD_SECONDS / duration, 1.0)), duration)
     return tuple(np.array([reach * float(part), 0.0]) for part in parts)
 
 
@@ -108,7 +108,7 @@ def moving(gate):
 
 
 def follow(gate, cycles):
-    return [judge(gate, *smooth(k), now=k * PERIOD) for k in range(cycles)]
+    return [judge(gate, *smooth(k), now=k * CONTROL_PERIOD_SECONDS) for k in range(cycles)]
 
 
 def judge(gate, q, v=REST, a=REST, state=None, now=0.0):
@@ -151,13 +151,13 @@ def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, opt
 
 
 def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
-    frozen = at(smooth(39)[0], 39 * PERIOD)
-    refused = [judge(moving, *smooth(k), state=frozen, now=k * PERIOD) for k in range(40, 46)]
+    frozen = at(smooth(39)[0], 39 * CONTROL_PERIOD_SECONDS)
+    refused = [judge(moving, *smooth(k), state=frozen, now=k * CONTROL_PERIOD_SECONDS) for k in range(40, 46)]
     assert refused == [None] * 5 + [RefusalReason.STALE]
 
 
 def test_a_motion_that_paused_does_not_go_on(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
+    assert judge(moving, *smooth(40), now=39 * CONTROL_PERIOD_SECONDS + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
 
 
 def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):
@@ -181,18 +181,18 @@ def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_se
 )
 def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
     for k in range(5):
-        assert judge(gate, REST, now=k * PERIOD) is None
-    assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * PERIOD) is reason
+        assert judge(gate, REST, now=k * CONTROL_PERIOD_SECONDS) is None
+    assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * CONTROL_PERIOD_SECONDS) is reason
 
 
 def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_between_its_commands(gate):
-    said = [gate.judge(*smooth(k), at(smooth(k)[0], k * PERIOD / 10), k * PERIOD / 10) for k in range(40)]
+    said = [gate.judge(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10) for k in range(40)]
     first = next(refusal for refusal in said if refusal is not None)
     assert "1 ms after the command before" in first.sentence
 
 
 def test_a_command_that_comes_late_is_judged_as_if_it_had_come_on_time(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + 0.03) is None
+    assert judge(moving, *smooth(40), now=39 * CONTROL_PERIOD_SECONDS + 0.03) is None
 
 
 def test_a_refusal_names_joint_and_values(gate):

@@ -5,7 +5,7 @@ import pytest
 
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, StreamBlend
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
@@ -20,8 +20,8 @@ def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feas
     assert motion.q[-1] == pytest.approx(goal)
     assert np.max(np.abs(motion.v)) <= JOINT_SPEED * 1.001
     assert motion.v[[0, -1]] == pytest.approx(0.0)
-    assert np.gradient(motion.q, PERIOD, axis=0) == pytest.approx(motion.v, abs=2e-4)
-    assert np.gradient(motion.v, PERIOD, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
+    assert np.gradient(motion.q, CONTROL_PERIOD_SECONDS, axis=0) == pytest.approx(motion.v, abs=2e-4)
+    assert np.gradient(motion.v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
     assert check_joints(baxter, motion, at=start).feasible
 
 
@@ -57,7 +57,7 @@ def test_a_late_cycle_makes_a_motion_longer_never_faster():
     robot, zero = SlowRobot(), np.zeros(1)
     play(robot, [(np.array([0.01 * k]), zero, zero) for k in range(20)], 0.2)
     times = np.array([time for time, _ in robot.commands])
-    assert np.all(np.diff(times) >= PERIOD - 1e-9)
+    assert np.all(np.diff(times) >= CONTROL_PERIOD_SECONDS - 1e-9)
     assert not robot.stopped
 
 
@@ -76,14 +76,14 @@ def test_a_refused_command_stops_the_robot(complains):
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
     blend = StreamBlend(here, told)
-    steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / PERIOD) + 2)]
+    steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / CONTROL_PERIOD_SECONDS) + 2)]
     q, v, a = (np.array(x) for x in zip(*steps, strict=True))
     assert q[0] == pytest.approx(here)
     assert q[-1] == pytest.approx(told, abs=0.0)
-    assert np.max(np.abs(np.diff(q, axis=0))) / PERIOD < 0.04
-    assert np.max(np.abs(np.diff(q, n=3, axis=0))) / PERIOD**3 < 6.0
-    assert np.gradient(q, PERIOD, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
-    assert np.gradient(v, PERIOD, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
+    assert np.max(np.abs(np.diff(q, axis=0))) / CONTROL_PERIOD_SECONDS < 0.04
+    assert np.max(np.abs(np.diff(q, n=3, axis=0))) / CONTROL_PERIOD_SECONDS**3 < 6.0
+    assert np.gradient(q, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
+    assert np.gradient(v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
 
 
 def test_what_is_too_far_stays_too_far():
