@@ -5,7 +5,7 @@ can leave the line. An IK table of the package `ik` converts them to joint posit
 """
 
 from pipeline.motion.finish import finish_over_box
-from pipeline.motion.gate import Gate, LineGate
+from pipeline.motion.gate import CommandGate, LineGate
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory

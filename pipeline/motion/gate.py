@@ -74,7 +74,7 @@ class Refusal:
         return f"{self.why.value}{f' ({self.detail})' if self.detail else ''}"
 
 
-class Gate:
+class CommandGate:
     """Checks a single command to the joints against the joint limits and the measured position.
 
     Args:
@@ -140,7 +140,7 @@ class LineGate:
 
     limits: LineLimits
     table: LineTable
-    joints: Gate
+    joints: CommandGate
 
     def check(
         self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
@@ -180,7 +180,7 @@ class LineGate:
         )
 
 
-class StreamGate(Gate):
+class StreamGate(CommandGate):
     """Checks each command of a stream against the commands before it and the arm's measured position.
 
     The arm follows a sequence of positions. The first, second and third divided differences of the positions are the

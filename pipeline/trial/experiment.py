@@ -23,7 +23,7 @@ from armdyn.run import Channel
 from ik.torque import JointTorque
 from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.faults import LoadCellFaultDetector
-from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
@@ -137,7 +137,7 @@ class Experiment:
         self.measurement = MeasurementNode(robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass)
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
-        gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
+        gate = LineGate(limits, table, CommandGate(description.joint_names, description.limits))
         smoother = LineSmoother(limits, CONTROL_PERIOD_SECONDS, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
 from pipeline.motion.gate import (
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
@@ -26,7 +26,7 @@ REST = np.zeros(2)
 
 @pytest.fixture(scope="module")
 def line_gate(robot, table):
-    return LineGate(LineLimits.from_table(table), table, Gate(robot.joint_names, robot.limits))
+    return LineGate(LineLimits.from_table(table), table, CommandGate(robot.joint_names, robot.limits))
 
 
 def why(refusal):
@@ -69,7 +69,7 @@ def test_a_limit_that_is_no_number_lets_nothing_through(line_gate, name):
 
 def test_joint_limits_are_watched_besides_those_of_the_line(robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
-    gate = LineGate(generous, table, Gate(robot.joint_names, robot.limits))
+    gate = LineGate(generous, table, CommandGate(robot.joint_names, robot.limits))
     assert why(gate.check(LineState(0.0, 2.0))) is RefusalReason.VELOCITY
     assert why(gate.check(LineState(0.0, 0.0, 100.0))) is RefusalReason.ACCELERATION
 

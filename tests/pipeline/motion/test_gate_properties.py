@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.motion import Gate, LineGate, LineLimits, LineState
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineState
 from pipeline.motion.gate import (
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
@@ -130,7 +130,7 @@ references = st.lists(
 def line_gate(request, robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0), 5e4)
     limits = LineLimits.from_table(table) if "table" in request.param else generous
-    return LineGate(limits, table, Gate(robot.joint_names, robot.limits))
+    return LineGate(limits, table, CommandGate(robot.joint_names, robot.limits))
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
