@@ -14,7 +14,7 @@ from armdyn.errors import InputError, TaskFailedError, sentence_of
 from ik.child_processes import initialise_child
 from pipeline.processes import drop_real_time_priority
 
-Work = Callable[[Any], Any]
+BackgroundFunction = Callable[[Any], Any]
 Then = Callable[[Any], None]
 
 
@@ -30,10 +30,10 @@ class BackgroundWorker:
 
     def __init__(self) -> None:
         self.thinking = False
-        self._work: dict[str, Work] = {}
+        self._work: dict[str, BackgroundFunction] = {}
         self._then: dict[str, list[Then]] = {}  # requests that wait for results, oldest first
 
-    def provide(self, name: str, work: Work) -> None:
+    def provide(self, name: str, work: BackgroundFunction) -> None:
         """Register the function `work` under a name; called before `start`."""
         self._work[name], self._then[name] = work, []
 
@@ -142,7 +142,7 @@ def _gone() -> TaskFailedError:
     return TaskFailedError("the process that estimates and plans has ended: check this computer's memory")
 
 
-def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
+def _serve(ours: Connection, connection: Connection, work: dict[str, BackgroundFunction]) -> None:
     """Main function of the process: compute until the other end of the pipe is closed."""
     drop_real_time_priority()
     ours.close()  # otherwise this process would keep the pipe open, and outlive its parent
