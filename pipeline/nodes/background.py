@@ -15,7 +15,7 @@ from ik.child_processes import initialise_child
 from pipeline.processes import drop_real_time_priority
 
 BackgroundFunction = Callable[[Any], Any]
-Then = Callable[[Any], None]
+ResultCallback = Callable[[Any], None]
 
 
 class BackgroundWorker:
@@ -31,7 +31,7 @@ class BackgroundWorker:
     def __init__(self) -> None:
         self.thinking = False
         self._work: dict[str, BackgroundFunction] = {}
-        self._then: dict[str, list[Then]] = {}  # requests that wait for results, oldest first
+        self._then: dict[str, list[ResultCallback]] = {}  # requests that wait for results, oldest first
 
     def provide(self, name: str, work: BackgroundFunction) -> None:
         """Register the function `work` under a name; called before `start`."""
@@ -40,7 +40,7 @@ class BackgroundWorker:
     def start(self) -> None:
         """Start the worker; it may not see later changes of the objects that the functions use."""
 
-    def ask(self, name: str, argument: Any, then: Then) -> None:
+    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
         """Request a computation.
 
         Args:
@@ -99,7 +99,7 @@ class ProcessWorker(BackgroundWorker):
         self._process.start()
         other.close()
 
-    def ask(self, name: str, argument: Any, then: Then) -> None:
+    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
         """Send a computation to the process; `then` is called with its result by a later `collect`."""
         if self._connection is None:
             raise RuntimeError("start the process before it is asked")
