@@ -14,7 +14,7 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
 from pipeline.loadcell.faults import LoadCellFaultDetector
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
-from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
+from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, ReadingRefusal
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
 
@@ -190,7 +190,7 @@ class MeasurementNode:
         try:
             state = self._robot.joint_state()
         except Exception:  # a driver may raise any error: this reading is missing
-            self.joint_check.refuse(Refused.UNREADABLE, now)
+            self.joint_check.refuse(ReadingRefusal.UNREADABLE, now)
             self._bridge()
             return
         if self.joint_check.judge(state, now) is not None:
@@ -241,7 +241,7 @@ class MeasurementNode:
         try:
             samples = self._robot.load_cell()
         except Exception:  # a driver may raise any error: these samples are missing
-            self.force_check.refuse(Refused.UNREADABLE, now)
+            self.force_check.refuse(ReadingRefusal.UNREADABLE, now)
             return []
         return self.force_check.judge(samples, now, self.hangs_until)
 

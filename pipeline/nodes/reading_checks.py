@@ -29,7 +29,7 @@ MAX_EFFORT_SHARE = 3.0
 """Largest plausible effort of a joint, as a share of its effort limit."""
 
 
-class Refused(Enum):
+class ReadingRefusal(Enum):
     """Reason why a reading was refused; the value completes the sentence "the reading ..."."""
 
     UNREADABLE = "cannot be read"
@@ -59,7 +59,7 @@ class ReadingCheck:
         self._source, self._check = source, check
         self._level = 0.0
         self._seen_good = False
-        self.refused: Counter[Refused] = Counter()
+        self.refused: Counter[ReadingRefusal] = Counter()
         self.fault: str | None = None
 
     def accept(self) -> None:
@@ -67,7 +67,7 @@ class ReadingCheck:
         self._seen_good = True
         self._level = max(0.0, self._level - FORGIVEN_PER_GOOD_READING)
 
-    def refuse(self, why: Refused, now: float) -> None:
+    def refuse(self, why: ReadingRefusal, now: float) -> None:
         """Count a bad reading at the time `now` [s]."""
         self.refused[why] += 1
         self._level += 1.0
@@ -94,7 +94,7 @@ class JointReadingCheck(ReadingCheck):
         self._limits = limits
         self._last: JointState | None = None
 
-    def judge(self, state: JointState, now: float) -> Refused | None:
+    def judge(self, state: JointState, now: float) -> ReadingRefusal | None:
         """Check a reading that was received at the time `now` [s]; returns why it cannot be used, or None if it can."""
         why = self._why_not(state, now)
         if why is None:
@@ -104,28 +104,28 @@ class JointReadingCheck(ReadingCheck):
             self.refuse(why, now)
         return why
 
-    def _why_not(self, state: JointState, now: float) -> Refused | None:
+    def _why_not(self, state: JointState, now: float) -> ReadingRefusal | None:
         joints = self._limits.velocity.shape
         values = (state.q, state.v, state.tau)
         told = [state.q, *(value for value in (state.v, state.tau) if not np.isnan(value).all())]
         if any(np.shape(value) != joints for value in values):
-            return Refused.WRONG_NUMBER
+            return ReadingRefusal.WRONG_NUMBER
         if not (isfinite(state.time) and all(np.isfinite(value).all() for value in told)):
-            return Refused.NOT_A_NUMBER
+            return ReadingRefusal.NOT_A_NUMBER
         last = self._last
         if last is not None and state.time <= last.time:
-            return Refused.OUT_OF_ORDER
+            return ReadingRefusal.OUT_OF_ORDER
         stamp = _stamp_problem(state.time, now)
         if stamp is not None:
             return stamp
         quick = MAX_SPEED_SHARE * self._limits.velocity
         speed, effort = np.abs(np.nan_to_num(state.v)), np.abs(np.nan_to_num(state.tau))
         if not (np.all(speed <= quick) and np.all(effort <= MAX_EFFORT_SHARE * self._limits.effort)):
-            return Refused.OUT_OF_RANGE
+            return ReadingRefusal.OUT_OF_RANGE
         if last is not None and np.any(
             np.abs(state.q - last.q) > quick * (state.time - last.time) + MAX_REST_DIFFERENCE
         ):
-            return Refused.JUMP
+            return ReadingRefusal.JUMP
         return None
 
     def bridged(self, period: float) -> Vector:
@@ -192,7 +192,7 @@ class ForceReadingCheck(ReadingCheck):
                 good += self._take_held()
             else:
                 self.failed += self._held
-                self._refuse_held(now, Refused.JUMP)
+                self._refuse_held(now, ReadingRefusal.JUMP)
         return good
 
     def _follows(self, sample: ForceSample) -> bool:
@@ -206,7 +206,7 @@ class ForceReadingCheck(ReadingCheck):
         held, self._held = self._held, []
         return [self._take(sample) for sample in held]
 
-    def _refuse_held(self, now: float, why: Refused = Refused.SPIKE) -> None:
+    def _refuse_held(self, now: float, why: ReadingRefusal = ReadingRefusal.SPIKE) -> None:
         for _ in self._held:
             self.refuse(why, now)
         self._held = []
@@ -216,15 +216,15 @@ class ForceReadingCheck(ReadingCheck):
         self.accept()
         return sample
 
-    def _why_not(self, sample: ForceSample, now: float) -> Refused | None:
+    def _why_not(self, sample: ForceSample, now: float) -> ReadingRefusal | None:
         if not (isfinite(sample.time) and isfinite(sample.force)):
-            return Refused.NOT_A_NUMBER
+            return ReadingRefusal.NOT_A_NUMBER
         if sample.time <= self._stamp:
-            return Refused.OUT_OF_ORDER
+            return ReadingRefusal.OUT_OF_ORDER
         return _stamp_problem(sample.time, now)
 
 
-def _stamp_problem(stamp: float, now: float) -> Refused | None:
+def _stamp_problem(stamp: float, now: float) -> ReadingRefusal | None:
     if stamp > now + MAX_STAMP_LEAD_SECONDS:
-        return Refused.AHEAD
-    return Refused.STALE if now - stamp > MAX_READING_AGE_SECONDS else None
+        return ReadingRefusal.AHEAD
+    return ReadingRefusal.STALE if now - stamp > MAX_READING_AGE_SECONDS else None
