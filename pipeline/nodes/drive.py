@@ -11,7 +11,7 @@ from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
 
-Reference = Callable[[float], Sequence[LineState]]
+ReferenceFunction = Callable[[float], Sequence[LineState]]
 """Function from the present time [s] to the states that the tool should have at the ends of the next cycles."""
 
 MAX_COMMAND_SILENCE = 0.031
@@ -47,7 +47,7 @@ class DriveNode:
     ) -> None:
         self._robot, self._table, self._smoother, self._gate = robot, table, smoother, gate
         self._measurement, self._recorder = measurement, recorder
-        self._reference: Reference | None = None
+        self._reference: ReferenceFunction | None = None
         self._trajectory: LineTrajectory | None = None
         self._played = 0
         self.fault: str | None = None
@@ -69,7 +69,7 @@ class DriveNode:
         """Whether the last command was a state at rest and no motion is left to be sent."""
         return self.standing and self._trajectory is None and self._reference is None
 
-    def follow(self, reference: Reference) -> None:
+    def follow(self, reference: ReferenceFunction) -> None:
         """Follow a reference that is computed in every cycle, smoothed to be within the limits."""
         self._reference, self._trajectory = reference, None
 
