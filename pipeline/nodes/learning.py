@@ -127,7 +127,7 @@ class EstimatorNode:
         self._recorder.record("estimate.length_std", estimate.time, estimate.std)
 
 
-KICK_ACCELERATION, KICK_SECONDS = 0.8, 0.2
+DOUBLET_ACCELERATION, KICK_SECONDS = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet with which the motion starts."""
 REFERENCE_CYCLES = 30
 """Number of control cycles for which the reference is given to the smoother."""
@@ -175,7 +175,7 @@ class SacNode:
         """Begin the motions at the time `now` [s], with the doublet."""
         self._begun = now
         kick = round(KICK_SECONDS / self.settings.dt)
-        self._lay_out(now, np.repeat([KICK_ACCELERATION, -KICK_ACCELERATION], kick))
+        self._lay_out(now, np.repeat([DOUBLET_ACCELERATION, -DOUBLET_ACCELERATION], kick))
         self._drive.follow(self._reference)
 
     def end(self) -> None:
