@@ -127,7 +127,7 @@ class EstimatorNode:
         self._recorder.record("estimate.length_std", estimate.time, estimate.std)
 
 
-DOUBLET_ACCELERATION, KICK_SECONDS = 0.8, 0.2
+DOUBLET_ACCELERATION, DOUBLET_SECONDS = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet with which the motion starts."""
 REFERENCE_CYCLES = 30
 """Number of control cycles for which the reference is given to the smoother."""
@@ -174,7 +174,7 @@ class SacNode:
     def begin(self, now: float) -> None:
         """Begin the motions at the time `now` [s], with the doublet."""
         self._begun = now
-        kick = round(KICK_SECONDS / self.settings.dt)
+        kick = round(DOUBLET_SECONDS / self.settings.dt)
         self._lay_out(now, np.repeat([DOUBLET_ACCELERATION, -DOUBLET_ACCELERATION], kick))
         self._drive.follow(self._reference)
 
@@ -190,7 +190,7 @@ class SacNode:
             TaskFailedError: the action is not a number.
         """
         start = self._estimator.start
-        if self._begun is None or start is None or now - self._begun < 2 * KICK_SECONDS - 1e-9:
+        if self._begun is None or start is None or now - self._begun < 2 * DOUBLET_SECONDS - 1e-9:
             return
         begun = perf_counter()
         model = self._estimator.model
