@@ -35,7 +35,7 @@ MAX_PLANS = 3
 MAX_PLANNING_SECONDS = MAX_PLANS * FIRST_LEAD_SECONDS * 2 ** (MAX_PLANS - 1) + 2.0
 """Longest time until a requested motion begins on a real robot, coming to rest included [s]."""
 
-Check = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
+FeasibilityCheck = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
 """Function that checks a trajectory and its swing, for an arm at the given joint positions (n,) [rad]."""
 
 
@@ -173,7 +173,7 @@ class TaskNode:
         model: PendulumModel,
         drive: DriveNode,
         limits: LineLimits,
-        check: Check,
+        check: FeasibilityCheck,
         measured: Callable[[], Vector],
         settings: TaskSettings,
         worker: BackgroundWorker,
