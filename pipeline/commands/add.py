@@ -8,7 +8,7 @@ from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
 from pipeline.console.repaired import conclude_repair
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def add(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from armdyn.recording.channels import FloatArray
     from urdf import Robot
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 group = typer.Typer(help="Show the terms of an arm's equations of motion.", no_args_is_help=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pipeline.batch.run import BatchResult
     from pipeline.batch.spec import BatchSpec
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def batch(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import urdf
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 def check(

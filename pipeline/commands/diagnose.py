@@ -6,7 +6,7 @@ from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
 from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def diagnose(inputs: StudyInputs) -> None:

@@ -13,7 +13,7 @@ from pipeline.console.inputs import ModelAndRunInputs, StudyInputsWithoutExam
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def discover(

@@ -5,7 +5,7 @@ from typing import Any
 from pipeline.console.options import EffectsOption, JsonOption
 from pipeline.console.screen import screen_console, write_answer
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:

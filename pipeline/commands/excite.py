@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.experiments.goal import Goal
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0

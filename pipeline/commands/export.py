@@ -11,7 +11,7 @@ from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, N
 from pipeline.console.outputs import check_outputs, check_overwrite
 from pipeline.console.screen import progress_display, write_answer
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 def export(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ik import PathTable
     from ik.search import LineCandidate, LineRequirements
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 def volume(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import ColumnMap
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 MAX_NAMED_COLUMNS = 8
 """Largest number of columns that a printed list names."""
 

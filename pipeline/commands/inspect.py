@@ -16,7 +16,7 @@ from pipeline.console.screen import finish_command, progress_display
 if TYPE_CHECKING:
     from armdyn.inspection.check import Inspection
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 
 
 def inspect(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pipeline.loadcell.fit import KnownWeight
     from pipeline.loadcell.monitor import ForceStatistics
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 EMULATED_PORT = "emulated"

@@ -18,7 +18,7 @@ from pipeline.console.screen import write_answer
 if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 class _Bases(typer.core.TyperGroup):

@@ -10,7 +10,7 @@ from pipeline.console.inputs import StudyInputsWithoutExam
 from pipeline.console.options import split_names
 from pipeline.console.screen import finish_command
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def next_(

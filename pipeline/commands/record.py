@@ -9,7 +9,7 @@ from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, R
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import progress_display, screen_console, write_answer
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 def record(

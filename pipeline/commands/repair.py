@@ -4,7 +4,7 @@ from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
 from pipeline.console.repaired import conclude_repair
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def repair(inputs: StudyInputs, output: OutputOption = None, named_only: NamedOnlyOption = False) -> None:

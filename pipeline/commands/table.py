@@ -8,7 +8,7 @@ import typer
 from pipeline.console.options import JsonOption
 from pipeline.console.screen import finish_command, progress_display
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 def table(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.trial import SimulatedTrial
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 def trial(

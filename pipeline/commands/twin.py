@@ -10,7 +10,7 @@ from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 DEFAULT_TWIN_LENGTH = 0.368

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import Log
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 STANDARD_STREAM = Path("-")
 
 

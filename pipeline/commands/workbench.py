@@ -12,7 +12,7 @@ from pipeline.console.options import EffectsOption, JsonOption, NoBrowserOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import progress_display, write_json
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def workbench(

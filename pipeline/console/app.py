@@ -33,7 +33,7 @@ def build_application(files: Iterable[str]) -> typer.Typer:
     """Build the command line from some modules of `pipeline.commands`; other commands are not imported.
 
     Each module defines a function of its own name, or `group`, a Typer application with several subcommands. Its
-    constant `PANEL` is the heading under which `armdyn --help` lists the command.
+    constant `HELP_PANEL` is the heading under which `armdyn --help` lists the command.
     """
     app = typer.Typer(
         name="armdyn",
@@ -45,7 +45,7 @@ def build_application(files: Iterable[str]) -> typer.Typer:
     app.callback()(_common)
     for file in files:
         module = import_module(f"{commands.__name__}.{file}")
-        place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
+        place = {"name": file.removesuffix("_"), "rich_help_panel": module.HELP_PANEL}
         if not hasattr(module, "group"):
             app.command(**place)(_checked(with_flattened_options(getattr(module, file))))
             continue

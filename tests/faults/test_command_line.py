@@ -23,7 +23,7 @@ def armdyn(monkeypatch, capsys, tmp_path):
 
     def run(work):
         module = types.ModuleType("pipeline.commands.failing")
-        module.PANEL, module.failing = "A mistake", work
+        module.HELP_PANEL, module.failing = "A mistake", work
         monkeypatch.setitem(sys.modules, module.__name__, module)
         monkeypatch.setattr("pipeline.console.app.command_files", lambda: {"failing": "failing"})
         monkeypatch.setattr(sys, "argv", ["armdyn", "failing"])
