@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, ReportOption, RobotChoice, parse_number_list, missing_mesh_sentences, parse_option_quantity
+from pipeline.console.options import (
+    JsonOption,
+    ReportOption,
+    RobotChoice,
+    missing_mesh_sentences,
+    parse_number_list,
+    parse_option_quantity,
+)
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
 

@@ -61,11 +61,13 @@ def calibrate(
     listed = parse_weights(weights, STANDARD_GRAVITY)
     source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
     # An emulated cell must not take the place of a real one's calibration.
-    target = out or default_calibration_path().with_name("loadcell-emulated.toml" if port == EMULATED_PORT else "loadcell.toml")
+    target = out or default_calibration_path().with_name(
+        "loadcell-emulated.toml" if port == EMULATED_PORT else "loadcell.toml"
+    )
     console = _console(json_file)
     with _cell(port) as (name, emulated):
 
-        def ask(weight: "Weight") -> None:
+        def ask(weight: "KnownWeight") -> None:
             what = "Leave the cell empty" if weight.force == 0.0 else f"Hang {weight.text}"
             if emulated is None:
                 status.stop()  # the animation would overwrite the question
@@ -76,7 +78,7 @@ def calibrate(
                 emulated.hang(weight.force)
                 time.sleep(0.2)  # wait until the earlier samples have arrived
 
-        def progress(weight: "Weight", count: int) -> None:
+        def progress(weight: "KnownWeight", count: int) -> None:
             status.update(f"{weight.text}: {count} of {samples} samples")
 
         with (
@@ -125,7 +127,7 @@ def monitor(
         raise TaskFailedError(f"{port}: {worst.value}")
 
 
-def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monitor", "LoadCellStatus", float]:
+def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["ForceStatistics", "LoadCellStatus", float]:
     """Show the cell until `seconds` after its first sample, Ctrl-C, or a disconnection; returns the start time too."""
     import time
 

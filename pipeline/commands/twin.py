@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_number_list, parse_hidden_effects
+from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_hidden_effects, parse_number_list
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 

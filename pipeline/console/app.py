@@ -19,7 +19,7 @@ from armdyn.read_files import keeping_inputs
 from pipeline import commands
 from pipeline.console.groups import with_flattened_options
 from pipeline.console.noticed import collected_warnings, collecting_warnings
-from pipeline.console.streams import report_unexpected_error, non_raising_streams
+from pipeline.console.streams import non_raising_streams, report_unexpected_error
 from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 

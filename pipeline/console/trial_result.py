@@ -9,7 +9,14 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
-from pipeline.console.screen import ProgressDisplay, save_report, progress_display, screen_console, write_answer, write_json
+from pipeline.console.screen import (
+    ProgressDisplay,
+    progress_display,
+    save_report,
+    screen_console,
+    write_answer,
+    write_json,
+)
 from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:

@@ -10,7 +10,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultDetector, LoadCellFaultEvent, LoadCellLimits, LoadCellStatus
+from pipeline.loadcell.faults import (
+    LoadCellFault,
+    LoadCellFaultDetector,
+    LoadCellFaultEvent,
+    LoadCellLimits,
+    LoadCellStatus,
+)
 from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample

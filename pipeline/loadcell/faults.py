@@ -80,7 +80,7 @@ class LoadCellLimits:
     start_up: float = 0.0
 
     @classmethod
-    def of(cls, noise: float, step: float, lower: float, upper: float) -> "FaultLimits":
+    def of(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellLimits":
         """Make limits for saturated and frozen cells.
 
         Args:
@@ -201,7 +201,8 @@ class LoadCellFaultDetector:
         if limits.spike < math.inf:
             self._set(
                 LoadCellFault.SPIKES,
-                self._count_spikes(value) > (SPIKES_END_COUNT if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
+                self._count_spikes(value)
+                > (SPIKES_END_COUNT if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
                 time,
             )
         if limits.drift < math.inf:

@@ -100,7 +100,7 @@ class WeightMeasurement:
     outliers: int
 
     @classmethod
-    def of(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "Plateau":
+    def of(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "WeightMeasurement":
         """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
@@ -297,7 +297,9 @@ def calibrate_cell(
             _require_alive(cell)
             progress(weight, min(max(len(counts) - FILTER_SETTLING_SAMPLES, 0), samples))
             wait(0.02)
-        plateaus.append(WeightMeasurement.of(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples]))
+        plateaus.append(
+            WeightMeasurement.of(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples])
+        )
     return fit_calibration(plateaus, source)
 
 

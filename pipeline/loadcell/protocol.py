@@ -162,7 +162,8 @@ def open_port(port: str, baud: int = DEFAULT_BAUD_RATE) -> "serial.Serial":
 
 def _reason(port: str, baud: int, error: OSError | ValueError) -> str:
     if isinstance(error, ValueError):
-        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {DEFAULT_BAUD_RATE}"
+        usual = DEFAULT_BAUD_RATE
+        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {usual}"
     number = error.errno
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return f"there is no such port: {_present()}"

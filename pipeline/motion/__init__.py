@@ -10,4 +10,4 @@ from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 
-__all__ = ["Gate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]
+__all__ = ["CommandGate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]

@@ -309,7 +309,9 @@ class TaskNode:
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
         v = np.gradient(plan.x, CONTROL_PERIOD_SECONDS)
-        v[-1] = plan.v[-1] + CONTROL_PERIOD_SECONDS / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
+        v[-1] = (
+            plan.v[-1] + CONTROL_PERIOD_SECONDS / 2 * plan.a[-1]
+        )  # the plan's speeds belong to the middle of each step
         motion = smooth_reference(plan.x, v, CONTROL_PERIOD_SECONDS, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
         if not missed.max() <= PLAN_TOLERANCE:

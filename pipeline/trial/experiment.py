@@ -134,7 +134,9 @@ class Experiment:
         elif settings.estimate:  # SAC goes anywhere on the line
             check_line(table, description, sweep(table), check).require_feasible("the line, along which SAC moves,")
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass)
+        self.measurement = MeasurementNode(
+            robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass
+        )
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, CommandGate(description.joint_names, description.limits))
@@ -295,7 +297,11 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._robot.time >= started + swing.time[-1] - CONTROL_PERIOD_SECONDS / 2
+        return (
+            swing is not None
+            and started is not None
+            and self._robot.time >= started + swing.time[-1] - CONTROL_PERIOD_SECONDS / 2
+        )
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.

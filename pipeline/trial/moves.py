@@ -53,7 +53,9 @@ def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
         finish: position over the box at which a trial ends [m].
     """
     stops = (0.0, max(-MAX_BACKWARD, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
-    parts = [LineTrajectory(*_slow_move(first, last, LINE_SPEED, CONTROL_PERIOD_SECONDS)) for first, last in pairwise(stops)]
+    parts = [
+        LineTrajectory(*_slow_move(first, last, LINE_SPEED, CONTROL_PERIOD_SECONDS)) for first, last in pairwise(stops)
+    ]
     return reduce(LineTrajectory.then, parts)
 
 

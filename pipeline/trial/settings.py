@@ -75,7 +75,10 @@ class ProtocolSettings:
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"{name.replace('_', ' ')} {getattr(self, name):g}: give a positive number")
         if self.motion is not None and not np.allclose(np.diff(self.motion.time), CONTROL_PERIOD_SECONDS, atol=1e-6):
-            raise InputError(f"the motion has no sample every {CONTROL_PERIOD_SECONDS:g} s: write it at the rate of the robot's cycle")
+            raise InputError(
+                f"the motion has no sample every {CONTROL_PERIOD_SECONDS:g} s: "
+                "write it at the rate of the robot's cycle"
+            )
 
     def starting_model(self) -> PendulumModel:
         """The given model, or the bare pendulum, with the nuisances, the weighed mass and the guessed length.

@@ -63,7 +63,11 @@ def is_loopback(host: str) -> bool:
 
 
 def serve(
-    inputs: ModelAndRunInputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
+    inputs: ModelAndRunInputs | None,
+    listen: socket.socket,
+    host: str,
+    started: Callable[[str], None],
+    closed: Callable[[], None],
 ) -> NoReturn:
     """Serve until a signal comes, and end this process; Ctrl-C is the usual end.
 

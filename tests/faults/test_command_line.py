@@ -25,7 +25,7 @@ def armdyn(monkeypatch, capsys, tmp_path):
         module = types.ModuleType("pipeline.commands.failing")
         module.HELP_PANEL, module.failing = "A mistake", work
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setattr("pipeline.console.app.command_files", lambda: {"failing": "failing"})
+        monkeypatch.setattr("pipeline.console.app.command_modules", lambda: {"failing": "failing"})
         monkeypatch.setattr(sys, "argv", ["armdyn", "failing"])
         monkeypatch.setenv("TMPDIR", str(tmp_path))
         monkeypatch.setattr("tempfile.tempdir", None)

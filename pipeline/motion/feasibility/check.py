@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
 from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, collision_series, swing_series
-from pipeline.motion.feasibility.verdict import LimitedQuantity, FeasibilityReport
+from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuantity
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
@@ -175,7 +175,9 @@ def _joint_series(
         both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
         both_ways("torque", force, fine.time, torque, limits.effort),
-        LimitedQuantity.between("singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value),
+        LimitedQuantity.between(
+            "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value
+        ),
     ]
     return [bounded for bounded in series if bounded.time.size]
 

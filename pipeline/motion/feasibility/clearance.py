@@ -129,7 +129,9 @@ class ObstacleDistances:
         return float(apart[first]), link_of_shape(part), body.name
 
 
-def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[LimitedQuantity]:
+def collision_series(
+    robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]
+) -> list[LimitedQuantity]:
     """Distances between links of the robot, and between links and obstacles, during a motion."""
     itself = urdf.CollisionModel(robot)
     travel = _travel(robot, motion.q)

@@ -14,8 +14,8 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import LoadCellFault
-from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, CONTROL_PERIOD_SECONDS, StreamGate
-from pipeline.motion.transitions import StreamBlend, BrakingMotion
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, MAX_STATE_AGE_SECONDS, StreamGate
+from pipeline.motion.transitions import BrakingMotion, StreamBlend
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import Connect, Driver

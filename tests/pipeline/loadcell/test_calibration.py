@@ -11,7 +11,7 @@ import pytest
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration, default_calibration_path
-from pipeline.loadcell.fit import WeightMeasurement, KnownWeight, fit_calibration, parse_weights
+from pipeline.loadcell.fit import KnownWeight, WeightMeasurement, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(
     84213.5, 2.5, -5.6e-6, 6e-11, 2.2e-4, datetime(2026, 3, 2, 10, 15, tzinfo=UTC), 'calibrate COM3: "0 g", ü'
@@ -150,7 +150,9 @@ def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_orde
     weights = parse_weights("0 g, 50 g +/- 0.1 g, 100 g, 200 g", G)
     counts = [NOISE * 20 * rng.standard_normal(200) + w.force / SCALE for w in weights]
     one = fit_calibration([WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
-    other = fit_calibration([WeightMeasurement.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t")
+    other = fit_calibration(
+        [WeightMeasurement.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t"
+    )
     zero, slope = change(0.0), change(1.0) - change(0.0)
     assert other.offset == pytest.approx(zero + slope * one.offset, rel=1e-9)
     assert other.offset_std == pytest.approx(abs(slope) * one.offset_std, rel=1e-6)

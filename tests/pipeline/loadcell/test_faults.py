@@ -8,7 +8,13 @@ import pytest
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_fault_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultDetector, LoadCellFaultEvent, LoadCellLimits, implausible_repeats
+from pipeline.loadcell.faults import (
+    LoadCellFault,
+    LoadCellFaultDetector,
+    LoadCellFaultEvent,
+    LoadCellLimits,
+    implausible_repeats,
+)
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
@@ -36,7 +42,10 @@ def test_identical_values_are_a_frozen_cell_until_they_change():
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
-    assert detector.take_events() == [LoadCellFaultEvent(0.04, LoadCellFault.FROZEN), LoadCellFaultEvent(0.06, LoadCellFault.FROZEN, began=False)]
+    assert detector.take_events() == [
+        LoadCellFaultEvent(0.04, LoadCellFault.FROZEN),
+        LoadCellFaultEvent(0.06, LoadCellFault.FROZEN, began=False),
+    ]
     assert detector.take_events() == []
 
 
@@ -196,8 +205,9 @@ def test_a_force_that_is_no_pull_a_drift_and_a_spike_are_told_from_where_they_be
     spiky[10:34:8] += share * STEP
     beyond = share > 1.0
     for stamps, counts, fault in (
-        (time[:9], pushed[:9], None), (time[:10], pushed[:10], LoadCellFault.NEGATIVE), (time, drifted, LoadCellFault.DRIFTING),
-        (time[time < 2.4], drifted[time < 2.4], None), (time[:50], spiky, LoadCellFault.SPIKES), (time[:26], spiky[:26], None),
+        (time[:9], pushed[:9], None), (time[:10], pushed[:10], LoadCellFault.NEGATIVE),
+        (time, drifted, LoadCellFault.DRIFTING), (time[time < 2.4], drifted[time < 2.4], None),
+        (time[:50], spiky, LoadCellFault.SPIKES), (time[:26], spiky[:26], None),
     ):  # fmt: skip
         wiggled = counts + 3.0 * (np.arange(len(counts)) % 2)  # a cell that stands still is frozen
         assert judged(stamps, np.round(wiggled), scale).active == ((fault,) if fault and beyond else ())

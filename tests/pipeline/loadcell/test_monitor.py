@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultEvent, LoadCellStatus
-from pipeline.loadcell.fit import CalibrationFit, WeightMeasurement, KnownWeight
+from pipeline.loadcell.fit import CalibrationFit, KnownWeight, WeightMeasurement
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
     ForceStatistics,
@@ -22,7 +22,9 @@ from pipeline.loadcell.monitor import (
 )
 from pipeline.robot.protocol import ForceSample
 
-STATUS = LoadCellStatus(True, 3, 79.96, (LoadCellFault.FROZEN,), {**dict.fromkeys(LoadCellFault, 0), LoadCellFault.MALFORMED: 2})
+STATUS = LoadCellStatus(
+    True, 3, 79.96, (LoadCellFault.FROZEN,), {**dict.fromkeys(LoadCellFault, 0), LoadCellFault.MALFORMED: 2}
+)
 EMPTY = WeightMeasurement(KnownWeight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
 LOADED = WeightMeasurement(KnownWeight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
 FIT = CalibrationFit(

@@ -57,7 +57,9 @@ def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
 
 
 def test_the_example_of_the_document_is_a_sample():
-    assert decode_line(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(4711, 259390)
+    assert decode_line(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(
+        4711, 259390
+    )
 
 
 ARDUINO = r"""

@@ -9,9 +9,9 @@ import pytest
 
 from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
 from pipeline.motion.gate import (
+    CONTROL_PERIOD_SECONDS,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    CONTROL_PERIOD_SECONDS,
     STREAM_GAP_SECONDS,
     RefusalReason,
     StreamGate,
@@ -186,7 +186,10 @@ def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
 
 
 def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_between_its_commands(gate):
-    said = [gate.judge(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10) for k in range(40)]
+    said = [
+        gate.judge(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10)
+        for k in range(40)
+    ]
     first = next(refusal for refusal in said if refusal is not None)
     assert "1 ms after the command before" in first.sentence
 

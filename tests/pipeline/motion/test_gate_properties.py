@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pipeline.motion import CommandGate, LineGate, LineLimits, LineState
 from pipeline.motion.gate import (
+    CONTROL_PERIOD_SECONDS,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    CONTROL_PERIOD_SECONDS,
     REST_SPEED,
     STREAM_GAP_SECONDS,
     StreamGate,

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.motion.gate import LIMIT_TOLERANCE_SHARE, CONTROL_PERIOD_SECONDS
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, LIMIT_TOLERANCE_SHARE
 from pipeline.motion.transitions import BRAKING_SHARE, BrakingMotion
 
 from .lines import TWO_JOINTS as LIMITS
@@ -24,7 +24,9 @@ def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pu
     assert np.all(a[-1] == 0.0)
     assert np.array_equal(q[-1], brake.at(1e3)[0])
     assert np.all(np.abs(a) <= np.maximum(BRAKING_SHARE * LIMITS.acceleration, np.abs(start[2])) + 1e-9)
-    assert np.all(np.abs(np.diff(a, axis=0)) / CONTROL_PERIOD_SECONDS <= (BRAKING_SHARE + LIMIT_TOLERANCE_SHARE) * LIMITS.jerk)
+    assert np.all(
+        np.abs(np.diff(a, axis=0)) / CONTROL_PERIOD_SECONDS <= (BRAKING_SHARE + LIMIT_TOLERANCE_SHARE) * LIMITS.jerk
+    )
     within = np.abs(v[:-1]).max(axis=0, initial=0.0) * CONTROL_PERIOD_SECONDS + 1e-6
     assert np.all(np.abs(np.diff(q, axis=0)) <= within + 0.5 * LIMITS.acceleration * CONTROL_PERIOD_SECONDS**2)
 
