@@ -13,7 +13,7 @@ Everything is loaded when it is first used (PEP 562), so that the import itself 
 
 from typing import TYPE_CHECKING, Any
 
-from urdf.lazy import lazy_names
+from urdf.lazy import lazy_getattr
 
 if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
@@ -51,7 +51,7 @@ __all__ = [
     "add", "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
     "inspect", "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
-_own = lazy_names(__name__, _MODULES)
+_own = lazy_getattr(__name__, _MODULES)
 
 
 def __getattr__(name: str) -> Any:

@@ -17,7 +17,7 @@ from armdyn.recording.channels import (
     unit_conversion,
 )
 from armdyn.recording.units import si_factor
-from urdf.table_file import join_problems
+from urdf.toml_tables import join_problems
 
 
 def channels_from_arrays(

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from urdf.table_file import TableFileError, hint
+from urdf.toml_tables import TomlFileError, name_suggestion
 
 MAX_SHOWN_NAME_LENGTH = 60
 """Largest number of characters of a name in a message."""
@@ -37,7 +37,7 @@ def error_location(where: object) -> Iterator[None]:
     """
     try:
         yield
-    except (InputError, TableFileError) as error:
+    except (InputError, TomlFileError) as error:
         told = str(error)
         raise InputError(told if told.startswith((f"{where}:", f"{where} ")) else f"{where}: {told}") from error
 
@@ -67,7 +67,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
         shown = name if len(name) <= MAX_SHOWN_NAME_LENGTH else f"{name[:MAX_SHOWN_NAME_LENGTH]}..."
-        told = hint(shown, self.valid)
+        told = name_suggestion(shown, self.valid)
         super().__init__(f"unknown {kind} '{shown}': {told if told.endswith('?') else told + besides}")
 
 

@@ -15,15 +15,15 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
-from urdf.bounds import LARGEST_SIZE
-from urdf.table_file import Check, read_as
+from urdf.bounds import MAX_MAGNITUDE
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base model; in a model file, a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
-_Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
+_Sizes = dict[str, Annotated[float, ValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,10 @@ class _Change:
 class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
-    value: Annotated[float, Check(lambda value: abs(value) <= LARGEST_SIZE, "write a number, in SI units")]
-    std: Annotated[float, Check(lambda std: 0.0 <= std <= LARGEST_SIZE, "write one that is not negative")] | None = None
+    value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    std: (
+        Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None
+    ) = None
     unit: str | None = None
     fitted: bool | None = None
     prior: str | None = None
@@ -59,7 +61,9 @@ class _BackgroundEntry:
     """The entries of the background; values are in SI units."""
 
     width: float
-    values: dict[str, Annotated[float, Check(lambda value: abs(value) <= LARGEST_SIZE, "write a number, in SI units")]]
+    values: dict[
+        str, Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    ]
 
 
 @dataclass(frozen=True)
@@ -220,7 +224,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[parameters]: write a table")
     model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
     if "background" in table:
-        held = read_as(_BackgroundEntry, table["background"], "[background]")
+        held = table_to_dataclass(_BackgroundEntry, table["background"], "[background]")
         with error_location("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
             model = model.with_background(held.width, held.values, known.values())
@@ -229,7 +233,9 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[[history]]: write a list of tables")
     declared = {each.name for each in fields(_Change)}
     for number, change in enumerate(history, start=1):
-        read_as(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
+        table_to_dataclass(
+            _Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}"
+        )
     return ModelFile(model, description, tuple(history))
 
 
@@ -250,7 +256,7 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     if not isinstance(entry, dict) or "value" not in entry:
         raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
     parameter = model.parameters[name]
-    said = read_as(_ParameterEntry, entry, f"parameter {name}")
+    said = table_to_dataclass(_ParameterEntry, entry, f"parameter {name}")
     factor = si_factor(said.unit, parameter.unit) if said.unit is not None else 1.0
     prior = parameter.prior if parameter.effect else None
     if said.prior is not None:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from armdyn.errors import InputError, error_location
-from urdf.table_file import read_table
+from urdf.toml_tables import read_toml_with_text
 
 
 def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str, Any]:
@@ -20,6 +20,6 @@ def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str
     """
     try:
         with error_location(path):
-            return read_table(path, finite=finite)[1]
+            return read_toml_with_text(path, finite=finite)[1]
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file{absent}") from error

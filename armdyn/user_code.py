@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from armdyn.errors import MAX_SHOWN_MESSAGE_LENGTH, ArmdynError, InputError
-from urdf.bounds import LARGEST_TEXT, MIB
+from urdf.bounds import MAX_TEXT_FILE_BYTES, MIB
 
 
 def load_module(path: Path, holds: str) -> ModuleType:
@@ -27,8 +27,8 @@ def load_module(path: Path, holds: str) -> ModuleType:
         raise InputError(f"{path} is a directory: {wanted}")
     if not path.is_file():
         raise InputError(f"{path}: no such file: {wanted}")
-    if path.stat().st_size > LARGEST_TEXT:
-        raise InputError(f"{path}: is larger than {LARGEST_TEXT / MIB:g} MiB: {wanted}")
+    if path.stat().st_size > MAX_TEXT_FILE_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_TEXT_FILE_BYTES / MIB:g} MiB: {wanted}")
     spec = importlib.util.spec_from_file_location(f"armdyn_user_{holds}_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")

@@ -17,9 +17,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from worlds.lab import Change, Lab
 
-from pipeline.batch.history import history, moment
+from pipeline.batch.history import parameter_history, utc_datetime
 from pipeline.batch.run import run_batch
-from pipeline.batch.spec import Spec, read_spec
+from pipeline.batch.spec import BatchSpec, read_spec
 
 SPEC = 'task = "compare"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
 TOOL, FRICTION = 7, 13
@@ -56,14 +56,14 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     done = run_batch(spec, folder / "out")
     worked = time.perf_counter() - began
     began = time.perf_counter()
-    found = history(spec, done.rows)
+    found = parameter_history(spec, done.rows)
     looked = time.perf_counter() - began
     bad = sum(bool(row.outcome.problem) for row in done.rows)
     print(f"seed {lab.seed}: {len(done.rows)} recordings of {lab.robots} robots, {bad} not usable")
     days = {f"robot_{robot:02d}": lab.days(robot)[change.recording] for robot, change in lab.changes.items()}
     for robot, day in days.items():
         mine = [event[0] for event in found.events if event[0].robot == robot]
-        named = [f"{moment(e.first_after):%Y-%m-%d} ({e.parameter})" for e in mine]
+        named = [f"{utc_datetime(e.first_after):%Y-%m-%d} ({e.parameter})" for e in mine]
         print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
     others = [event for event in found.events if event[0].robot not in days]
     print(
@@ -72,7 +72,7 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     print(f"  looking for changes took {looked / worked:.0%} of the time of the fits", flush=True)
 
 
-def ratio(folder: Path, spec: Spec) -> None:
+def ratio(folder: Path, spec: BatchSpec) -> None:
     """Print what one worker does, and how much more two do on the same recordings."""
     seconds = {}
     for workers in (1, 2):

@@ -37,8 +37,8 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.answers_motion import gains, sentence
-from pipeline.motion.excitation import Excitation, Expectation, excitation
+from pipeline.answers_motion import excitation_sentence, std_ratios
+from pipeline.motion.excitation import Excitation, ExpectedResults, design_excitation
 
 hidden_arm = generator("baxter")
 
@@ -70,7 +70,7 @@ class Moved:
         return found.q, found.v, found.a
 
 
-def contenders(found: Excitation) -> Iterator[tuple[str, Expectation]]:
+def contenders(found: Excitation) -> Iterator[tuple[str, ExpectedResults]]:
     yield "designed", found.expected
     if found.random is not None:
         yield "best random", found.random
@@ -100,7 +100,7 @@ def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: floa
     return Run(f"seed {seed}", channels, noise=noise)
 
 
-def errors(found: Excitation, motion: Expectation, seeds: int, encoder: float) -> np.ndarray:
+def errors(found: Excitation, motion: ExpectedResults, seeds: int, encoder: float) -> np.ndarray:
     """(W,) root mean square errors of the wanted unknowns after armdyn's fit."""
     goal = found.goal
     model = goal.columns.model
@@ -135,7 +135,7 @@ def verify(found: Excitation, seeds: int) -> dict:
     return answer
 
 
-def named(found: Excitation, motion: Expectation, truth: str, seed: int) -> tuple[bool, bool]:
+def named(found: Excitation, motion: ExpectedResults, truth: str, seed: int) -> tuple[bool, bool]:
     """Whether the first name is right without a tie, and whether the answer is honest."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
@@ -168,7 +168,10 @@ def separations(found: Excitation) -> list[list[str]]:
 
 def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_timing.Claim]]:
     """Print what is expected; return it, and the claims that follow from it."""
-    print(f"\n{name}: {sentence(found)}\n  {found.check.sentence} {seconds:.0f} s of the processor to design all.")
+    print(
+        f"\n{name}: {excitation_sentence(found)}\n"
+        f"  {found.check.sentence} {seconds:.0f} s of the processor to design all."
+    )
     goal = found.goal
     if goal.rivals:
         headings = ["hidden", "joint", *(label for label, _ in contenders(found))]
@@ -177,7 +180,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
         told = least["designed"] >= max(2.0 * least["best random"], 1.0)
         claim = _timing.Claim(f"{name}: smallest separation at least twice the best random one's", str(least), told)
         return {"least": least, "rows": separations(found)}, [claim]
-    against = dict(zip(("best random", "least condition number"), gains(found), strict=True))
+    against = dict(zip(("best random", "least condition number"), std_ratios(found), strict=True))
     rows = []
     for k, i in enumerate(goal.wanted):
         p = goal.columns.unknowns[i]
@@ -208,7 +211,7 @@ def main() -> int:
     results, claims = {}, []
     for name in given.what.split(","):
         began = time.process_time()
-        found = excitation(goal_of(name), SECONDS, random=given.random, seed=given.seed)
+        found = design_excitation(goal_of(name), SECONDS, random=given.random, seed=given.seed)
         results[name], new = report(name, found, time.process_time() - began)
         claims += new
         if given.verify and not found.goal.rivals:

@@ -1,4 +1,4 @@
-"""From a path in space to a saved table of postures: inverse kinematics on SE(3) and Jacobians."""
+"""Inverse kinematics along a path: the joint positions that move the tool on it, stored in a table."""
 
 from ik.build import build_line_table, build_path_table, default_table
 from ik.errors import StaleTableError, UnreachableError

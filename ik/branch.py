@@ -1,7 +1,7 @@
-"""One smooth branch of postures along a path, as the solution of a square system of equations.
+"""A smooth branch of postures along a path, as the solution of a square system of equations.
 
-An arm with more joints than the task has equations can hold the tool in a whole family of postures. The branch picks
-one of them by appending rows to the task,
+A posture is the vector of all joint positions. An arm with more than six joints can hold the tool at one pose in
+infinitely many postures. A branch selects one of them at each point of the path, by additional equations,
 
     tool(q) = target(s),    W q = h(s),
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import POSE_EQUATIONS, Chain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -34,13 +34,13 @@ BRANCH_MAX_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no f
 
 @dataclass(frozen=True)
 class Branch:
-    """The equations that select one branch of postures and make the task square.
+    """The additional equations W q = h(s) that select one posture q of a redundant arm at each path coordinate s.
 
     Attributes:
-        weights: W, (r, n); r = n - 6 may be 0.
-        coefficients: Chebyshev coefficients of h, (r, degree + 1) [rad or m].
-        s_min: where h's interval starts [m].
-        s_max: where it ends [m].
+        weights: the matrix W, (r, n), for n joints; r = n - 6 may be 0.
+        coefficients: Chebyshev coefficients of the polynomial h, (r, degree + 1) [rad or m].
+        s_min: lower end of the interval of h [m].
+        s_max: upper end of the interval of h [m].
     """
 
     weights: Array
@@ -48,55 +48,68 @@ class Branch:
     s_min: float
     s_max: float
 
-    def basis(self, s: Array, derivative: int = 0) -> Array:
-        """Chebyshev polynomials at s, or one of their derivatives by s: (k, degree + 1)."""
+    def chebyshev_basis(self, s: Array, derivative: int = 0) -> Array:
+        """Chebyshev polynomials at path coordinates s (k,), or their derivatives of a given order: (k, degree + 1)."""
         terms = self.coefficients.shape[1]
         scale = 2.0 / (self.s_max - self.s_min)
         derived = chebyshev.chebder(np.eye(terms), derivative, axis=0)
         return scale**derivative * chebyshev.chebvander(scale * (s - self.s_min) - 1.0, len(derived) - 1) @ derived
 
-    def height(self, s: Array, derivative: int = 0) -> Array:
-        """The polynomial h or one of its derivatives by s: (k, r)."""
-        return self.basis(s, derivative) @ self.coefficients.T
+    def polynomial(self, s: Array, derivative: int = 0) -> Array:
+        """The polynomial h at path coordinates s (k,), or its derivative of a given order: (k, r)."""
+        return self.chebyshev_basis(s, derivative) @ self.coefficients.T
 
-    def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
-        """Newton's method on the square system, for all coordinates (k,) [m] at once, from guessed postures (k, n).
+    def solve(self, chain: KinematicChain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
+        """Solve tool(q) = target(s) and W q = h(s) for the postures q by Newton's method.
+
+        Args:
+            chain: kinematics of the arm.
+            path: the tool's path.
+            s: path coordinates, (k,) [m].
+            guess: postures from which the iteration starts, (k, n) [rad or m].
 
         Returns:
-            Postures, (k, n) [rad or m], and the largest residual of each system's equations, (k,) [m or rad].
+            Postures, (k, n) [rad or m], and the largest remaining error of the equations at each coordinate, (k,)
+            [m or rad].
         """
         rotation, position = path.pose(s)
-        height = self.height(s)
+        height = self.polynomial(s)
         q = guess.copy()
         residual = np.full(len(s), np.inf)
         for _ in range(BRANCH_ITERATIONS):
-            motion = chain.motion(q)
-            error = np.concatenate((motion.error(rotation, position), height.T - self.weights @ q.T))
+            motion = chain.forward_kinematics(q)
+            error = np.concatenate((motion.pose_error(rotation, position), height.T - self.weights @ q.T))
             previous, residual = residual, np.abs(error).max(axis=0)
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
                 break
-            q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
+            q += limit_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
         return q, residual
 
-    def matrix(self, jacobian: Array) -> Array:
-        """A = [J; W] for a Jacobian of shape (6, n, k): (k, n, n)."""
+    def system_matrix(self, jacobian: Array) -> Array:
+        """Matrix A = [J; W] of the linearised equations, (k, n, n), from the tool's Jacobians J (6, n, k)."""
         batch = jacobian.shape[2]
         rows = np.broadcast_to(self.weights[:, :, None], (*self.weights.shape, batch))
         return np.concatenate((jacobian, rows)).transpose(2, 0, 1)
 
-    def derivatives(self, chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
-        """Exact derivatives along the branch at coordinates (k,) [m] and postures on the branch, (k, n).
+    def derivatives(self, chain: KinematicChain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
+        """First and second derivatives of the branch's postures with respect to the path coordinate.
+
+        Args:
+            chain: kinematics of the arm.
+            path: the tool's path.
+            s: path coordinates, (k,) [m].
+            q: postures of the branch at these coordinates, (k, n) [rad or m].
 
         Returns:
-            q' and q'', (k, n) each [rad/m, rad/m^2], and the Jacobians, (k, 6, n).
+            The derivatives q' and q'', (k, n) each [rad/m, rad/m^2], and the tool's Jacobians, (k, 6, n).
         """
-        motion = chain.motion(q)
+        motion = chain.forward_kinematics(q)
         jacobian = chain.jacobian(motion)
-        matrix = self.matrix(jacobian)
-        first = np.concatenate((path.twist(s), self.height(s, 1).T))
+        matrix = self.system_matrix(jacobian)
+        first = np.concatenate((path.twist(s), self.polynomial(s, 1).T))
         rate = _solve(matrix, first)
-        second = np.concatenate((path.twist_rate(s) - chain.velocity_product(motion, rate), self.height(s, 2).T))
+        second = np.concatenate((path.twist_rate(s) - chain.velocity_product(motion, rate), self.polynomial(s, 2).T))
         return rate, _solve(matrix, second), jacobian.transpose(2, 0, 1)
 
 
@@ -105,23 +118,23 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
-WANTED_JOINT_MARGIN = 0.53  # rad or m to keep from every joint limit
+WANTED_JOINT_MARGIN = 0.53  # rad or m; wanted distance from every joint limit
 MARGIN_WEIGHT = 10.0  # s of traverse time that a radian of missing margin is worth
 CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
 CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
 REFINEMENT_ROUNDS = 40
 MIN_TIME_GAIN = 1e-5  # s of traverse time
-FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
+INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
-def in_core(path: Path, s: Array) -> Array:
-    """1 where coordinates (k,) [m] belong to the core of a path, else 0."""
+def core_indicator(path: Path, s: Array) -> Array:
+    """1 where path coordinates s (k,) [m] lie in the path's core, the part on which a speed is required; else 0."""
     low, high = path.core
     return ((s >= low - 1e-9) & (s <= high + 1e-9)).astype(np.float64)
 
 
 class _Candidate(NamedTuple):
-    """A branch, its postures (k, n) at the nodes with two derivatives, how h lifts them, (k, n, r), and its cost."""
+    """A branch with its postures, their derivatives q' and q'', the derivative dq/dh (k, n, r), and its cost [s]."""
 
     branch: Branch
     q: Array
@@ -131,62 +144,72 @@ class _Candidate(NamedTuple):
     cost: float
 
 
-def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
-    r"""Change the polynomial h so that the path can be travelled faster.
+def optimise_branch(
+    chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array
+) -> tuple[Branch, Array]:
+    r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
-    Minimises the traverse time at full speed plus bending, missing speed on the core and missing joint margin,
+    Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and
+    of missing distance from the joint limits,
 
         \int \max_j |q_j'| / v_j  ds + CURVATURE/2 \int |q'' / v|^2 ds + penalties,
 
-    where each round linearises the branch in h, within a trust region. It starts from a branch and postures near it,
-    (k, n), at evenly spaced coordinates (k,) [m].
+    with v the joints' speed limits. Each round solves a quadratic program, linearised in h, within a trust region.
+
+    Args:
+        chain: kinematics of the arm.
+        limits: limits of the joints.
+        path: the tool's path.
+        branch: branch from which the optimisation starts.
+        s: evenly spaced path coordinates, (k,) [m].
+        q: postures near the branch at these coordinates, (k, n) [rad or m].
 
     Returns:
-        The branch and its postures at s, (k, n).
+        The optimised branch, and its postures at s, (k, n).
     """
     best = _assess(chain, limits, path, branch, s, q)
     if best is None or len(branch.weights) == 0:
         return branch, q
-    trust = FIRST_TRUST
+    trust = INITIAL_TRUST_RADIUS
     for _ in range(REFINEMENT_ROUNDS):
         change = _best_change(limits, path, best, s, trust)
         proposed = replace(best.branch, coefficients=best.branch.coefficients + change)
         candidate = _assess(chain, limits, path, proposed, s, best.q)
         if candidate is None or candidate.cost >= best.cost:
             trust *= 0.3
-            if trust < MIN_TRUST:
+            if trust < MIN_TRUST_RADIUS:
                 break
             continue
-        gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST, 2.0 * trust)
+        gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST_RADIUS, 2.0 * trust)
         if gained < MIN_TIME_GAIN:
             break
     return best.branch, best.q
 
 
-def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
-    """The branch solved from postures near it, with its cost; None where it cannot be solved."""
+def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
+    """Solve a branch from postures near it, and compute its cost; None where it cannot be solved."""
     q, residual = branch.solve(chain, path, s, q)
     if residual.max() > 1e-9:
         return None
     step = s[1] - s[0]
     rate, bending, jacobian = branch.derivatives(chain, path, s, q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
-    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ in_core(path, s)
+    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ core_indicator(path, s)
     cost = step * (slowness.sum() + CORE_WEIGHT * missing)
     cost += step * CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
     cost += MARGIN_WEIGHT * max(0.0, WANTED_JOINT_MARGIN - float(limits.margin(q).min()))
     lift = np.asarray(
-        np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
+        np.linalg.inv(branch.system_matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
     )
     return _Candidate(branch, q, rate, bending, lift, float(cost))
 
 
 def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: float) -> Array:
-    """Change of the coefficients, (r, degree + 1), that is best to first order within the trust region."""
+    """Change of the coefficients, (r, degree + 1), that minimises the linearised cost within the trust region."""
     rows, degree = now.branch.coefficients.shape
     nodes, joints = now.q.shape
     step = s[1] - s[0]
-    basis, slopes, bends = (now.branch.basis(s, derivative) for derivative in range(3))
+    basis, slopes, bends = (now.branch.chebyshev_basis(s, derivative) for derivative in range(3))
     # dq = L dh, hence dq' = L dh' + L' dh and so on, with L = dq/dh.
     lift = now.lift
     lift_slope = np.gradient(lift, step, axis=0)
@@ -202,7 +225,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
     second = effect((lift, bends), (2 * lift_slope, slopes), (lift_bend, basis)) / speed
     slope, bend = now.rate.T / speed[:, 0], now.bending.T / speed[:, 0]
     heights = np.einsum("kd,rp->rkpd", basis, np.eye(rows)).reshape(rows, nodes, rows * degree)
-    core = np.flatnonzero(in_core(path, s))
+    core = np.flatnonzero(core_indicator(path, s))
     # Unknowns: coefficients, slowness per node, missing slowness per node of the core, missing margin.
     ends = np.cumsum([rows * degree, nodes, len(core), 1])
     change, slow, missing, margin = (slice(start, end) for start, end in pairwise([0, *ends]))

@@ -1,4 +1,4 @@
-"""Build the table of postures of a robot along a path."""
+"""Build the table of a robot's postures (joint positions) along a path of its tool."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,34 +11,38 @@ from scipy.interpolate import CubicSpline
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.errors import UnreachableError
-from ik.misses import find_misses
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
-from ik.tablefile import TABLE_FORMAT
+from ik.table_archive import TABLE_FORMAT
 from ik.torque import JointTorque
+from ik.unreachable_targets import find_unreachable_targets
 from urdf import CollisionModel, Line, Robot
 
 TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-SURVEYED_TARGETS = 86  # targets looked at when a path cannot be followed
+DIAGNOSIS_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
 Progress = Callable[[str], None]
 
 
 def build_line_table(robot: Robot, line: Line | None = None, progress: Progress | None = None) -> LineTable:
-    """Plan the branch along a line, the robot's own if none is given, and solve it at every node.
+    """Compute a table of postures along a straight line; by default, the line in the robot's settings.
+
+    `progress` is called with a sentence about each step.
 
     Raises:
-        UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
+        UnreachableError: the arm cannot follow the line; the message says at which point and why.
         InputError: the arm has too few joints to hold a tool.
     """
     return LineTable(**_content(robot, line or robot.line, progress))
 
 
 def build_path_table(robot: Robot, path: Path, progress: Progress | None = None) -> PathTable:
-    """Plan the branch along any smooth path in SE(3) and solve it at every node.
+    """Compute a table of postures along any smooth path of the tool's position and orientation.
+
+    `progress` is called with a sentence about each step.
 
     Raises:
-        UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
+        UnreachableError: the arm cannot follow the path; the message says at which point and why.
         InputError: the arm has too few joints to hold a tool.
     """
     return PathTable(**_content(robot, path, progress))
@@ -70,17 +74,17 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
         "d2q_ds2": bending,
         "jacobian": jacobian,
         "limits": robot.limits,
-        "torque": JointTorque(robot, springs=True).along(q, rate, bending),
+        "torque": JointTorque(robot, springs=True).path_terms(q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
-    """The reason why a path cannot be followed: targets that cannot be held, or the reason of the planner."""
-    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED_TARGETS), collisions)
+    """Explain why a path cannot be followed: targets that cannot be reached, or else the planner's reason."""
+    misses = find_unreachable_targets(robot, path, np.linspace(path.s_min, path.s_max, DIAGNOSIS_TARGETS), collisions)
     if misses:
         return (
-            f"robot '{robot.name}': {len(misses)} of {SURVEYED_TARGETS} targets on the path cannot be held; "
+            f"robot '{robot.name}': {len(misses)} of {DIAGNOSIS_TARGETS} targets on the path cannot be held; "
             f"{misses[0].sentence}; move or shorten the path"
         )
     return (
@@ -89,17 +93,22 @@ def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str)
     )
 
 
-def default_path(robot: Robot) -> File:
-    """Path of the file in which the table of a robot's own line is cached."""
+def default_table_path(robot: Robot) -> File:
+    """Path of the file in which the IK table of the line in a robot's settings is cached."""
     return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{TABLE_FORMAT}.npz"
 
 
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
-    """The table of a robot's own line; it is built once, cached, and built again when the robot or the code changed.
+    """The IK table of the line in a robot's settings, from the cache or built.
 
-    `progress` is called with a text on the progress.
+    It is built again when the robot, its settings or the file format changed. `progress` is called with a sentence
+    about each step.
+
+    Raises:
+        UnreachableError: the arm cannot follow the line.
+        UrdfError: the settings contain no line.
     """
-    path = default_path(robot)
+    path = default_table_path(robot)
     try:
         return LineTable.load(path, robot)
     except InputError:

@@ -1,7 +1,7 @@
 """Kinematics of a serial arm for many postures at once, in plain numpy.
 
-Pinocchio evaluates one posture per call; from Python the call costs more than the arithmetic. Here every quantity
-carries the batch as its last axis, so that one numpy operation serves all postures.
+Pinocchio evaluates one posture per call, and from Python the call costs more than the arithmetic. Here the last axis of
+every array is the batch of postures, so that one numpy operation computes all of them.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from armdyn.errors import InputError
 from urdf import Robot
 from urdf.robot import Array
 
-POSE_EQUATIONS = 6  # equations that hold a tool in place
+POSE_EQUATIONS = 6  # equations for the position and orientation of a tool
 
 
 @dataclass(frozen=True)
-class ToolMotion:
-    """Pose of the tool point and its derivatives by the joints, for b postures; the batch is the last axis.
+class ToolKinematics:
+    """Pose of the tool for b postures, with the joint axes and levers that the Jacobian is computed from.
 
     Attributes:
         rotation: orientation of the tool frame in the base frame, (3, 3, b).
         position: tool point in the base frame, (3, b) [m].
         axes: joint axes in the base frame, (n, 3, b).
-        levers: tool point seen from each joint, (n, 3, b) [m].
+        levers: vector from each joint to the tool point in the base frame, (n, 3, b) [m].
     """
 
     rotation: Array
@@ -33,19 +33,22 @@ class ToolMotion:
     axes: Array
     levers: Array
 
-    def error(self, rotation: Array, position: Array) -> Array:
-        """Remaining error to targets (3, 3, b) or (3, 3, 1) and (3, b): (6, b) [m and rad]."""
+    def pose_error(self, rotation: Array, position: Array) -> Array:
+        """Position and rotation errors of the tool with respect to target poses, (6, b) [m and rad].
+
+        Target orientations have the shape (3, 3, b), or (3, 3, 1) for a common one; target positions (3, b) [m].
+        """
         return np.concatenate((position - self.position, rotation_error(rotation, self.rotation)))
 
 
 @dataclass(frozen=True)
-class Chain:
-    """A serial chain of one-axis joints: fixed transform, rotation about or shift along z, and so on to the tool.
+class KinematicChain:
+    """A serial chain of revolute and prismatic joints: alternately a fixed transform and a joint that moves along z.
 
     Attributes:
         rotations: fixed rotation in front of each joint, then that of the tool, (n + 1, 3, 3).
         offsets: fixed translation in front of each joint, then that of the tool, (n + 1, 3) [m].
-        prismatic: which joints slide, (n,).
+        prismatic: whether each joint is prismatic, (n,).
     """
 
     rotations: Array
@@ -53,7 +56,7 @@ class Chain:
     prismatic: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, robot: Robot) -> "Chain":
+    def from_robot(cls, robot: Robot) -> "KinematicChain":
         """The chain from the base of a robot to its tool point.
 
         Raises:
@@ -95,7 +98,7 @@ class Chain:
         """Number of joints."""
         return len(self.prismatic)
 
-    def motion(self, q: Array) -> ToolMotion:
+    def forward_kinematics(self, q: Array) -> ToolKinematics:
         """Forward kinematics at postures (b, n) [rad or m]."""
         angles = np.ascontiguousarray(q.T)
         sines, cosines = np.sin(angles), np.cos(angles)
@@ -115,19 +118,23 @@ class Chain:
                 rotation = np.stack((c * x + s * y, c * y - s * x, rotation[:, 2]), axis=1)
             origins[joint] = position
         position = position + self.offsets[-1] @ rotation
-        return ToolMotion(self.rotations[-1].T @ rotation, position, axes, position - origins)
+        return ToolKinematics(self.rotations[-1].T @ rotation, position, axes, position - origins)
 
-    def jacobian(self, motion: ToolMotion) -> Array:
-        """Jacobian of the tool point in base axes, linear rows first: (6, n, b) [m/rad and 1]."""
+    def jacobian(self, motion: ToolKinematics) -> Array:
+        """Jacobian of the tool point in base axes, (6, n, b): three linear rows [m/rad], then three angular rows."""
         linear = np.where(self.prismatic[:, None, None], motion.axes, cross(motion.axes, motion.levers))
         angular = np.where(self.prismatic[:, None, None], 0.0, motion.axes)
         return np.concatenate((linear, angular), axis=1).transpose(1, 0, 2)
 
-    def velocity_product(self, motion: ToolMotion, rate: Array) -> Array:
-        r"""The tool's acceleration at joint rates (b, n) without joint accelerations, $\dot J \dot q$.
+    def velocity_product(self, motion: ToolKinematics, rate: Array) -> Array:
+        r"""The part of the tool's acceleration that joint velocities cause, $\dot J \dot q$.
+
+        Args:
+            motion: result of `forward_kinematics` for the postures.
+            rate: joint velocities, (b, n).
 
         Returns:
-            Linear rows first, (6, b), in the units of rate squared.
+            Three linear rows, then three angular rows, (6, b), in the unit of the squared velocities.
         """
         rates = rate.T
         turning = np.where(self.prismatic[:, None], 0.0, rates)
@@ -145,21 +152,22 @@ class Chain:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product over the axis before the last; numpy's own is several times slower on this layout."""
+    """Cross product of vectors along the second-last axis; `numpy.cross` is several times slower on this layout."""
     ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
     bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-2)
 
 
-def shortened(step: Array, longest: float) -> Array:
-    """Steps (k, n), each scaled down so that its largest entry is at most `longest`."""
+def limit_steps(step: Array, longest: float) -> Array:
+    """Scale each of k steps (k, n) down so that its largest absolute entry is at most `longest`."""
     return step * np.minimum(1.0, longest / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
 
 def rotation_error(target: Array, current: Array) -> Array:
-    """Rotation vectors (3, b) [rad] in base axes, from orientations (3, 3, b) to targets, (3, 3, b) or (3, 3, 1).
+    """Rotation vectors in base axes that turn the current orientations (3, 3, b) into the targets: (3, b) [rad].
 
-    Exact below half a turn, of the right direction up to it.
+    `target` has the shape (3, 3, b), or (3, 3, 1) for a common one. The result is exact for angles below half a turn;
+    at half a turn only its direction is right.
     """
     r = np.einsum("ikb,jkb->ijb", np.broadcast_to(target, current.shape), current)
     sine_axis = 0.5 * np.stack((r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]))

@@ -1,4 +1,4 @@
-"""Errors of building and loading tables of postures."""
+"""Errors in building and loading IK tables and volumes."""
 
 from pathlib import Path
 from typing import Any
@@ -8,18 +8,24 @@ from urdf import Robot
 
 
 class StaleTableError(InputError):
-    """A table or volume was built for another robot or other settings, or its file is damaged."""
+    """An IK table or volume was built for another robot or other settings, or its file is damaged."""
 
 
 class UnreachableError(TaskFailedError):
-    """The arm cannot follow a path: the message says where, why and what to do."""
+    """The arm cannot follow a path with its tool; the message says at which point, why and what to do."""
 
 
-def check_owner(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
-    """Refuse the file of a table or a volume that was built for another robot or other settings of it.
+def check_built_for(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
+    """Check that the file of an IK table or volume was built for this robot with its present settings.
+
+    Args:
+        source: the file, for the message.
+        about: description in the file, with the robot's name and fingerprint.
+        robot: the robot.
+        remedy: end of the message: what to do.
 
     Raises:
-        StaleTableError: the file belongs to another robot or other settings; the message has the remedy.
+        StaleTableError: the file was built for another robot or for other settings.
     """
     if about["robot"] != robot.name:
         raise StaleTableError(f"{source}: it is of robot '{about['robot']}', not '{robot.name}'; {remedy}")

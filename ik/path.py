@@ -1,4 +1,4 @@
-"""Paths of the tool point in SE(3), as functions of one coordinate s; `urdf.Line` is the straight one."""
+"""Paths of the tool's position and orientation as functions of the arc length s; `urdf.Line` is the straight path."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -8,46 +8,49 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
-MAX_PATH_LENGTH = 20.0  # m of path; no arm on a fixed base follows a longer one
-UNREQUIRED_CORE_SPEED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
+MAX_PATH_LENGTH = 20.0  # m; longest accepted path; no arm on a fixed base follows a longer one
+UNREQUIRED_CORE_SPEED = 1e-3  # m/s; a required speed that every arm reaches, for paths without a required speed
 
 
 class Path(Protocol):
-    """A smooth path; base axes, linear rows first, the batch of k coordinates s as the last axis."""
+    """A smooth path of the tool, in the robot's base frame, with the path coordinate s [m].
+
+    The last axis of every array belongs to the k path coordinates.
+    """
 
     @property
     def s_min(self) -> float:
-        """First coordinate [m]."""
+        """First path coordinate [m]."""
 
     @property
     def s_max(self) -> float:
-        """Last coordinate [m]."""
+        """Last path coordinate [m]."""
 
     @property
     def core(self) -> tuple[float, float]:
-        """The stretch on which speed matters most [m]."""
+        """First and last coordinate of the core, the part of the path on which a speed is required [m]."""
 
     @property
     def core_speed(self) -> float:
-        """Speed required on the core [m/s]."""
+        """Speed of the tool point that is required on the core [m/s]."""
 
     def pose(self, s: Array) -> tuple[Array, Array]:
-        """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
+        """Orientations (3, 3, k) and positions (3, k) [m] of the tool at path coordinates s (k,) [m]."""
 
     def twist(self, s: Array) -> Array:
-        """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""
+        """Velocity of the tool per unit of s, (6, k): three linear rows [1], then three angular rows [rad/m]."""
 
     def twist_rate(self, s: Array) -> Array:
-        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]."""
+        """Derivative of the twist with respect to s, (6, k) [1/m, rad/m^2]."""
 
     def describe(self) -> dict[str, Any]:
-        """What `ik.pathfile.path_of` makes the same path from: numbers, lists and texts only."""
+        """The path as a dictionary; `ik.pathfile.path_from_description` restores it."""
 
 
 class _WithoutCore:
-    """A path none of whose stretches matters more than another."""
+    """A path without a required speed: its core is the whole path."""
 
     s_min: float
     s_max: float
@@ -55,23 +58,23 @@ class _WithoutCore:
 
     @property
     def core(self) -> tuple[float, float]:
-        """All of the path [m]."""
+        """First and last coordinate of the whole path [m]."""
         return self.s_min, self.s_max
 
 
 @dataclass(frozen=True)
 class CirclePath(_WithoutCore):
-    """A circle or a part of one, by its arc length; s = 0 where it starts.
+    """A circle or a part of one, with the arc length as path coordinate.
 
     Attributes:
-        centre: (3,) [m].
-        normal: unit vector about which it turns, (3,).
-        start: unit vector from the centre to s = 0, across the normal, (3,).
-        radius: [m].
+        centre: centre of the circle, (3,) [m].
+        normal: unit vector of the circle's axis, (3,); the path turns about it by the right-hand rule.
+        start: unit vector from the centre to the point with s = 0, perpendicular to the normal, (3,).
+        radius: radius of the circle [m].
         rotation: orientation of the tool at s = 0, (3, 3).
-        s_min: first coordinate [m].
-        s_max: last coordinate [m].
-        follow: whether the tool turns with the circle or keeps its orientation.
+        s_min: first path coordinate [m].
+        s_max: last path coordinate [m].
+        follow: whether the tool turns with the circle; otherwise it keeps its orientation.
     """
 
     centre: Array
@@ -84,7 +87,7 @@ class CirclePath(_WithoutCore):
     follow: bool = False
 
     def __post_init__(self) -> None:
-        freeze(self, "centre", "normal", "start", "rotation")
+        freeze_arrays(self, "centre", "normal", "start", "rotation")
         if not self.radius > 0 or not self.s_min < self.s_max:
             raise InputError(f"circle: radius {self.radius:g} m and range {self.s_min:g} to {self.s_max:g} m are empty")
         unit = [np.linalg.norm(self.normal), np.linalg.norm(self.start), 1.0 + abs(self.normal @ self.start)]
@@ -92,7 +95,7 @@ class CirclePath(_WithoutCore):
             raise InputError("circle: normal and start must be unit vectors at a right angle to each other")
 
     def pose(self, s: Array) -> tuple[Array, Array]:
-        """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
+        """Orientations (3, 3, k) and positions (3, k) [m] of the tool at path coordinates s (k,) [m]."""
         out, _ = self._directions(s)
         position = self.centre[:, None] + self.radius * out
         if not self.follow:
@@ -101,18 +104,18 @@ class CirclePath(_WithoutCore):
         return (turn @ self.rotation).transpose(1, 2, 0), position
 
     def twist(self, s: Array) -> Array:
-        """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""
+        """Velocity of the tool per unit of s, (6, k): three linear rows [1], then three angular rows [rad/m]."""
         _, along = self._directions(s)
         turning = self.normal / self.radius if self.follow else np.zeros(3)
         return np.concatenate((along, np.repeat(turning[:, None], len(s), axis=1)))
 
     def twist_rate(self, s: Array) -> Array:
-        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]: towards the centre."""
+        """Derivative of the twist with respect to s, (6, k) [1/m, rad/m^2]; it points towards the centre."""
         out, _ = self._directions(s)
         return np.concatenate((-out / self.radius, np.zeros((3, len(s)))))
 
     def describe(self) -> dict[str, Any]:
-        """The circle's numbers."""
+        """The circle as a dictionary; `ik.pathfile.path_from_description` restores it."""
         return {
             "kind": "circle",
             "centre": self.centre.tolist(),
@@ -125,7 +128,7 @@ class CirclePath(_WithoutCore):
         }
 
     def _directions(self, s: Array) -> tuple[Array, Array]:
-        """Unit vectors outwards and along the circle, (3, k) each."""
+        """Radial unit vectors outwards, and tangential unit vectors, (3, k) each."""
         angle = s / self.radius
         across = np.cross(self.normal, self.start)
         cosine, sine = np.cos(angle), np.sin(angle)
@@ -135,22 +138,21 @@ class CirclePath(_WithoutCore):
         )
 
 
-CELLS_PER_STRETCH = 64  # per stretch between two points, for the arc length
+INTERVALS_PER_SEGMENT = 64  # intervals between two points of a spline, for the arc length
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
-ARC_LENGTH_NEWTON_STEPS = 4  # steps from a linear guess to rounding
+ARC_LENGTH_NEWTON_STEPS = 4  # Newton steps from a linear guess to double precision
 
 
 @dataclass(frozen=True)
 class SplinePath(_WithoutCore):
-    """Position by a quintic spline (cubic through fewer than six points), orientation by a cubic rotation spline.
+    """A path through given points: quintic spline of the position, cubic rotation spline of the orientation.
 
-    The spline's own parameter u runs along the chords between the points; the path's coordinate s is the arc length,
-    so that the tool moves one metre per metre.
+    Through fewer than six points the spline of the position is cubic or lower. The path coordinate s is the arc length.
 
     Attributes:
-        points: tool positions to pass through, (m, 3) [m].
-        rotations: tool orientations there, (m, 3, 3); all equal for a fixed one.
-        s_min: 0.
+        points: positions that the tool passes through, (m, 3) [m].
+        rotations: orientations of the tool at the points, (m, 3, 3).
+        s_min: first path coordinate, 0 [m].
         s_max: length of the path [m].
     """
 
@@ -164,7 +166,7 @@ class SplinePath(_WithoutCore):
     _s: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "points", "rotations")
+        freeze_arrays(self, "points", "rotations")
         count = len(self.points)
         if count < 2 or self.points.shape != (count, 3) or self.rotations.shape != (count, 3, 3):
             raise InputError(f"spline: {self.points.shape} points, {self.rotations.shape} rotations; give two or more")
@@ -177,25 +179,25 @@ class SplinePath(_WithoutCore):
         moved = (turning[:-1].inv() * turning[1:]).magnitude().max() > 1e-12
         object.__setattr__(self, "_position", make_interp_spline(knots, self.points, k=degree))
         object.__setattr__(self, "_turning", RotationSpline(knots, turning) if moved else None)
-        u = np.linspace(0.0, knots[-1], CELLS_PER_STRETCH * (count - 1) + 1)
+        u = np.linspace(0.0, knots[-1], INTERVALS_PER_SEGMENT * (count - 1) + 1)
         object.__setattr__(self, "_u", u)
         object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
         object.__setattr__(self, "s_max", float(self._s[-1]))
 
     def pose(self, s: Array) -> tuple[Array, Array]:
-        """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
+        """Orientations (3, 3, k) and positions (3, k) [m] of the tool at path coordinates s (k,) [m]."""
         u = self._parameter(s)
         return self._rotation(u), self._position(u).T
 
     def twist(self, s: Array) -> Array:
-        """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""
+        """Velocity of the tool per unit of s, (6, k): three linear rows [1], then three angular rows [rad/m]."""
         u = self._parameter(s)
         first = self._position(u, 1).T
         speed = np.linalg.norm(first, axis=0)
         return np.concatenate((first / speed, self._angular(u, 1) / speed))
 
     def twist_rate(self, s: Array) -> Array:
-        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]."""
+        """Derivative of the twist with respect to s, (6, k) [1/m, rad/m^2]."""
         u = self._parameter(s)
         first, second = self._position(u, 1).T, self._position(u, 2).T
         speed = np.linalg.norm(first, axis=0)
@@ -206,7 +208,7 @@ class SplinePath(_WithoutCore):
         return np.concatenate((bending, turning))
 
     def describe(self) -> dict[str, Any]:
-        """The points and orientations."""
+        """The spline's points and orientations as a dictionary; `ik.pathfile.path_from_description` restores it."""
         return {"kind": "spline", "points": self.points.tolist(), "rotations": self.rotations.tolist()}
 
     def _rotation(self, u: Array) -> Array:
@@ -215,7 +217,7 @@ class SplinePath(_WithoutCore):
         return np.asarray(self._turning(u).as_matrix().transpose(1, 2, 0))
 
     def _angular(self, u: Array, order: int) -> Array:
-        """Angular velocity (order 1) or acceleration (2) by u in base axes, (3, k); scipy gives them in the tool's."""
+        """Angular velocity (order 1) or acceleration (order 2) per spline parameter u, in base axes, (3, k)."""
         if self._turning is None:
             return np.zeros((3, len(u)))
         return np.einsum("ijk,kj->ik", self._rotation(u), self._turning(u, order))
@@ -227,7 +229,7 @@ class SplinePath(_WithoutCore):
         return half * (np.linalg.norm(self._position(u, 1), axis=2) @ GAUSS_WEIGHTS)
 
     def _parameter(self, s: Array) -> Array:
-        """Parameters at arc lengths s, (k,), by Newton's method."""
+        """Spline parameters u at arc lengths s, (k,), by Newton's method."""
         u = np.interp(s, self._s, self._u)
         for _ in range(ARC_LENGTH_NEWTON_STEPS):
             cell = np.clip(np.searchsorted(self._u, u, side="right") - 1, 0, len(self._u) - 2)

@@ -1,4 +1,4 @@
-"""Paths as text: a path's own readable file, and its description in a table."""
+"""Read a path of the tool from a TOML file, or from the description that an IK table contains."""
 
 from pathlib import Path as File
 from typing import Any
@@ -8,8 +8,8 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError
 from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
-from urdf.robot import Array, rotation_of
-from urdf.table_file import TableFileError, check_keys, read_table
+from urdf.robot import Array, rotation_from_rpy
+from urdf.toml_tables import TomlFileError, check_keys, read_toml_with_text
 
 PATH_KINDS = ("line", "circle", "spline")
 PATH_KEYS = (
@@ -17,42 +17,43 @@ PATH_KEYS = (
     "follow", "points", "tool_rpy", "rotation", "rotations",
 )  # fmt: skip
 MAX_COORDINATE = 100.0
-"""Largest coordinate, m; a larger one is in another unit."""
+"""Largest coordinate [m]; a larger number is probably in another unit."""
 MAX_SPLINE_POINTS = 1000
 """Largest number of points of a spline."""
 
 
 def read_path(file: str | File) -> Path:
-    """Read a path from a TOML file; positions in the robot's base frame, SI units.
+    """Read a path of the tool from a TOML file, in SI units and the robot's base frame.
 
-    ``kind = "line"``: ``origin``, ``direction``, ``range``. ``kind = "circle"``: ``centre``, ``radius``, ``normal``,
-    ``start`` (a direction from the centre), ``range_deg``, ``follow``. ``kind = "spline"``: ``points``. All of them:
-    ``tool_rpy``, three angles [rad], for a spline also one triple per point.
+    The entry ``kind`` selects the other entries. ``"line"``: ``origin``, ``direction``, ``range``. ``"circle"``:
+    ``centre``, ``radius``, ``normal``, ``start`` (direction from the centre), ``range_deg``, ``follow``. ``"spline"``:
+    ``points``. Every kind has ``tool_rpy``, the tool's roll, pitch and yaw [rad]; a spline may have one triple per
+    point.
 
     Raises:
         InputError: the file cannot be read, or an entry is missing or has the wrong form.
     """
     source = File(file)
     try:
-        _, content = read_table(source, finite=True)
+        _, content = read_toml_with_text(source, finite=True)
         check_keys(content, PATH_KEYS)
-        return path_of(content)
+        return path_from_description(content)
     except FileNotFoundError as error:
         raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
     except KeyError as error:
         raise InputError(f"{source}: entry {error} is missing; see docs/ik.md for examples") from error
-    except (TableFileError, InputError) as error:
+    except (TomlFileError, InputError) as error:
         raise InputError(f"{source}: {error}") from error
     except (TypeError, ValueError, AttributeError, OverflowError, UrdfError) as error:
         raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error
 
 
-def path_of(content: dict[str, Any]) -> Path:
-    """The path that a file or `Path.describe` describes.
+def path_from_description(content: dict[str, Any]) -> Path:
+    """Make a path from the entries of a path file, or from the result of `Path.describe`.
 
     Raises:
         KeyError: an entry is missing.
-        TypeError, ValueError: an entry is of the wrong kind or length.
+        TypeError, ValueError: an entry has the wrong type or length.
         InputError: the entries do not describe a valid path.
     """
     path = _path_of(content)
@@ -110,7 +111,7 @@ def _rotations(content: dict[str, Any]) -> Array:
         if key in content:
             return np.array(content[key], dtype=np.float64).reshape(-1, 3, 3)
     angles = np.array(content["tool_rpy"], dtype=np.float64).reshape(-1, 3)
-    return np.array([rotation_of(*rpy) for rpy in angles])
+    return np.array([rotation_from_rpy(*rpy) for rpy in angles])
 
 
 def _vector(values: Any) -> Array:

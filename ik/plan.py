@@ -1,43 +1,51 @@
-"""Plan a branch of postures along a path that keeps within the joint limits and touches nothing."""
+"""Plan a smooth branch of postures along a path, within the joint limits and without collisions."""
 
 import numpy as np
 
-from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, in_core, refine
-from ik.chain import POSE_EQUATIONS, Chain
+from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, optimise_branch
+from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.solver import REACHED_TOLERANCE, Solver, descend
+from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
 PLAN_SPACING = 0.01  # m between the nodes of the plan
 COARSE_STRIDE = 5  # nodes of the plan per node of the global search
-BRANCH_DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and bends more
-SELF_MOTION_STEP = 0.02  # rad along the self-motion
+BRANCH_DEGREE = 9  # degree of the polynomial that selects the branch; a higher one gains no speed and bends more
+SELF_MOTION_STEP = 0.02  # rad; step along the self-motion, the joint motion that leaves the tool at rest
 MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
 
 class Planner:
-    """Plans the branch on which a path can be travelled fastest; without `collisions` the arm may touch anything.
+    """Plans the branch of postures on which an arm can travel a path fastest.
 
-    The home posture is carried along the path; where the arm has one spare joint, dynamic programming over its
-    self-motion finds the global course; a polynomial takes it over and is refined.
+    First, inverse kinematics follows the path from the home posture. For an arm with seven joints, dynamic programming
+    over the self-motion (joint motion that leaves the tool at rest) then finds the globally fastest sequence of
+    postures. Finally a polynomial is fitted to the sequence and optimised.
 
     Attributes:
-        s: coordinates of the plan, (k,) [m].
+        robot: the arm.
+        path: the tool's path.
+        collisions: collision check of the arm; None to allow collisions.
+        chain: kinematics of the arm.
+        s: path coordinates at which postures are planned, (k,) [m].
     """
 
     def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
         self.robot, self.path, self.collisions = robot, path, collisions
-        self.chain = Chain.of(robot)
+        self.chain = KinematicChain.from_robot(robot)
         nodes = COARSE_STRIDE * max(4, round((path.s_max - path.s_min) / PLAN_SPACING / COARSE_STRIDE)) + 1
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
     def plan(self) -> tuple[Branch, Array]:
-        """Plan the branch, with postures on it at the coordinates `s`, (k, n).
+        """Plan the branch.
+
+        Returns:
+            The branch, and its postures at the path coordinates `s`, (k, n) [rad or m].
 
         Raises:
-            UnreachableError: there is no such branch; the message is the reason, as the end of a sentence.
+            UnreachableError: no branch was found; the message is the reason, as the end of a sentence.
         """
         carried, coarse = self._carry_along(), slice(None, None, COARSE_STRIDE)
         spare = self.chain.joints == POSE_EQUATIONS + 1  # without a spare joint there is only one branch
@@ -56,9 +64,9 @@ class Planner:
         return branch, q
 
     def _carry_along(self) -> Array:
-        """Postures (k, n), each the nearest to the one before, starting near home where s is nearest to 0.
+        """Postures (k, n) along the path by continuation: each starts from the one before, the first from home.
 
-        Joint limits are left to what follows: the self-motion can still lead back within them.
+        Joint limits are ignored, because the self-motion can still lead back within them.
         """
         rotation, position = self.path.pose(self.s)
         count = len(self.s)
@@ -67,12 +75,12 @@ class Planner:
 
         def reach(node: int, guess: Array, iterations: int) -> tuple[Array, bool]:
             target = rotation[:, :, [node]], position[:, [node]]
-            q, error = descend(self.chain, None, *target, guess[None], iterations=iterations)
+            q, error = damped_least_squares(self.chain, None, *target, guess[None], iterations=iterations)
             return q[0], bool(np.abs(error).max() < REACHED_TOLERANCE)
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
-            found = Solver(self.robot).postures(rotation[:, :, start], position[:, start])
+            found = IkSolver(self.robot).postures(rotation[:, :, start], position[:, start])
             if not len(found):
                 raise UnreachableError(f"the arm cannot reach s = {self.s[start]:.3f} m")
             postures[start] = found[np.abs(found - self.robot.home).max(axis=1).argmin()]
@@ -84,10 +92,10 @@ class Planner:
         return postures
 
     def _self_motion(self, s: Array, q: Array) -> tuple[Array, Array]:
-        """Walk along the self-motion of an arm with one spare joint, from one posture (k, n) per coordinate (k,).
+        """Sample the self-motion of a seven-joint arm at path coordinates s (k,), from one posture q (k, n) each.
 
         Returns:
-            Postures, (m, k, n), and which of them hold the tool in place, (m, k).
+            Postures, (m, k, n), and whether each keeps the tool at its target, (m, k).
         """
         target = self.path.pose(s)
         reference = self._spare_motions(q)[:, :, 0]
@@ -100,7 +108,9 @@ class Planner:
             here, direction = q, sign * reference
             walked, good = [here], [np.full(len(s), True)]
             for _ in range(int(MAX_SELF_MOTION / SELF_MOTION_STEP)):
-                here, error = descend(self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3)
+                here, error = damped_least_squares(
+                    self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3
+                )
                 turned = self._spare_motions(here)[:, :, 0]
                 direction = turned * np.where((turned * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
                 walked.append(here)
@@ -110,17 +120,17 @@ class Planner:
         return np.concatenate((left[:0:-1], right)), np.concatenate((left_good[:0:-1], right_good))
 
     def _course(self, postures: Array, valid: Array) -> Array:
-        """The quickest way, (k, n), through candidate postures (m, c, n) at the coarse nodes that are `valid`, (m, c).
+        """The fastest sequence of postures, (k, n), by dynamic programming over candidates (m, c, n).
 
-        Dynamic programming: no local optimum. The cost of a step is the time that the slowest joint needs for it, plus
-        what missing speed on the core and missing margin cost.
+        The candidates belong to c coarse nodes; only those that are `valid` (m, c) are used. The cost of a step is the
+        time of its slowest joint, plus penalties for missing speed on the core and missing distance from joint limits.
         """
         limits, s = self.robot.limits, self.s[::COARSE_STRIDE]
         margin = limits.margin(postures).min(axis=2)
         entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, WANTED_JOINT_MARGIN - margin), np.inf)
         step = np.diff(s)
         total, chosen = step.mean() * entry[:, 0], []
-        core = CORE_WEIGHT * in_core(self.path, (s[1:] + s[:-1]) / 2)
+        core = CORE_WEIGHT * core_indicator(self.path, (s[1:] + s[:-1]) / 2)
         for node in range(1, len(s)):
             moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
             slowness = moved.max(axis=2) / step[node - 1]
@@ -135,26 +145,26 @@ class Planner:
             index.append(int(choice[index[-1]]))
         course = postures[index[::-1], np.arange(len(s))]
         guess = np.array([np.interp(self.s, s, course[:, joint]) for joint in range(self.chain.joints)]).T
-        return descend(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
+        return damped_least_squares(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
 
     def _refined(self, q: Array) -> tuple[Branch, Array]:
-        """The branch that runs closest to postures (k, n), refined, and its postures, (k, n)."""
+        """The branch that is fitted to postures q (k, n) and then optimised, and its postures, (k, n)."""
         null = self._spare_motions(q)
         # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
         mean = np.einsum("kir,kjr->ij", null, null) / len(q)
         weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE_EQUATIONS].T
         empty = Branch(weights, np.zeros((len(weights), BRANCH_DEGREE + 1)), self.path.s_min, self.path.s_max)
-        coefficients = np.linalg.lstsq(empty.basis(self.s), q @ weights.T, rcond=None)[0].T
+        coefficients = np.linalg.lstsq(empty.chebyshev_basis(self.s), q @ weights.T, rcond=None)[0].T
         branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
-        return refine(self.chain, self.robot.limits, self.path, branch, self.s, q)
+        return optimise_branch(self.chain, self.robot.limits, self.path, branch, self.s, q)
 
     def _spare_motions(self, q: Array) -> Array:
-        """Orthonormal joint motions that leave the tool where it is, (k, n, n - 6), at postures (k, n)."""
-        jacobian = self.chain.jacobian(self.chain.motion(q)).transpose(2, 0, 1)
+        """Orthonormal basis of the Jacobian's null space at postures q (k, n): (k, n, n - 6)."""
+        jacobian = self.chain.jacobian(self.chain.forward_kinematics(q)).transpose(2, 0, 1)
         return np.linalg.svd(jacobian)[2][:, POSE_EQUATIONS:, :].transpose(0, 2, 1)
 
     def _objection(self, q: Array) -> str:
-        """What is wrong with postures (k, n) along the path, in words; empty where nothing is."""
+        """The first joint limit or collision that postures q (k, n) along the path violate; empty without one."""
         margin = self.robot.limits.margin(q)
         if margin.min() < 0:
             node, joint = divmod(int(margin.argmin()), margin.shape[1])

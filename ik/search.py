@@ -1,4 +1,4 @@
-"""Find a line for an arm: where it can move its tool fast, far from every limit, without touching anything."""
+"""Search for a straight line on which an arm can move its tool fast, far from joint limits and without collisions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,51 +8,67 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
-from ik.branch import in_core
-from ik.chain import Chain
+from ik.branch import core_indicator
+from ik.chain import KinematicChain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
 from ik.plan import Planner
-from ik.solver import Solver
+from ik.solver import IkSolver
 from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
-SEARCH_GRID = 0.1  # m between the targets of the first look
-REACHABLE_STARTS = 3  # per target of the first look
-PLANNED_ROWS = 8  # of the best rows that are planned
-STARTS_PER_LINE = 3  # different postures from which each of them is planned
-LINE_STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
-WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
+SEARCH_GRID = 0.1  # m between the targets of the coarse grid
+REACHABLE_STARTS = 3  # starting postures per target of the coarse grid
+PLANNED_LINES = 8  # lines of the coarse grid that are planned: the best ones
+STARTS_PER_LINE = 3  # different postures from which each of these lines is planned
+LINE_SHIFTS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
+FULL_SCORE_MARGIN = 0.5  # rad; a larger margin does not raise the score
 WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
-CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s asked for while searching; a lower one is tried where a limit is broken
-KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
-LINE_TARGETS = 9  # targets on a line that must be reachable at all
+TRIED_CORE_SPEEDS = (
+    3.0,
+    0.8,
+    0.3,
+)  # m/s required on the core in the search; the next is tried where a limit is violated
+KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires; the rest serves the joint margin
+LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
 
 
-class Found(NamedTuple):
-    """A line, with the speed, the margins and the score that it reaches."""
+class LineCandidate(NamedTuple):
+    """A line that the arm can follow, with its speed, margins and score.
+
+    Attributes:
+        line: the line.
+        home: posture at s = 0 that selects the branch, (n,) [rad or m].
+        core_speed: smallest value on the core of the largest possible tool speed [m/s].
+        whole_speed: smallest value on the whole line of the largest possible tool speed [m/s].
+        joint_margin: smallest distance of a joint from its position limit [rad or m].
+        clearance: smallest distance of two links in the collision check [m]; nan until it is computed.
+        torque: largest share of a torque limit that holding still takes, without and with springs.
+        score: score that the search maximises.
+    """
 
     line: Line
-    home: Array  # (n,), the posture at s = 0 that picks the branch
-    core_speed: float  # m/s, least on the core
-    whole_speed: float  # m/s, least on the whole line
-    joint_margin: float  # rad or m
-    clearance: float  # m to whatever is closest; nan until it is measured
-    torque: tuple[float, float]  # largest share of a torque limit at rest, without and with springs
+    home: Array
+    core_speed: float
+    whole_speed: float
+    joint_margin: float
+    clearance: float
+    torque: tuple[float, float]
     score: float
 
 
 @dataclass(frozen=True)
-class Demand:
-    """Requirements on the line to find.
+class LineRequirements:
+    """Requirements on the line that `search_line` searches for.
 
     Attributes:
         direction: unit vector of growing s in the base frame, (3,).
-        rotation: orientation of the tool, (3, 3); None for the right-angled one nearest to that at home.
+        rotation: orientation of the tool, (3, 3); None for the orientation parallel to the base's axes that is nearest
+            to the tool's at home.
         s_min: first line coordinate [m].
         s_max: last line coordinate [m].
-        core: the stretch on which speed matters most [m].
+        core: first and last coordinate of the part on which speed matters most [m].
     """
 
     direction: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -68,24 +84,31 @@ class Demand:
             )
 
 
-def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
-    """Find a line for an arm: vary distance, height and centre, and maximise usable speed and joint margin.
+def search_line(
+    robot: Robot, demand: LineRequirements | None = None, progress: Callable[[str], None] | None = None
+) -> LineCandidate:
+    """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
-    The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
-    something, or on which some joint cannot hold the arm still, with or without springs, are rejected.
+    The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
+    collision are rejected, and lines on which a joint's torque does not suffice to hold the arm still.
 
-    Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
-    reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
-    of the best one. The robot's home posture is one of the starts. `progress` is called with a text on the progress.
+    Only lines on one side of the base are searched: to the right of a person at the base who looks along the direction.
+    A coarse grid of reachable targets gives the first candidates. The best ones are planned, from the home posture and
+    others; then the best line is moved in smaller and smaller steps.
+
+    Args:
+        robot: the arm.
+        demand: requirements on the line; by default those of `LineRequirements()`.
+        progress: function that is called with a sentence about each step.
 
     Raises:
-        UnreachableError: no line of this length and direction can be followed.
+        UnreachableError: the arm can follow no line of this length and direction.
     """
-    demand, say = demand or Demand(), progress or (lambda _: None)
+    demand, say = demand or LineRequirements(), progress or (lambda _: None)
     search = _Search(robot, demand)
     say("looking where the tool can be held")
     origins = search.shortlist()
-    best: Found | None = None
+    best: LineCandidate | None = None
     for number, origin in enumerate(origins):
         for start in search.starts(origin):
             found = search.try_out(origin, start)
@@ -97,7 +120,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
             f"robot '{robot.name}': no line of {demand.s_max - demand.s_min:g} m along {demand.direction} was found; "
             "ask for a shorter one or another orientation of the tool"
         )
-    for step in LINE_STEPS:
+    for step in LINE_SHIFTS:
         improved = True
         while improved:
             improved = False
@@ -109,35 +132,39 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     return search.settle(best)
 
 
-def upright_rotation(rotation: Array) -> Array:
-    """The orientation with right angles to the base's axes that is nearest to a given one, (3, 3)."""
+def axis_aligned_rotation(rotation: Array) -> Array:
+    """The orientation (3, 3) with axes parallel to the base's axes that is nearest to a given orientation (3, 3)."""
     upright = np.round(Rotation.create_group("O").as_matrix()) + 0.0
     return np.asarray(upright[np.einsum("kij,ij->k", upright, rotation).argmax()])
 
 
 class _Search:
-    def __init__(self, robot: Robot, demand: Demand) -> None:
+    def __init__(self, robot: Robot, demand: LineRequirements) -> None:
         self.robot, self.demand = robot, demand
-        self.chain, self.solver, self.collisions = Chain.of(robot), Solver(robot), CollisionModel(robot)
+        self.chain, self.solver, self.collisions = (
+            KinematicChain.from_robot(robot),
+            IkSolver(robot),
+            CollisionModel(robot),
+        )
         self.torque = JointTorque(robot, springs=True)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
         across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
         self.frame = np.stack((across, self.direction, np.cross(across, self.direction)))
         given = demand.rotation
-        self.rotation = upright_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
+        self.rotation = axis_aligned_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
 
     def line(self, origin: Array, core_speed: float) -> Line:
         demand = self.demand
         return Line(origin, self.direction, self.rotation, demand.s_min, demand.s_max, demand.core, core_speed)
 
     def shortlist(self) -> list[Array]:
-        """Origins of lines whose targets can all be reached, the fastest at a first look first."""
+        """Origins of the lines of the coarse grid whose targets are all reachable, the fastest first."""
         frame = self.frame
         postures = np.random.default_rng(0).uniform(
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
         )
-        corners = frame @ self.chain.motion(postures).position
+        corners = frame @ self.chain.forward_kinematics(postures).position
         corners[0] = np.maximum(corners[0], SEARCH_GRID)
         axes = [
             np.arange(low, high, SEARCH_GRID)
@@ -157,12 +184,12 @@ class _Search:
             # The chosen origins must not all be neighbours.
             if all(np.linalg.norm(origins[index] - other) > 1.2 * SEARCH_GRID for other in chosen):
                 chosen.append(origins[index])
-            if len(chosen) == PLANNED_ROWS:
+            if len(chosen) == PLANNED_LINES:
                 break
         return chosen
 
     def starts(self, origin: Array) -> list[Array]:
-        """Postures at s = 0 to plan from, as different as can be."""
+        """Postures at s = 0 from which a line is planned, as different from each other as possible."""
         found = self.solver.postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
@@ -171,12 +198,12 @@ class _Search:
             chosen.append(found[int(distance.argmax())])
         return chosen
 
-    def try_out(self, origin: Array, home: Array) -> Found | None:
+    def try_out(self, origin: Array, home: Array) -> LineCandidate | None:
         """The line with the highest requested speed on its core that can be followed; None where there is none."""
-        tries = (self.judge(origin, home, core_speed) for core_speed in CORE_SPEEDS)
+        tries = (self.judge(origin, home, core_speed) for core_speed in TRIED_CORE_SPEEDS)
         return next((found for found in tries if found is not None), None)
 
-    def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
+    def judge(self, origin: Array, home: Array, core_speed: float) -> LineCandidate | None:
         """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
         line = self.line(origin, core_speed)
         planner = Planner(replace(self.robot, home=home), line, self.collisions)
@@ -186,18 +213,18 @@ class _Search:
             return None
         s, limits = planner.s, self.robot.limits
         rate, bending, _ = branch.derivatives(self.chain, line, s, q)
-        without, helped = self.torque.along(q, rate, bending).shares_at_rest(limits.effort)
+        without, helped = self.torque.path_terms(q, rate, bending).holding_torque_shares(limits.effort)
         torque = float(without.max()), float(helped.max())
         if max(torque) > 1.0:
             return None
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
-        core, whole = float(speed[in_core(line, s) > 0].min()), float(speed.min())
+        core, whole = float(speed[core_indicator(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
-        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / WANTED_MARGIN)
-        return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
+        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / FULL_SCORE_MARGIN)
+        return LineCandidate(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
-    def settle(self, best: Found) -> Found:
-        """Require slightly less than the best speed, and measure how close the arm comes to an obstacle."""
+    def settle(self, best: LineCandidate) -> LineCandidate:
+        """Plan the best line again for a slightly lower speed, and compute its clearance."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
@@ -206,17 +233,17 @@ class _Search:
         return found._replace(home=home, clearance=clearance)
 
     def _first_look(self, position: Array) -> Array:
-        """Speed along the direction in some posture at each target, (k,) [m/s]; 0 where no posture was found."""
+        """Possible tool speed at each target in one posture, (k,) [m/s]; 0 where no posture was found."""
         rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
         answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
-        jacobian = self.chain.jacobian(self.chain.motion(answers.q)).transpose(2, 0, 1)
+        jacobian = self.chain.jacobian(self.chain.forward_kinematics(answers.q)).transpose(2, 0, 1)
         twist = np.concatenate((self.direction, np.zeros(3)))
         rate = np.linalg.pinv(jacobian, rcond=1e-6) @ twist
         speed = 1.0 / np.maximum(np.abs(rate / self.robot.limits.velocity).max(axis=1), 1e-6)
         return np.where(answers.reached, speed, 0.0)
 
 
-def _sentence(found: Found | None) -> str:
+def _sentence(found: LineCandidate | None) -> str:
     if found is None:
         return "none yet"
     where = ", ".join(f"{value:.3f}" for value in found.line.origin)

@@ -1,4 +1,4 @@
-"""Inverse kinematics of many targets at once: descent from a guess, and from the nearest of many random postures."""
+"""Inverse kinematics of many targets at once, by damped least squares from the nearest of many random postures."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import POSE_EQUATIONS, Chain, shortened
+from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from urdf import Limits, Robot
 from urdf.robot import Array
 
@@ -16,14 +16,14 @@ DESCENT_ITERATIONS = 20
 DESCENT_MAX_STEP = 0.6  # rad or m
 HOPELESS_STEPS = 4  # steps after which a target that is still further off than `hopeless` is given up
 LIBRARY_POSTURES = 10_000  # random postures to start from; more cost more to search than they save in iterations
-LIBRARY_SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
-STARTS_PER_TARGET = 32  # nearest of them tried in turn
-POSTURES_TRIED = 64  # nearest of them tried for different postures of one target
-REACH_SCALE = 0.5  # m that count as much as a radian when postures are compared
+LIBRARY_SEED = 1_618_033  # seed of the random postures; unusual, so that no test draws its targets from the same seed
+STARTS_PER_TARGET = 32  # nearest random postures that are tried in turn
+POSTURES_TRIED = 64  # nearest random postures that are tried to find different postures for one target
+REACH_SCALE = 0.5  # m; distance that counts as much as an angle of 1 rad when poses are compared
 
 
-def descend(
-    chain: Chain,
+def damped_least_squares(
+    chain: KinematicChain,
     limits: Limits | None,
     rotation: Array,
     position: Array,
@@ -33,23 +33,23 @@ def descend(
     iterations: int = DESCENT_ITERATIONS,
     hopeless: float = np.inf,
 ) -> tuple[Array, Array]:
-    r"""Damped least squares (Levenberg-Marquardt) from one guess per target; targets that are met leave the batch.
+    r"""Solve inverse kinematics by damped least squares (Levenberg-Marquardt), from one guess per target pose.
 
-    Each iteration takes the smallest joint motion that removes the error e,
+    Each iteration takes the smallest joint motion that removes the pose error e,
 
         \delta q = J^T (J J^T + \lambda I)^{-1} e,    \lambda = min(0.01, 0.01 |e|^2),
 
-    where the columns of joints that stand at a limit and would leave it are zero. Error-proportional damping keeps
-    the quadratic convergence (Sugihara 2011, IEEE Transactions on Robotics 27(5)).
+    where the Jacobian's columns of joints that would leave their limits are zero. Damping proportional to the error
+    keeps the quadratic convergence (Sugihara 2011, IEEE Transactions on Robotics 27(5)).
 
     Args:
-        chain: the arm.
-        limits: which the joints must keep; None lets them turn freely.
-        rotation: orientations of the tool, (3, 3, k) or one for all, (3, 3, 1).
-        position: positions of the tool point, (3, k) [m].
+        chain: kinematics of the arm.
+        limits: limits of the joints; None for joints without limits.
+        rotation: target orientations of the tool, (3, 3, k), or a common one, (3, 3, 1).
+        position: target positions of the tool point, (3, k) [m].
         q: guesses, (k, n) [rad or m].
-        tolerance: error per component at which a target is met [m and rad].
-        iterations: evaluations of the error; steps are one fewer.
+        tolerance: largest error per component at which a target counts as reached [m and rad].
+        iterations: number of evaluations of the error, one more than the number of steps.
         hopeless: error above which a target is given up after `HOPELESS_STEPS` steps [m and rad].
 
     Returns:
@@ -59,8 +59,8 @@ def descend(
     final, errors = q.copy(), np.full((POSE_EQUATIONS, len(q)), np.inf)
     active = np.arange(len(q))
     for step in range(iterations):
-        motion = chain.motion(q)
-        error = motion.error(rotation, position)
+        motion = chain.forward_kinematics(q)
+        error = motion.pose_error(rotation, position)
         final[active], errors[:, active] = q, error
         size = np.abs(error).max(axis=0)
         going = size >= tolerance
@@ -83,21 +83,21 @@ def descend(
         normal[:, np.arange(POSE_EQUATIONS), np.arange(POSE_EQUATIONS)] += (
             1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
         )[:, None]
-        q = q + shortened((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
+        q = q + limit_steps((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
         if limits is not None:
             q = np.clip(q, limits.lower, limits.upper)
     return final, errors
 
 
 @dataclass(frozen=True)
-class Answers:
+class IkSolutions:
     """Solutions of inverse kinematics for k targets.
 
     Attributes:
-        q: postures within the joint limits, (k, n) [rad or m]; the closest ones seen where the target was missed.
-        reached: which targets were reached, (k,).
-        distance: remaining distance of the tool point, (k,) [m].
-        angle: remaining angle of the tool, (k,) [rad].
+        q: postures within the joint limits, (k, n) [rad or m]; where a target was not reached, the closest one found.
+        reached: whether each target was reached, (k,).
+        distance: remaining distance of the tool point from its target, (k,) [m].
+        angle: remaining angle between the tool and its target orientation, (k,) [rad].
     """
 
     q: Array
@@ -106,33 +106,35 @@ class Answers:
     angle: Array
 
 
-class Solver:
-    """Solves targets from the nearest of many random postures, and from the next nearest where that fails.
+class IkSolver:
+    """Solves inverse kinematics from the nearest of many random postures, and where this fails from the next ones.
 
-    Unless `limited`, joints may leave their limits.
+    Args:
+        robot: the arm.
+        limited: whether the joints must stay within their limits.
     """
 
     def __init__(self, robot: Robot, limited: bool = True) -> None:
-        self.chain = Chain.of(robot)
+        self.chain = KinematicChain.from_robot(robot)
         self._limits = robot.limits if limited else None
         rng = np.random.default_rng(LIBRARY_SEED)
         self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_POSTURES, self.chain.joints))
-        motion = self.chain.motion(self._library)
+        motion = self.chain.forward_kinematics(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
     def solve(
         self, rotation: Array, position: Array, tolerance: float = REACHED_TOLERANCE, starts: int = STARTS_PER_TARGET
-    ) -> Answers:
-        """Postures that hold the tool at the targets.
+    ) -> IkSolutions:
+        """Find one posture for each target pose of the tool.
 
         Args:
-            rotation: orientations of the tool, (k, 3, 3).
-            position: positions of the tool point in the base frame, (k, 3) [m].
-            tolerance: error per component that counts as reached [m and rad].
-            starts: how many starting postures are tried before a target is given up.
+            rotation: target orientations of the tool, (k, 3, 3).
+            position: target positions of the tool point in the base frame, (k, 3) [m].
+            tolerance: largest error per component at which a target counts as reached [m and rad].
+            starts: number of starting postures that are tried before a target is given up.
 
         Raises:
-            InputError: shapes do not fit, or a target is not finite.
+            InputError: an array has the wrong shape, or a target is not finite.
         """
         if rotation.shape != (len(position), 3, 3) or position.shape != (len(position), 3):
             raise InputError(
@@ -151,7 +153,7 @@ class Solver:
             if start == 1:  # few targets get this far; looking for more starting postures costs as much as a descent
                 nearest[unsolved, 1:] = self._tree.query(features[unsolved], k=np.arange(2, starts + 1))[1]
             guess = self._library[nearest[unsolved, start]]
-            q, error = descend(
+            q, error = damped_least_squares(
                 self.chain, self._limits, turned[:, :, unsolved], placed[:, unsolved], guess, tolerance=tolerance
             )
             better = (error**2).sum(axis=0) < (errors[:, unsolved] ** 2).sum(axis=0)
@@ -159,7 +161,7 @@ class Solver:
             unsolved = unsolved[np.abs(errors[:, unsolved]).max(axis=0) >= tolerance]
             if not len(unsolved):
                 break
-        return Answers(
+        return IkSolutions(
             q=best,
             reached=np.abs(errors).max(axis=0) < tolerance,
             distance=np.linalg.norm(errors[:3], axis=0),
@@ -167,18 +169,24 @@ class Solver:
         )
 
     def postures(self, rotation: Array, position: Array) -> Array:
-        """Different postures that hold the tool at one target: an orientation (3, 3) and a position (3,) [m].
+        """Find different postures for one target pose of the tool.
+
+        Args:
+            rotation: target orientation of the tool, (3, 3).
+            position: target position of the tool point in the base frame, (3,) [m].
 
         Returns:
-            Postures that reach the target, (m, n) with m from 0 to `POSTURES_TRIED`, from the nearest start on.
+            Postures that reach the target, (m, n) [rad or m], with m from 0 to `POSTURES_TRIED`.
         """
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
         nearest = self._tree.query(_features(turned, placed)[0], k=POSTURES_TRIED)[1]
         guess = self._library[nearest]
-        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess)
+        q, error = damped_least_squares(
+            self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess
+        )
         return q[np.abs(error).max(axis=0) < REACHED_TOLERANCE]
 
 
 def _features(rotation: Array, position: Array) -> Array:
-    """Points (k, 9) whose distances measure how different two poses are."""
+    """Points (k, 9) whose Euclidean distance measures the difference of two poses."""
     return np.concatenate((position / REACH_SCALE, rotation[:, 0], rotation[:, 2])).T

@@ -1,4 +1,4 @@
-"""The table of a path: postures, their derivatives, Jacobians and limits, with exact lookup between nodes."""
+"""The IK table of a path: postures, derivatives, Jacobians and limits at nodes, and interpolation between them."""
 
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -9,64 +9,84 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError, check_owner
+from ik.errors import StaleTableError, check_built_for
 from ik.path import Path
-from ik.pathfile import path_of
-from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
+from ik.pathfile import path_from_description
+from ik.table_archive import (
+    REBUILD_REMEDY,
+    check_consistency,
+    check_robot,
+    check_shapes,
+    read_arrays,
+    table_errors,
+    write_arrays,
+)
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
-from urdf.robot import Array, freeze, read_only
+from urdf.robot import Array, freeze_arrays, read_only_copy
 
-LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
+LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
-NODES = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
-LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
-TORQUES = ("inertial", "centrifugal", "damping", "gravity", "springs")
-SHAPES = (
+NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
+LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
+ARRAY_AXES = (
     {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
-    | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUES), "kn")
-    | dict.fromkeys(LIMITS, "n")
+    | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUE_ARRAYS), "kn")
+    | dict.fromkeys(LIMIT_ARRAYS, "n")
 )
-"""Arrays of a table's file, each with its axes: k nodes, n joints."""
+"""Axes of each array in the file of an IK table: k nodes, n joints, or a number."""
 
 
 class Posture(NamedTuple):
-    """Joint positions at a path coordinate and their derivatives by it; (n,) for a scalar s, (k, n) for k of them."""
+    """Joint positions at a path coordinate s, and their derivatives; (n,) for a scalar s, (k, n) for s of shape (k,).
 
-    q: Array  # rad or m
-    dq_ds: Array  # rad/m
-    d2q_ds2: Array  # rad/m^2
+    Attributes:
+        q: joint positions [rad or m].
+        dq_ds: first derivatives with respect to s [rad/m or 1].
+        d2q_ds2: second derivatives with respect to s [rad/m^2 or 1/m].
+    """
+
+    q: Array
+    dq_ds: Array
+    d2q_ds2: Array
 
 
 class JointMotion(NamedTuple):
-    """Motion of the joints while the tool moves on the path; arrays are (n,) or (k, n)."""
+    """Motion of the joints while the tool moves on a path; arrays are (n,), or (k, n) for k instants.
 
-    q: Array  # rad or m
-    v: Array  # rad/s
-    a: Array  # rad/s^2
+    Attributes:
+        q: joint positions [rad or m].
+        v: joint velocities [rad/s or m/s].
+        a: joint accelerations [rad/s^2 or m/s^2].
+    """
+
+    q: Array
+    v: Array
+    a: Array
 
 
 @dataclass(frozen=True)
 class PathTable:
-    """One smooth branch of postures along a path; k evenly spaced nodes, n joints.
+    """Postures (joint positions) of an arm along a path of its tool, at k evenly spaced nodes, for n joints.
 
     Attributes:
         robot_name: name of the robot.
         joint_names: names of the joints from base to tool.
         tool_frame: frame that carries the tool.
-        tool_offset: tool point in that frame, (3,) [m]; it is this point that moves on the path.
+        tool_offset: the tool point, which moves on the path, in the tool frame, (3,) [m].
         path: path of the tool.
-        s: nodes, (k,) [m].
+        s: path coordinates of the nodes, (k,) [m].
         q: postures, (k, n) [rad or m].
-        dq_ds: their first derivatives, (k, n) [rad/m].
-        d2q_ds2: their second derivatives, (k, n) [rad/m^2].
-        jacobian: Jacobian of the tool point in base axes, linear rows first, (k, 6, n).
+        dq_ds: first derivatives of q with respect to s, (k, n) [rad/m or 1].
+        d2q_ds2: second derivatives of q with respect to s, (k, n) [rad/m^2 or 1/m].
+        jacobian: Jacobian of the tool point in base axes, three linear rows, then three angular rows, (k, 6, n).
         limits: limits of the joints.
-        torque: terms of the joints' torques for a motion along the path, at the nodes.
-        fingerprint: digest of the robot and its settings.
-        joint_margin: smallest distance of any joint to its position limits over the path [rad or m].
-        speed_limit: largest speed at each node, (k,) [m/s].
-        acceleration_limit: largest acceleration at each node at that speed, (k,) [m/s^2].
+        torque: terms of the joint torques for a motion along the path, at the nodes.
+        fingerprint: SHA-256 digest of the robot and its settings.
+        joint_margin: smallest distance of a joint from its position limit on the path [rad or m].
+        speed_limit: largest speed of the tool at each node within the joints' speed limits, (k,) [m/s].
+        acceleration_limit: largest acceleration of the tool along the path at `speed_limit`, (k,) [m/s^2].
     """
 
     robot_name: str
@@ -87,20 +107,20 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "tool_offset", *NODES)
+        freeze_arrays(self, "tool_offset", *NODE_ARRAYS)
         object.__setattr__(self, "joint_margin", float(self.margin.min()))
         object.__setattr__(self, "speed_limit", self._speed(self.dq_ds))
         acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit)
         object.__setattr__(self, "acceleration_limit", acceleration)
-        freeze(self, "speed_limit", "acceleration_limit")
+        freeze_arrays(self, "speed_limit", "acceleration_limit")
 
     def posture(self, s: ArrayLike) -> Posture:
-        """Postures at path coordinates [m], a scalar or (k,), between nodes by quintic Hermite interpolation.
+        """Postures at path coordinates s [m], a scalar or (k,), by quintic Hermite interpolation.
 
-        It meets q, q' and q'' at every node.
+        The interpolation has the table's q, dq/ds and d^2q/ds^2 at every node.
 
         Raises:
-            InputError: a coordinate is not on the table.
+            InputError: a coordinate lies outside the table.
         """
         at = self._on_table(s)
         first, last = self.s[0], self.s[-1]
@@ -124,53 +144,59 @@ class PathTable:
         )
 
     def joint_motion(self, s: ArrayLike, v: ArrayLike, a: ArrayLike) -> JointMotion:
-        """Joint positions, velocities q' v and accelerations q' a + q'' v^2 for a motion on the path.
+        """Joint motion for a motion of the tool on the path: velocities q' v and accelerations q' a + q'' v^2.
 
-        Coordinate s [m], velocity v [m/s] and acceleration a [m/s^2] are scalars or (k,).
+        The tool's path coordinate s [m], speed v [m/s] and acceleration a [m/s^2] are scalars or (k,).
         """
         posture = self.posture(s)
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         return JointMotion(posture.q, posture.dq_ds * speed, posture.dq_ds * acceleration + posture.d2q_ds2 * speed**2)
 
     def speed_limit_at(self, s: ArrayLike) -> Array:
-        """Largest speed on the path [m/s] that every joint can follow, of the shape of s."""
+        """Largest tool speed [m/s] within the joints' speed limits at path coordinates s [m], with the shape of s."""
         return self._speed(self.posture(s).dq_ds)
 
     def acceleration_limit_at(self, s: ArrayLike, v: ArrayLike | None = None) -> Array:
-        """Largest acceleration on the path [m/s^2] that every joint can follow, of the shape of s [m]; torques apart.
+        """Largest acceleration of the tool along the path within the joints' acceleration limits, [m/s^2].
 
-        Without a speed v [m/s], at the largest speed, which leaves the least for acceleration.
+        Torque limits are not considered. The result has the shape of the path coordinates s [m]. The default of the
+        tool's speed v [m/s] is `speed_limit_at(s)`, at which the possible acceleration is smallest.
         """
         posture = self.posture(s)
         speed = self._speed(posture.dq_ds) if v is None else np.asarray(v, dtype=np.float64)
         return self._acceleration(posture.dq_ds, posture.d2q_ds2, speed)
 
     def torque_acceleration_range(self, s: ArrayLike, v: ArrayLike = 0.0, springs: bool = False) -> tuple[Array, Array]:
-        """Lowest and highest acceleration on the path [m/s^2] within the torque limits, each of the shape of s [m].
+        """Lowest and highest acceleration of the tool along the path within the joints' torque limits, [m/s^2].
 
-        The speed v [m/s] is a scalar or of the same shape; with `springs`, those of the robot help.
+        Both results have the shape of the path coordinates s [m]. The tool's speed v [m/s] is a scalar or has this
+        shape. With `springs`, the torque of the robot's springs is included.
         """
-        return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
+        return self.torque.interpolate(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
 
     @cached_property
     def margin(self) -> Array:
-        """Distance of each joint to its nearer position limit at the nodes, (k, n) [rad or m]."""
-        return read_only(self.limits.margin(self.q))
+        """Distance of each joint from its nearer position limit at the nodes, (k, n) [rad or m]."""
+        return read_only_copy(self.limits.margin(self.q))
 
     @cached_property
     def manipulability(self) -> Array:
-        """Yoshikawa's sqrt(det(J J^T)) at the nodes for shifting [m^3] and turning [1] the tool, (k, 2); 0 if singular.
+        """Yoshikawa's manipulability sqrt(det(J J^T)) at the nodes, (k, 2); 0 in a singular posture.
 
-        Source: Yoshikawa 1985, The International Journal of Robotics Research 4(2).
+        The first column uses the Jacobian's linear rows [m^3], the second its angular rows [1]. Source: Yoshikawa 1985,
+        The International Journal of Robotics Research 4(2).
         """
         parts = [self.jacobian[:, rows] for rows in (slice(0, 3), slice(3, 6))]
         measures = [np.linalg.det(part @ part.transpose(0, 2, 1)) for part in parts]
-        return read_only(np.sqrt(np.maximum(0.0, np.stack(measures, axis=1))))
+        return read_only_copy(np.sqrt(np.maximum(0.0, np.stack(measures, axis=1))))
 
     @cached_property
     def torque_share(self) -> Array:
-        """Largest share of a torque limit that holding still takes at the nodes, without and with springs, (k, 2)."""
-        return read_only(np.stack(self.torque.shares_at_rest(self.limits.effort), axis=1))
+        """Largest share of a joint's torque limit that holding still takes at the nodes, (k, 2).
+
+        The first column is without the robot's springs, the second with them.
+        """
+        return read_only_copy(np.stack(self.torque.holding_torque_shares(self.limits.effort), axis=1))
 
     def _on_table(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=np.float64)
@@ -189,7 +215,7 @@ class PathTable:
         return np.min(left / np.maximum(np.abs(dq_ds), 1e-12), axis=-1)
 
     def save(self, path: str | File) -> None:
-        """Write the table as an npz file; an interrupted write leaves no broken file behind.
+        """Write the table to an npz file; an interrupted write leaves the old file unchanged.
 
         Raises:
             InputError: the file cannot be written.
@@ -201,53 +227,56 @@ class PathTable:
             "path": self.path.describe(),
             "fingerprint": self.fingerprint,
         }
-        arrays = {name: getattr(self, name) for name in ("tool_offset", *NODES)}
+        arrays = {name: getattr(self, name) for name in ("tool_offset", *NODE_ARRAYS)}
         write_arrays(File(path), about, arrays | asdict(self.limits) | asdict(self.torque))
 
     @classmethod
     def load(cls, path: str | File, robot: Robot | None = None) -> Self:
-        """Read a table, which must belong to `robot` where one is given.
+        """Read a table from an npz file; if `robot` is given, the table must have been built for this robot.
 
         Raises:
-            InputError: there is no such file.
-            StaleTableError: the file is damaged, belongs to another robot or other settings, or is of another kind.
+            InputError: the file does not exist.
+            StaleTableError: the file is damaged, was built for another robot or other settings, or contains the table
+                of a curved path where a line's is needed.
         """
         source = File(path)
-        with reading(source):
-            about, arrays = read_arrays(source, SHAPES)
+        with table_errors(source):
+            about, arrays = read_arrays(source, ARRAY_AXES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
-                raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD}")
+                raise StaleTableError(
+                    f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}"
+                )
             if robot is not None:
-                check_owner(source, about, robot, REBUILD)
+                check_built_for(source, about, robot, REBUILD_REMEDY)
             try:
-                check_shapes(arrays, SHAPES, len(about["joints"]))
-                own = path_of(about["path"])
+                check_shapes(arrays, ARRAY_AXES, len(about["joints"]))
+                own = path_from_description(about["path"])
                 table = cls(
                     robot_name=about["robot"],
                     joint_names=tuple(about["joints"]),
                     tool_frame=about["tool_frame"],
                     tool_offset=arrays["tool_offset"],
                     path=own,
-                    **{name: arrays[name] for name in NODES},
-                    limits=Limits(**{name: arrays[name] for name in LIMITS}),
-                    torque=PathTorque(**{name: arrays[name] for name in TORQUES}),
+                    **{name: arrays[name] for name in NODE_ARRAYS},
+                    limits=Limits(**{name: arrays[name] for name in LIMIT_ARRAYS}),
+                    torque=PathTorque(**{name: arrays[name] for name in TORQUE_ARRAYS}),
                     fingerprint=about["fingerprint"],
                 )
-                check_motion(arrays, own)
+                check_consistency(arrays, own)
                 if robot is not None:
                     check_robot(arrays, own, robot)
             except (InputError, UrdfError) as error:
-                raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
+                raise StaleTableError(f"{source}: {error}; {REBUILD_REMEDY}") from error
         return table
 
 
 @dataclass(frozen=True)
 class LineTable(PathTable):
-    """The table of a straight line with one tool orientation."""
+    """An IK table of a straight line with a constant orientation of the tool."""
 
     path: Line
 
     @property
     def line(self) -> Line:
-        """The line of the tool point."""
+        """The straight line on which the tool point moves."""
         return self.path

@@ -1,6 +1,6 @@
-r"""The torque that the motors must give: at postures in motion, and along a path.
+r"""Joint torques of an arm: for a motion of its joints, and for a motion of its tool along a path.
 
-Inverse dynamics with what Pinocchio's RNEA leaves out, the URDF's viscous damping d and the robot's springs:
+Inverse dynamics with two terms that Pinocchio's RNEA does not contain, the viscous damping d and the robot's springs:
 
     \tau = M a + C v + g + d v + \tau_spring.
 
@@ -22,16 +22,20 @@ from numpy.typing import ArrayLike
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 
 class JointTorque:
-    """Motor torques for a motion of the arm, with a mass of a load [kg] as a point at the tool.
+    """Computes the motor torques for a motion of an arm that carries a load.
 
-    The springs of the robot's settings help as the settings say, unless it is given whether they do.
+    Args:
+        robot: the arm.
+        load_mass: mass of the load, a point at the tool [kg].
+        springs: True to include all springs of the robot, False for none; by default those that are enabled in the
+            robot's settings.
 
     Raises:
-        InputError: if the mass is negative or not a number.
+        InputError: the mass is negative or not finite.
     """
 
     def __init__(self, robot: Robot, load_mass: float = 0.0, springs: bool | None = None) -> None:
@@ -44,12 +48,18 @@ class JointTorque:
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
 
     def __call__(self, q: Array, v: Array, a: Array) -> Array:
-        """Torques (k, n) [N m] at positions [rad], speeds [rad/s] and accelerations [rad/s^2] (k, n)."""
+        """Motor torques (k, n) [N m] at joint positions q [rad], velocities v [rad/s] and accelerations a [rad/s^2]."""
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
 
-    def along(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
-        """The terms at postures and their first and second derivatives by a path coordinate, (k, n) each."""
+    def path_terms(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+        """Terms of the torque for a motion along a path.
+
+        Args:
+            q: postures at path coordinates s, (k, n) [rad or m].
+            dq_ds: first derivatives of q with respect to s, (k, n) [rad/m].
+            d2q_ds2: second derivatives of q with respect to s, (k, n) [rad/m^2].
+        """
         model, still = self._model, np.zeros_like(q)
         gravity = inverse_dynamics(model, q, still, still)
         return PathTorque(
@@ -63,14 +73,14 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PathTorque:
-    """The terms of the torque along a path at k of its coordinates; every array is (k, n).
+    """Terms of the joint torques for a motion of the tool along a path, at k path coordinates; every array is (k, n).
 
     Attributes:
-        inertial: torque per acceleration [N m s^2/m].
-        centrifugal: torque per squared speed [N m s^2/m^2].
-        damping: torque per speed [N m s/m].
-        gravity: torque at rest [N m].
-        springs: what the robot's springs add to the motors' torque where they are counted in [N m].
+        inertial: torque per acceleration of the tool along the path [N m s^2/m].
+        centrifugal: torque per squared speed of the tool [N m s^2/m^2].
+        damping: torque per speed of the tool [N m s/m].
+        gravity: torque at rest without springs [N m].
+        springs: motor torque that the robot's springs cause [N m].
     """
 
     inertial: Array
@@ -80,10 +90,10 @@ class PathTorque:
     springs: Array
 
     def __post_init__(self) -> None:
-        freeze(self, *(item.name for item in fields(self)))
+        freeze_arrays(self, *(item.name for item in fields(self)))
 
-    def at(self, s: Array, at: ArrayLike) -> "PathTorque":
-        """The terms at path coordinates `at` [m], a scalar or (m,), linear between evenly spaced nodes s, (k,) [m]."""
+    def interpolate(self, s: Array, at: ArrayLike) -> "PathTorque":
+        """Interpolate the terms linearly at path coordinates `at` [m], a scalar or (m,); s (k,) [m] are the nodes."""
         place = (np.asarray(at, dtype=np.float64) - s[0]) / (s[-1] - s[0]) * (len(s) - 1)
         node = np.clip(place.astype(int), 0, len(s) - 2)
         share = (place - node)[..., None]
@@ -91,24 +101,31 @@ class PathTorque:
         return PathTorque(*((1 - share) * term[node] + share * term[node + 1] for term in terms))
 
     def torque(self, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
-        """Torque of the motors, (k, n) [N m], at speeds v [m/s] and accelerations a [m/s^2], scalars or (k,).
+        """Motor torques, (k, n) [N m], at tool speeds v [m/s] and accelerations a [m/s^2], scalars or (k,).
 
-        With `springs`, those of the robot help.
+        With `springs`, the torque of the robot's springs is included.
         """
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity
         return torque + self.springs if springs else torque
 
-    def shares_at_rest(self, effort: Array) -> tuple[Array, Array]:
-        """Largest share of a torque limit (n,) [N m] that holding still takes, without and with springs, (k,) each."""
+    def holding_torque_shares(self, effort: Array) -> tuple[Array, Array]:
+        """Largest share of a joint's torque limit that holding still takes, without and with springs, (k,) each.
+
+        `effort` has the torque limits of the joints, (n,) [N m].
+        """
         without, helped = (np.abs(self.torque(0.0, 0.0, springs)) / effort for springs in (False, True))
         return without.max(axis=1), helped.max(axis=1)
 
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
-        """Lowest and highest acceleration [m/s^2] that motors with torque limits (n,) [N m] can give, (k,) each.
+        """Lowest and highest acceleration of the tool along the path within the torque limits, (k,) each [m/s^2].
 
-        Where the torques do not even suffice for a = 0, the nearest range is returned: it may exclude 0 or be empty
-        (lowest > highest). Speeds v are a scalar or (k,) [m/s].
+        The range may exclude 0, where the tool cannot keep its speed, or be empty (lowest > highest).
+
+        Args:
+            effort: torque limits of the joints, (n,) [N m].
+            v: speed of the tool, a scalar or (k,) [m/s].
+            springs: whether to include the torque of the robot's springs.
         """
         taken = self.torque(v, 0.0, springs)
         inertial = np.where(np.abs(self.inertial) < 1e-12, 1e-12, self.inertial)

@@ -1,4 +1,4 @@
-"""Share work among processes of this machine or the workers of a dask cluster; each item is done once, whoever dies."""
+"""Distribute items of work to processes of this computer or a dask cluster; an item is repeated if its worker dies."""
 
 import queue
 from collections import Counter, deque
@@ -9,24 +9,25 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from armdyn.errors import InputError, TaskFailedError
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 
 STOP_CHECK_SECONDS = 0.2
-"""Interval at which the user's wish to stop is checked, s."""
+"""Interval at which it is checked whether the user wants to stop [s]."""
 ITEMS_PER_WORKER = 2
-"""Number of items in hand per worker: one is there when another is done. Where a worker dies, they are suspects."""
+"""Number of items that are submitted per worker, so that the next item waits when one is finished."""
 MAX_DEATHS_PER_ITEM = 2
-"""Number of times that a worker may die of one item, the second time alone, before the item is given up."""
+"""Number of times that a worker may die while an item is computed before the item is given up; the last time the item
+is computed alone."""
 CONNECT_TIMEOUT_SECONDS = 10.0
-"""Longest wait for a scheduler, s."""
+"""Longest wait for a dask scheduler [s]."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Lost:
-    """The result of an item of which workers died: a sentence, without a full stop, on what happened."""
+class LostItem:
+    """Result of an item whose workers died repeatedly; `reason` says what happened, without a full stop."""
 
     reason: str
 
@@ -35,21 +36,21 @@ class _StoppedError(Exception):
     """The user wants to stop."""
 
 
-def in_processes(
+def map_in_processes(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     workers: int,
     start: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | Lost]]:
-    """Do work on this machine; yield items and results in the order in which they are finished.
+) -> Iterator[tuple[Item, Result | LostItem]]:
+    """Call a function for each item in several processes of this computer; yield items and results as they finish.
 
     Args:
-        work: a function of a module, or an object that can be pickled.
-        items: items of work.
+        work: the function, or another callable that can be pickled.
+        items: arguments of the calls.
         workers: number of processes.
-        start: start method, as `multiprocessing` calls it.
-        stopped: function that is called often; where it returns True, workers are ended at once and the iteration ends.
+        start: start method of `multiprocessing`, such as ``"spawn"``.
+        stopped: function that is called often; when it returns True, the processes are killed and the iteration ends.
     """
     left, alone = deque(enumerate(items)), deque[tuple[int, Item]]()
     deaths: Counter[int] = Counter()
@@ -77,27 +78,32 @@ def in_processes(
                     continue
                 deaths[number] += 1
                 if deaths[number] >= MAX_DEATHS_PER_ITEM and not together:
-                    yield item, Lost(f"the process that worked on it died {deaths[number]} times")
+                    yield item, LostItem(f"the process that worked on it died {deaths[number]} times")
                 else:
                     alone.append((number, item))
 
 
-def on_cluster(
+def map_on_cluster(
     work: Callable[[Item], Result],
     items: Sequence[Item],
     scheduler: str,
     extra: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | Lost]]:
-    """Do work on a dask cluster; yield items and results as they are finished. Items of lost workers go to others.
+) -> Iterator[tuple[Item, Result | LostItem]]:
+    """Call a function for each item on a dask cluster; yield items and results as they finish.
 
-    The workers must be able to import or unpickle `work`, which is sent with every item, so that a lost worker loses
-    nothing. The scheduler has an address such as ``tcp://host:8786``; `extra` is the extra of armdyn that installs
-    dask; for `stopped` see `in_processes`.
+    The items of a worker that dies are given to other workers.
+
+    Args:
+        work: the function, or another callable that the workers can unpickle; it is sent with every item.
+        items: arguments of the calls.
+        scheduler: address of the dask scheduler, such as ``tcp://host:8786``.
+        extra: name of the extra of armdyn that installs dask, for the error message.
+        stopped: function that is called often; when it returns True, the iteration ends.
 
     Raises:
-        InputError: dask is missing, or the scheduler does not answer.
-        TaskFailedError: the scheduler is gone.
+        InputError: dask is not installed, or the scheduler does not answer.
+        TaskFailedError: the connection to the scheduler was lost.
     """
     client = _client(scheduler, extra)
     from distributed import KilledWorker
@@ -118,11 +124,11 @@ def on_cluster(
                 gone += "the same command continues"
                 if future.status in ("cancelled", "lost"):
                     raise TaskFailedError(gone)
-                result: Result | Lost
+                result: Result | LostItem
                 try:
                     result = future.result()
                 except KilledWorker:
-                    result = Lost("several workers died of it")
+                    result = LostItem("several workers died of it")
                 except OSError as error:
                     raise TaskFailedError(gone) from error
                 future.release()

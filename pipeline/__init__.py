@@ -1,1 +1,1 @@
-"""What runs: commands, nodes, robot, load cell, motion, recordings and reports."""
+"""The program around the models: commands, robot, load cell, motion planning, recordings and reports."""

@@ -1,4 +1,4 @@
-"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect give as JSON."""
+"""JSON output of the commands compare, diagnose, add, repair and inspect."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.recording.preparation import combined_preparations
 from armdyn.recording.spikes import outlier_counts
-from pipeline.fields import fields, number, plain
+from pipeline.fields import attributes_as_json, finite_or_none, json_value
 
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
-    """JSON of `compare`."""
+    """JSON output of the command `compare`, ``armdyn.comparison/1``."""
     return {
         "schema": "armdyn.comparison/1",
         "model": model_answer(study),
-        **fields(found, "verdict explained sentence"),
+        **attributes_as_json(found, "verdict explained sentence"),
         **fit_answer(found),
         **rollout_answer(found),
         "missing_force": missing_force_answer(found.missing_force),
@@ -35,32 +35,34 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
 
 
 def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
-    """JSON of `diagnose`."""
+    """JSON output of the command `diagnose`, ``armdyn.diagnosis/1``."""
     candidate = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
     return {
         "schema": "armdyn.diagnosis/1",
         "model": model_answer(study),
-        **fields(found, "verdict sentence"),
+        **attributes_as_json(found, "verdict sentence"),
         **fit_answer(found.comparison),
-        "candidates": [fields(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
-        **fields(found, "remedies cannot_be_seen=unidentified_effects"),
+        "candidates": [
+            attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects
+        ],
+        **attributes_as_json(found, "remedies cannot_be_seen=unidentified_effects"),
         "unknown": unknown_answer(found.residual_character),
         "missing_force": missing_force_answer(found.missing_force),
     }
 
 
 def repair_answer(found: Repair) -> dict[str, Any]:
-    """JSON of `repair` and `add`; `removed` is always empty and belongs to the format."""
+    """JSON output of the commands `repair` and `add`, ``armdyn.repair/1``; its entry `removed` is always empty."""
     step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",
-        **fields(found, "verdict sentence explained"),
+        **attributes_as_json(found, "verdict sentence explained"),
         "effects": [effect.name for effect in found.model.named_effects],
         **fit_answer(found.after),
         **background_answer(found.model),
         **rollout_answer(found.after),
         "steps": [
-            fields(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
+            attributes_as_json(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
             for step in found.path
         ],
         "links": [link_answer(link) for link in found.links],
@@ -70,24 +72,25 @@ def repair_answer(found: Repair) -> dict[str, Any]:
 
 
 def inspection_answer(found: Inspection) -> dict[str, Any]:
-    """JSON of `inspect`, and of every command that a recording's mistake has ended."""
+    """JSON output of `inspect`, and of a command that stops because a recording has a mistake: ``armdyn.inspect/1``."""
     return {
         "schema": "armdyn.inspect/1",
-        **fields(found, "usable sentence"),
+        **attributes_as_json(found, "usable sentence"),
         "recording_checks": checks_answer(found.checks),
     }
 
 
 def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
-    """The checks of any answer."""
+    """JSON of the mistakes that were found in recordings, a dictionary per mistake."""
     names = "kind severity run channels from=start to=end evidence sentence remedy"
-    return [fields(check, names) for check in checks]
+    return [attributes_as_json(check, names) for check in checks]
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
-    """Entries of a model file's history, one for each step of a repair.
+    """Entries for the history of a model file, one for each step of a repair.
 
-    `contribution` is the root mean square, by channel, of the effect of the step's terms in the repaired model.
+    The entry `contribution` has, for each channel, the root mean square of what the step's effects change in the
+    prediction of the repaired model.
     """
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
@@ -97,30 +100,30 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "added": _joined(step.added),
             "joints": list(step.joints) or None,
             **names,
-            "rmse": plain(step.rmse),
-            "held_out_rmse": plain(step.held_out_rmse) or None,
-            "exam_rmse": plain(step.exam_rmse) or None,
-            **fields(step, "chi2_per_sample bic"),
-            "contribution": plain(found.steps[-1].fit.contribution(step.added)),
-            "as_given_rmse": plain(found.path[0].rmse) if k == 0 else None,
+            "rmse": json_value(step.rmse),
+            "held_out_rmse": json_value(step.held_out_rmse) or None,
+            "exam_rmse": json_value(step.exam_rmse) or None,
+            **attributes_as_json(step, "chi2_per_sample bic"),
+            "contribution": json_value(found.steps[-1].fit.contribution(step.added)),
+            "as_given_rmse": json_value(found.path[0].rmse) if k == 0 else None,
         }
         for k, step in enumerate(found.path[1:])
     ]
 
 
 def link_answer(link: Any) -> dict[str, Any]:
-    """A link in kg, m and kg m^2, beside the URDF's values; see `armdyn.arm.links.LinkChange`."""
-    quantities = {q.name: fields(q, "unit urdf=described value std determined") for q in link.quantities}
+    """JSON of an `armdyn.arm.links.LinkChange`: a link's identified and URDF mass, centre and inertia, in SI units."""
+    quantities = {q.name: attributes_as_json(q, "unit urdf=described value std determined") for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
 def model_answer(study: Study) -> dict[str, Any]:
-    """Base and effects of the model as given."""
+    """JSON of the model that a study starts from: its base model and its effects."""
     return {"base": study.model.base, "effects": [effect.name for effect in study.model.named_effects]}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
-    """Parameters, channels and places of one fit."""
+    """JSON of a fitted model: parameters, error by channel, and where in the recordings the error is largest."""
     from armdyn.identify.bands import COVERAGE_LEVEL
 
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value"
@@ -128,63 +131,67 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **fields(found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"),
+        **attributes_as_json(found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"),
         "not_told_apart": [
-            fields(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
+            attributes_as_json(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
         ],
         "outliers": outlier_counts(found.fit.problem.runs),
         "bands": {c: {"level": COVERAGE_LEVEL, "covered": v} for c, v in bands.coverage.items()} if bands else {},
-        "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
+        "channels": {name: attributes_as_json(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
-        "behaves_like_dynamics": number(found.process_error),
+        "behaves_like_dynamics": finite_or_none(found.process_error),
         "where": [
-            fields(place, "channel run against from=start to=end unit chi2_per_sample share")
+            attributes_as_json(place, "channel run against from=start to=end unit chi2_per_sample share")
             for place in found.failing_ranges
         ],
     }
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:
-    """Per channel which part of the training runs was compared; empty where nothing was filtered."""
+    """JSON of the filters and sampling rates that were applied to each channel of the training runs before the fit."""
     names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
     done = combined_preparations(run.preparations for run in problem.runs)
-    return {name: fields(each, names + "recorded left_out") for name, each in done.items()}
+    return {name: attributes_as_json(each, names + "recorded left_out") for name, each in done.items()}
 
 
 def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
-    """What a model cannot explain, a curve for each run, joint and quantity that it may depend on, in six digits."""
+    """JSON of the force that a model lacks: a curve per run, joint and quantity it may depend on, in six digits."""
 
     def short(curve: ForceCurve, name: str) -> Any:
         values = getattr(curve, name)
-        return None if values is None else plain([float(f"{value:.6g}") for value in values])
+        return None if values is None else json_value([float(f"{value:.6g}") for value in values])
 
     names = ("x", "as_given", "std", "repaired")
     return [
-        fields(curve, "run joint unit against")
+        attributes_as_json(curve, "run joint unit against")
         | {name: short(curve, name) for name in names + ("with_background",) * (curve.with_background is not None)}
         for curve in curves
     ]
 
 
 def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-    """Values, standard deviations and units by name."""
-    return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
+    """JSON of parameters by name: value, standard deviation, unit, and whether the parameter was fitted."""
+    return {name: attributes_as_json(p, "value std unit fitted") for name, p in parameters.items()}
 
 
 def background_answer(model: Model) -> dict[str, Any]:
-    """The background of a model as its file has it, in SI units; empty for a model without one."""
+    """JSON of a model's background, the smooth force without a named effect; empty for a model without one."""
     if model.background is None:
         return {}
-    values = {name: number(model.value(name)) for name in model.background.names}
+    values = {name: finite_or_none(model.value(name)) for name in model.background.names}
     return {"background": {"width": model.background.width, "values": values}}
 
 
 def rollout_answer(compared: Comparison) -> dict[str, Any]:
-    """Identified drives of an arm, and its simulated against its recorded motion; empty where there are none."""
+    """JSON of an arm's identified drives, and of the errors of its simulated motion; empty where there are none."""
     answer: dict[str, Any] = {}
     if compared.drives:
         answer["drives"] = {
-            name: fields(servo, "law gain= determined delay", gain=servo.gain and fields(servo.gain, "value std unit"))
+            name: attributes_as_json(
+                servo,
+                "law gain= determined delay",
+                gain=servo.gain and attributes_as_json(servo.gain, "value std unit"),
+            )
             for name, servo in compared.drives.items()
         }
     if compared.rollout:
@@ -192,22 +199,22 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
                  for r in compared.rollout)  # fmt: skip
         names = "run role kind joint unit rms mae position_is_command="
         answer["rollout"] = [
-            fields(r, names, position_is_command=a) for r, a in zip(compared.rollout, aside, strict=True)
+            attributes_as_json(r, names, position_is_command=a) for r, a in zip(compared.rollout, aside, strict=True)
         ]
     return answer
 
 
 def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
-    """What is known of an effect outside the catalogue."""
+    """JSON of the character of an unexplained residual: expressions and frequencies; None without such a residual."""
     if found is None:
         return None
     return {
-        **fields(found, "sentence behaves_like_dynamics=process_error"),
-        "terms": [fields(term, "channel expression share") for term in found.terms],
-        "frequencies": [fields(peak, "channel frequency amplitude unit") for peak in found.peaks],
+        **attributes_as_json(found, "sentence behaves_like_dynamics=process_error"),
+        "terms": [attributes_as_json(term, "channel expression share") for term in found.terms],
+        "frequencies": [attributes_as_json(peak, "channel frequency amplitude unit") for peak in found.peaks],
     }
 
 
 def _joined(names: Iterable[str]) -> str | None:
-    """Null, one name, or several names joined by `` + `` where they only help together."""
+    """The names of effects that were added together, joined by `` + ``; None without a name."""
     return " + ".join(names) or None

@@ -1,4 +1,4 @@
-"""Results of `next` and `excite`: sentences, numbers for tables, and the JSON of the contract."""
+"""Results of the commands `next` and `excite`: sentences, numbers for tables, and JSON output."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.fields import fields, plain
+from pipeline.fields import attributes_as_json, json_value
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import ExperimentPlan, ProposedExperiment
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
-    """JSON ``armdyn.next/1``.
+    """JSON output of the command `next`, ``armdyn.next/1``.
 
     Args:
         plan: the planned experiments; None where there are no effects to distinguish.
@@ -32,27 +32,30 @@ def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output
     names = [h.name for h in plan.rivals.hypotheses]
     return answer | {
         "rivals": names,
-        "belief": plain(dict(zip(names, plan.rival_probabilities, strict=True))),
+        "belief": json_value(dict(zip(names, plan.rival_probabilities, strict=True))),
         "experiments": [proposal_answer(p, output) for p in plan.proposals],
-        "inseparable": [fields(p, "effects why") for p in plan.inseparable],
+        "inseparable": [attributes_as_json(p, "effects why") for p in plan.inseparable],
     }
 
 
 def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
-    """One experiment."""
+    """JSON of one proposed experiment; `output` is the file with its motion."""
     e, motion = proposal.experiment, proposal.experiment.motion
-    answer = fields(e, "kind what") | fields(proposal.expected, "separation probability")
+    answer = attributes_as_json(e, "kind what") | attributes_as_json(proposal.expected, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        answer |= fields(motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
+        answer |= attributes_as_json(motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
     return answer
 
 
 def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
-    """``investigation`` of a trial, an entry per experiment; the first one, which SAC chose, has no `experiment`."""
+    """JSON of the experiments that a trial made to find missing effects, one entry per experiment.
+
+    The motion of the first experiment is chosen by Sequential Action Control (SAC); its entry `experiment` is null.
+    """
     return [
-        fields(stage.diagnosis, "verdict sentence")
-        | fields(
+        attributes_as_json(stage.diagnosis, "verdict sentence")
+        | attributes_as_json(
             stage,
             "candidates experiment= belief gap residual",
             experiment=None if stage.proposal is None else proposal_answer(stage.proposal),
@@ -61,60 +64,72 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
     ]
 
 
-def separations(found: Excitation) -> np.ndarray:
-    """(k, 3) standard deviations by which each case of two rivals stands out; columns as in `of_each_motion`."""
-    return np.sqrt(of_each_motion(found, "separations"))
+def rival_separations(found: Excitation) -> np.ndarray:
+    """Expected separation of two rival effects, in standard deviations, for each of k cases: (k, 3).
+
+    A case is one of the two effects, present on one joint. The columns are three motions: the designed one, the best
+    random one, and the one with the smallest condition number.
+    """
+    return np.sqrt(compare_motions(found, "separations"))
 
 
-def of_each_motion(found: Excitation, what: str) -> np.ndarray:
-    """(k, 3) an attribute (k,) of `Expectation`: this motion's, the best random one's, the least condition number's.
+def compare_motions(found: Excitation, what: str) -> np.ndarray:
+    """Compare an attribute (k,) of `Expectation` for three motions: the columns of (k, 3).
 
-    Columns of motions that were not made are nan.
+    The columns are the designed motion, the best random one, and the one with the smallest condition number; nan for a
+    motion that was not computed. `what` is the attribute's name.
     """
     motions = (found.expected, found.random, found.conditioned)
     own = np.asarray(getattr(found.expected, what))
     return np.column_stack([own * np.nan if motion is None else getattr(motion, what) for motion in motions])
 
 
-def determined(found: Excitation) -> np.ndarray:
-    """Indices of the wanted unknowns that at least one motion determines."""
+def determined_indices(found: Excitation) -> np.ndarray:
+    """Indices, among the parameters that the user wants to determine, of those that a motion can determine."""
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.unidentifiable))
 
 
-def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
-    """How many times smaller standard deviations are than with the best random motion, and the least condition number.
+def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
+    """Standard deviations of parameters with two other motions, divided by those with the designed motion.
+
+    The other motions are the best random one and the one with the smallest condition number. The ratios are geometric
+    means over parameters.
 
     Args:
-        found: the motion.
-        chosen: positions of the wanted unknowns whose geometric mean is taken; all that can be determined if not given.
+        found: the designed motion.
+        chosen: indices, among the wanted parameters, of those that are averaged; by default all that can be determined.
     """
-    std = of_each_motion(found, "std")[determined(found) if chosen is None else chosen]
+    std = compare_motions(found, "std")[determined_indices(found) if chosen is None else chosen]
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
-def times_better(found: Excitation) -> list[float]:
-    """Gain over each other motion: `gains`, or, for two rivals, the ratio of the smallest separations."""
+def improvement_factors(found: Excitation) -> list[float]:
+    """How many times better the designed motion is than each other motion.
+
+    To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival
+    effects, the ratios of the smallest separations.
+    """
     if not found.goal.rivals:
-        return gains(found)
-    own, *others = separations(found).min(axis=0).tolist()
+        return std_ratios(found)
+    own, *others = rival_separations(found).min(axis=0).tolist()
     return [own / other for other in others]
 
 
-def sentence(found: Excitation) -> str:
-    """Expected result of the motion beside that of others, in one or two sentences."""
+def excitation_sentence(found: Excitation) -> str:
+    """Sentence about the expected result of a designed motion, compared with other motions."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
     others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
     made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]
     if goal.rivals:
-        own, *smallest = separations(found).min(axis=0).tolist()
+        own, *smallest = rival_separations(found).min(axis=0).tolist()
         beside = " and".join(f" {_short(s)} with {name}" for s, name in zip(smallest, made, strict=False))
         return (
-            f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of both is there, at its typical "
-            f"size, stands out by {_short(own)} standard deviations at least, against{beside}."
+            f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of the two is present, at its "
+            f"typical size, stands out by {_short(own)} standard deviations at least, against{beside}."
         )
     *names, last = dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)
     listed = f"{', '.join(names)} and {last}" if names else last
-    times = zip(gains(found), made, strict=False)
+    times = zip(std_ratios(found), made, strict=False)
     beside = " and".join(f" {_short(gain)} times smaller than with {name}" for gain, name in times)
     return f"{seconds} that determine {listed}: their standard deviations are{beside} (geometric mean)."
 
@@ -123,8 +138,11 @@ def _short(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
-def peaks(found: Excitation) -> list[dict[str, Any]]:
-    """By joint: the range of its positions, and its largest speed, acceleration and torque, with shares of limits."""
+def joint_peaks(found: Excitation) -> list[dict[str, Any]]:
+    """Position range and largest speed, acceleration and torque of each joint in a motion, with shares of the limits.
+
+    The result has a dictionary per joint.
+    """
     motion, limits = found.trajectory, found.goal.columns.arm.robot.limits
     rows = []
     for i, joint in enumerate(motion.joint_names):
@@ -142,19 +160,19 @@ def peaks(found: Excitation) -> list[dict[str, Any]]:
 
 
 def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
-    """JSON of `excite`."""
+    """JSON output of the command `excite`, ``armdyn.excite/1``; `output` is the file with the motion."""
     goal, motion, columns = found.goal, found.trajectory, found.goal.columns
     wanted = [columns.unknowns[i] for i in goal.wanted]
     hopeless = np.isin(goal.wanted, goal.unidentifiable).tolist()
-    std = zip(wanted, hopeless, of_each_motion(found, "std"), strict=True)
-    apart = zip(goal.separations, separations(found), strict=True)
+    std = zip(wanted, hopeless, compare_motions(found, "std"), strict=True)
+    apart = zip(goal.separations, rival_separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:
-        return dict(zip((name, f"random_{name}", f"condition_number_{name}"), plain(row), strict=True))
+        return dict(zip((name, f"random_{name}", f"condition_number_{name}"), json_value(row), strict=True))
 
     return {
         "schema": "armdyn.excite/1",
-        "sentence": sentence(found),
+        "sentence": excitation_sentence(found),
         "output": str(output),
         "robot": columns.arm.robot.name,
         "joints": list(motion.joint_names),
@@ -162,19 +180,21 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "rate": columns.rate,
         "samples": len(motion),
         "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
-        **fields(goal, "rivals beside=nuisance_effects taken_as_known=effects_taken_as_known inseparable"),
+        **attributes_as_json(goal, "rivals beside=nuisance_effects taken_as_known=effects_taken_as_known inseparable"),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
-            fields(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
+            attributes_as_json(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
             for unknown, lost, row in std
         ],
         "separations": [
-            fields(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
+            attributes_as_json(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
-        "times_better_than": plain(dict(zip(("random", "condition_number"), times_better(found), strict=True))),
+        "times_better_than": json_value(
+            dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))
+        ),
         "random_motions": found.tried,
-        "peaks": peaks(found),
+        "peaks": joint_peaks(found),
         "energy": found.energy,
         "feasible": found.check.feasible,
         "check": found.check.sentence,

@@ -1,22 +1,26 @@
-"""The command `armdyn`: takes care of signals before anything that takes time is imported, then runs the command."""
+"""The program `armdyn`: handles signals such as Ctrl-C before slow imports begin, then runs the command."""
 
 import os
 import sys
 
-from pipeline.interrupts import Interrupt, Interrupts
+from pipeline.interrupts import Interrupt, SignalHandler
 
-ONE_THREAD = dict.fromkeys(
+ONE_THREAD_ENVIRONMENT = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS"), "1"
 )
-"""Environment variables that libraries of linear algebra read when they are loaded; see `armdyn.threads`."""
+"""Environment variables that make libraries of linear algebra use one thread; see `armdyn.threads`."""
 
 
 def main() -> None:
-    """Run a command; exit status 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n signal n."""
-    interrupts = Interrupts()
+    """Run the command in `sys.argv`, and exit.
+
+    Exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself, 128 + n if
+    signal n ended the command.
+    """
+    interrupts = SignalHandler()
     try:
         interrupts.install()
-        os.environ.update(ONE_THREAD)
+        os.environ.update(ONE_THREAD_ENVIRONMENT)
         from pipeline.console.app import run
 
         interrupts.check()

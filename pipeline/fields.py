@@ -1,4 +1,4 @@
-"""JSON of a result: a field of an answer is the attribute of the result that has its name, or that the answer names."""
+"""Convert results to values that JSON can contain, and choose attributes of a result for a JSON object."""
 
 import math
 from collections.abc import Mapping
@@ -7,36 +7,39 @@ from pathlib import Path
 from typing import Any
 
 
-def number(value: float | None) -> float | None:
-    """A finite float, or null."""
+def finite_or_none(value: float | None) -> float | None:
+    """The value as a float, or None if it is None, infinite or nan."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def plain(value: Any) -> Any:
-    """A value in JSON's types: null for a number that is not finite, enums by their key, tuples and arrays as lists."""
+def json_value(value: Any) -> Any:
+    """Convert a value to JSON's types.
+
+    Numbers that are not finite become None, enums their `key` or value, tuples and arrays lists, paths texts.
+    """
     if hasattr(value, "tolist"):  # numpy's arrays and scalars; without its import, `armdyn --help` is a fifth faster
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {name: plain(entry) for name, entry in value.items()}
+        return {name: json_value(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [json_value(entry) for entry in value]
     if isinstance(value, Enum):
         return getattr(value, "key", value.value)
     if isinstance(value, float):
-        return number(value)
+        return finite_or_none(value)
     return str(value) if isinstance(value, Path) else value
 
 
-def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
-    """Attributes of an item as JSON, in the order of `names`.
+def attributes_as_json(item: Any, names: str, **others: Any) -> dict[str, Any]:
+    """Choose attributes of an object for a JSON object, in the order of `names`.
 
     Args:
-        item: any object.
-        names: names of the entries, separated by spaces; ``name=attribute`` where the attribute has another name,
-            ``name=`` where the value is one of `others`.
-        others: values by name.
+        item: the object.
+        names: keys of the JSON object, separated by spaces; ``key`` for the attribute of this name, ``key=attribute``
+            for an attribute of another name, ``key=`` for a value in `others`.
+        others: values that are not attributes, by key.
     """
     made = {}
     for name, equals, attribute in (each.partition("=") for each in names.split()):
-        made[name] = plain(others[name] if equals and not attribute else getattr(item, attribute or name))
+        made[name] = json_value(others[name] if equals and not attribute else getattr(item, attribute or name))
     return made

@@ -1,4 +1,4 @@
-"""Further functions for scripts: export a model for other tools, design a motion to record, plan an experiment."""
+"""Functions for scripts that need the robot or a file format: export a model, design a motion, plan an experiment."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -22,29 +22,30 @@ if TYPE_CHECKING:
 def export(
     model: AnyModel, path: str | Path, *, force: bool = False, incomplete: bool = False, named_only: bool = False
 ) -> tuple[str, ...]:
-    """Write a model for other tools.
+    """Write a model to a file for another program.
 
     Args:
         model: the model, or its file.
-        path: file to write; its ending is its format: ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or ``.json``.
+        path: file to write; its ending selects the format: ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or
+            ``.json``.
         force: replace an existing file.
-        incomplete: write the file even where the format lacks much of what a repair found.
-        named_only: leave the model's background out.
+        incomplete: write the file even if the format cannot contain much of what a repair found.
+        named_only: leave out the model's background, the smooth force that belongs to no named effect.
 
     Returns:
-        A sentence for each part of the model that the format cannot hold.
+        One sentence for each part of the model that the format cannot contain.
 
     Raises:
-        InputError: the file exists, or its ending is of no format, or the format is not for such a model.
+        InputError: the file exists, its ending belongs to no format, or the format cannot contain this kind of model.
         TaskFailedError: the file would lack much of what a repair added.
     """
-    from pipeline.console.outputs import free_to_write
+    from pipeline.console.outputs import check_overwrite
     from pipeline.exports import write_export
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
     file = replace(file, model=file.model.without_background()) if named_only else file
-    free_to_write(output, force)
+    check_overwrite(output, force)
     written = write_export(file, output, str(file.model.base_summary), incomplete=incomplete)
     if written.refused and written.missing is not None:
         sentence = written.missing.sentence
@@ -62,27 +63,29 @@ def excite(
     random: int = 100,
     seed: int = 0,
 ) -> "Excitation":
-    """Design the motion of an arm that determines effects best, or distinguishes two; see `Excitation.motion`.
+    """Design the motion of an arm that determines the parameters of effects best, or distinguishes two effects.
+
+    `Excitation.motion` is the motion as a run.
 
     Args:
         model: model of the arm, or its file.
         effects: effects to determine, such as ``"payload"`` or ``"rotor_inertia:elbow,wrist"``; by default friction,
             offsets and inertias.
-        rivals: two effects to distinguish, in place of `effects`.
+        rivals: names of two effects to distinguish, in place of `effects`.
         seconds: duration of the motion [s].
-        rate: samples per second.
+        rate: samples per second [Hz].
         random: number of random motions from which the design starts.
         seed: seed of the random motions.
 
     Raises:
-        InputError: the model is no arm's, or an effect cannot act on it.
-        UnknownNameError: there is no such effect or joint.
+        InputError: the model is not that of an arm, or an effect cannot act on the arm.
+        UnknownNameError: an effect or joint does not exist.
         TaskFailedError: no feasible motion was found.
     """
     from armdyn.arm.model import required_arm
     from armdyn.effects.catalogue import find
     from armdyn.experiments.goal import goal_to_determine, goal_to_separate
-    from pipeline.motion.excitation import excitation
+    from pipeline.motion.excitation import design_excitation
 
     given = model if isinstance(model, Model) else read_model_file(model).model
     arm = required_arm(given, "a motion is designed", "give an arm's").without_background()
@@ -90,7 +93,7 @@ def excite(
         goal = goal_to_determine(arm, [find(name) for name in effects], rate)
     else:
         goal = goal_to_separate(arm, find(rivals[0]), find(rivals[1]), rate)
-    return excitation(goal, seconds, random=random, compare=False, seed=seed)
+    return design_excitation(goal, seconds, random=random, compare=False, seed=seed)
 
 
 def next_experiment(
@@ -107,23 +110,25 @@ def next_experiment(
     effects: "Iterable[Effect] | None" = None,
     seed: int = 0,
 ) -> "ExperimentPlan":
-    """Plan the experiment that distinguishes tied effects best, and the best motion of the gripper for it.
+    """Plan the experiment that best distinguishes effects between which the recordings cannot decide.
+
+    The plan contains the best motion of the gripper.
 
     Args:
         model: model of a pendulum, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that help to choose effects, but are never fitted.
-        rivals: names of effects to distinguish; by default those that tie in the diagnosis.
+        rivals: names of effects to distinguish; by default those between which the diagnosis cannot decide.
         seconds: duration of the motion [s].
-        travel: largest distance of the gripper from the middle of the line [m], for a rig that is not Baxter.
-        speed: largest speed of the gripper of such a rig [m/s].
-        acceleration: largest acceleration of the gripper of such a rig [m/s^2].
-        swing: largest angle of the load of such a rig [rad].
-        effects: effects to choose from; by default the catalogue and the base's own.
+        travel: largest distance of the gripper from the middle of the line [m], if the robot is not Baxter.
+        speed: largest speed of the gripper [m/s], if the robot is not Baxter.
+        acceleration: largest acceleration of the gripper [m/s^2], if the robot is not Baxter.
+        swing: largest angle of the load from the vertical [rad], if the robot is not Baxter.
+        effects: effects to choose from; by default those of the catalogue and of the base model.
         seed: seed of the random motions.
 
     Raises:
-        InputError: a file cannot be read, the runs cannot be compared, or no gripper moves in them.
+        InputError: a file cannot be read, the runs cannot be compared with the model, or no gripper moves in them.
         TaskFailedError: there are no effects to distinguish.
     """
     from armdyn.experiments.rivals import rivals_of_study
@@ -137,7 +142,13 @@ def next_experiment(
 def rig_limits(
     travel: float | None, speed: float | None, acceleration: float | None, swing: float | None
 ) -> "GripperLimits | None":
-    """Limits of a rig of one's own; None where no limit is given, and the motion is for Baxter.
+    """Limits of a gripper's motion from those that the user gave; None if none was given and the robot is Baxter.
+
+    Args:
+        travel: largest distance from the middle of the line [m].
+        speed: largest speed [m/s].
+        acceleration: largest acceleration [m/s^2].
+        swing: largest angle of the load from the vertical [rad].
 
     Raises:
         InputError: a limit is not positive.
@@ -152,14 +163,17 @@ def rig_limits(
 def plan_experiment(
     rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say = lambda _: None
 ) -> "tuple[ExperimentPlan, GripperPath | None]":
-    """The plan of an experiment, and its motion, which for Baxter is one that the whole arm can make.
+    """Plan an experiment that distinguishes rival effects, and design the gripper's motion.
 
     Args:
         rivals: effects to distinguish, as hypotheses.
         seconds: duration of the motion [s].
-        limits: limits of a rig of one's own; None for Baxter.
+        limits: limits of the gripper's motion; None for Baxter, whose whole arm is checked.
         seed: seed of the random motions.
-        say: called to report the progress.
+        say: function that is called with a sentence about each step.
+
+    Returns:
+        The plan, and the motion; None where no feasible motion would be useful.
     """
     from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan_experiment
     from pipeline.box import LOAD_RADIUS

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP end a command at any instant, whatever it is doing. Needs nothing but Python itself."""
+"""Let the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP end a command at any time, with Python's own modules only."""
 
 import _thread
 import os
@@ -10,16 +10,16 @@ from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import NoReturn
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 GRACE_SECONDS = 1.0
-"""Time to clean up [s]; then the process ends as it is. Libraries swallow exceptions while they are imported."""
+"""Time after a signal until the process is ended by force [s]; some libraries suppress exceptions in their import."""
 
 
 class Interrupt(KeyboardInterrupt):
-    """A signal asks this process to end.
+    """Raised when a signal asks this process to end.
 
     Attributes:
-        number: of the signal.
+        number: number of the signal.
     """
 
     def __init__(self, number: int) -> None:
@@ -27,17 +27,17 @@ class Interrupt(KeyboardInterrupt):
         self.number = number
 
 
-def numbers() -> list[int]:
-    """The signals of `NAMES` that this system has."""
-    return [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
+def signal_numbers() -> list[int]:
+    """Numbers of the signals in `SIGNAL_NAMES` that this operating system has."""
+    return [getattr(signal, name) for name in SIGNAL_NAMES if hasattr(signal, name)]
 
 
-class Interrupts:
-    """Turns the first signal into an exception, and sees to it that the process ends; a second one ends it at once.
+class SignalHandler:
+    """Signal handler that raises `Interrupt` at the first signal, and ends the process at once at the second.
 
     Attributes:
         received: number of the signal that came; None before.
-        noted: likewise, of SIGTERM or SIGHUP where what ran ended in order, see `noted_signals`.
+        noted: number of a SIGTERM or SIGHUP that `deferred_signals` has received; None before.
     """
 
     def __init__(self) -> None:
@@ -45,8 +45,8 @@ class Interrupts:
         self.noted: int | None = None
 
     def install(self) -> None:
-        """Handle the signals from now on, but those that the process was told to ignore, as by nohup."""
-        for number in numbers():
+        """Handle the signals, except those that the process ignores, for example under the program nohup."""
+        for number in signal_numbers():
             if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self)
         # An exception in a finalizer cannot be raised, and would be printed.
@@ -54,16 +54,23 @@ class Interrupts:
         sys.unraisablehook = lambda what: None if isinstance(what.exc_value, Interrupt) else usual(what)
 
     def __call__(self, number: int, _frame: FrameType | None) -> None:
-        """What the operating system calls."""
+        """Handle a signal; called by the operating system.
+
+        Raises:
+            Interrupt: always, unless this is the second signal, which ends the process.
+        """
         if self.received is not None:
-            leave(self.received)
+            exit_at_once(self.received)
         self.received = number
         # Not `threading`: the signal may have come while it held its lock.
         _thread.start_new_thread(_leave_soon, (number,))
         raise Interrupt(number)
 
     def check(self, *, ended: bool = False) -> None:
-        """Raise again what was swallowed, and, where the command has `ended`, what was noted.
+        """Raise `Interrupt` if a signal has come, also if a library has suppressed the first exception.
+
+        Args:
+            ended: whether the command has ended, so that a signal in `noted` is raised too.
 
         Raises:
             Interrupt: a signal has come.
@@ -73,18 +80,19 @@ class Interrupts:
             raise Interrupt(number)
 
     def finish(self) -> None:
-        """The command is over: from now on there is nothing to clean up."""
-        for number in numbers():
+        """Let every later signal end the process at once; called when the command is over."""
+        for number in signal_numbers():
             if signal.getsignal(number) == self:
-                signal.signal(number, lambda number, _frame: leave(number))
+                signal.signal(number, lambda number, _frame: exit_at_once(number))
 
 
 @contextmanager
-def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
-    """Call `note` with the number of a signal, so that running work can end in order; a second Ctrl-C is raised.
+def deferred_signals(note: Callable[[int], None]) -> Iterator[None]:
+    """Call `note` with a signal's number in the ``with`` block, in place of raising, so that work can end normally.
 
     Raises:
-        Interrupt: a signal came before, and a library has swallowed what it raised.
+        Interrupt: a signal came before the block, and a library has suppressed its exception.
+        KeyboardInterrupt: Ctrl-C was pressed a second time.
     """
     pressed = False
 
@@ -95,12 +103,12 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
                 raise KeyboardInterrupt
             pressed = True
         for usual in before.values():
-            if isinstance(usual, Interrupts) and number != signal.SIGINT:  # Ctrl-C may be the usual end
+            if isinstance(usual, SignalHandler) and number != signal.SIGINT:  # Ctrl-C may be the usual end
                 usual.noted = number
         note(number)
 
     with ExitStack() as restored:
-        before = {number: signal.getsignal(number) for number in numbers()}
+        before = {number: signal.getsignal(number) for number in signal_numbers()}
         for number, usual in before.items():
             if usual is signal.SIG_IGN and number != signal.SIGINT:
                 continue  # nohup wants the program to go on
@@ -111,13 +119,13 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
             restored.callback(signal.signal, number, usual or signal.SIG_DFL)
         # Only now: from here on no signal can come unnoticed.
         for usual in before.values():
-            if isinstance(usual, Interrupts):
+            if isinstance(usual, SignalHandler):
                 usual.check()
         yield
 
 
-def leave(number: int, status: int | None = None) -> NoReturn:
-    """End this process and its workers at once, with the exit status of the signal where none is given."""
+def exit_at_once(number: int, status: int | None = None) -> NoReturn:
+    """End this process and its child processes at once; the exit status is `status`, by default 128 + signal number."""
     processes = sys.modules.get("multiprocessing")
     if processes is not None:
         for worker in processes.active_children():
@@ -127,4 +135,4 @@ def leave(number: int, status: int | None = None) -> NoReturn:
 
 def _leave_soon(number: int) -> None:
     time.sleep(GRACE_SECONDS)
-    leave(number)
+    exit_at_once(number)

@@ -1,7 +1,7 @@
-"""Samples go to an MCAP file while the robot runs, and to CSV and TOML when it is done.
+"""Record samples to an MCAP file while a robot runs, and write a CSV and a TOML file at the end.
 
-The MCAP file is flushed every half second of recording, so that a crash costs no more than that. Its layout is
-described in `armdyn.recording.mcap_run`; Foxglove and PlotJuggler show it.
+The MCAP file is flushed every half second of recording, so that a crash loses no more than that. Its layout is
+described in `armdyn.recording.mcap_run`; the programs Foxglove and PlotJuggler can show it.
 """
 
 import json
@@ -20,35 +20,35 @@ from armdyn.recording.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_fiel
 from armdyn.recording.sidecar import Sidecar, sidecar_text
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run, write_run_csv
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 
-FLUSH_INTERVAL = 0.5
-"""Seconds of recording that a crash may cost."""
+FLUSH_SECONDS = 0.5
+"""Interval at which the MCAP file is flushed: the part of a recording that a crash may lose [s]."""
 DROPPED_RECORD = "armdyn.dropped"
 
 
-class Recorder(Closing):
-    """Writes one recording; use it in a ``with`` block, which closes it whatever happens.
+class Recorder(Closable):
+    """Writes one recording to files; use it in a ``with`` block, which closes the files also after an exception.
 
-    Channels of the contract (see `armdyn.recording.channels`) make up the run; any others, such as
-    ``estimate.length``, are kept beside it in the MCAP file. A bad sample never stops a motion: a missing or infinite
-    value, or one that is not later than the channel's last, is left out and counted in `dropped`. Nor does a full
-    disk: `failure` says so, nothing more is written, and the samples stay in memory.
+    The channels that models use (see `armdyn.recording.channels`) form the run; other channels, such as
+    ``estimate.length``, are stored in the MCAP file only. A bad sample never stops a motion: a sample that is missing
+    or infinite, or not later than the one before, is left out and counted in `dropped`. Neither does a full disk:
+    `failure` then says what happened, nothing more is written, and the samples stay in memory.
 
     Args:
-        path: the ``.mcap`` file; CSV and TOML of the same stem are written beside it on closing.
-        channels: unit of each channel that will be recorded. Those of the contract are recorded in SI units.
-        description: a sentence for a person.
-        noise: standard deviation per channel, in its unit, where known.
+        path: the ``.mcap`` file; a CSV and a TOML file of the same stem are written beside it on closing.
+        channels: unit of each channel that will be recorded; channels that models use are recorded in SI units.
+        description: description of the recording, for a person.
+        noise: standard deviation of the noise of channels, in the channel's unit, where known.
         known: values measured by hand, such as ``{"mass": Known(0.08, 0.0004, "kg")}``.
 
     Attributes:
-        path: of the MCAP file.
-        dropped: samples that were left out, by channel.
-        failure: a sentence once the file could not be written, else None.
+        path: path of the MCAP file.
+        dropped: number of samples that were left out, by channel.
+        failure: why the file could not be written any further; None while it can.
 
     Raises:
-        InputError: the file cannot be written, or a channel of the contract is not in SI units.
+        InputError: the file cannot be written, or a channel that models use is not in SI units.
 
     Example:
         >>> with Recorder(Path("trial.mcap"), {"gripper_x": "m", "load_force": "N"}) as recorder:  # doctest: +SKIP
@@ -96,12 +96,12 @@ class Recorder(Closing):
         self._writer.flush()
 
     def record(self, channel: str, time: float, value: float) -> None:
-        """Take one sample.
+        """Record one sample.
 
         Args:
-            channel: one of those given at the start.
-            time: [s], on the run's clock.
-            value: in the channel's unit.
+            channel: name of one of the channels given at the start.
+            time: time on the run's clock [s].
+            value: value in the channel's unit.
 
         Raises:
             UnknownNameError: the channel was not given at the start.
@@ -125,7 +125,7 @@ class Recorder(Closing):
             self._fail(error)
 
     def _write(self, channel: str, time: float, value: float) -> None:
-        if time - self._flushed_at >= FLUSH_INTERVAL:
+        if time - self._flushed_at >= FLUSH_SECONDS:
             self.flush()
             self._flushed_at = time
         topic, field = self._place[channel]
@@ -138,7 +138,7 @@ class Recorder(Closing):
         message[field] = value
 
     def channel(self, name: str) -> Channel:
-        """What was recorded of `name` so far.
+        """The samples of a channel that were recorded so far.
 
         Raises:
             UnknownNameError: the channel was not given at the start.
@@ -149,7 +149,7 @@ class Recorder(Closing):
         return Channel(samples[::2], samples[1::2], self._units[name])
 
     def run(self) -> Run:
-        """The run recorded so far: the channels of the contract that have samples."""
+        """The run that was recorded so far, with the channels that models use and that have samples."""
         channels = {name: self.channel(name) for name in self._units if self._samples[name] and is_channel_name(name)}
         warnings = tuple(
             f"{name}: {count} samples left out (missing, infinite, or not later than the one before)"
@@ -159,19 +159,18 @@ class Recorder(Closing):
         return Run(self.path.name, channels, self._known, noise, self._description, self.path, warnings)
 
     def flush(self) -> None:
-        """Hand everything to the operating system: from here on a crash of this program loses nothing of it."""
+        """Write all samples to the file, so that a crash of this program does not lose them."""
         for topic in tuple(self._pending):
             self._emit(topic)
         self._writer.flush()
 
     def close(self) -> Run:
-        """Finish the MCAP file, write CSV and sidecar where there are samples, and return the run.
+        """Finish the MCAP file, write the CSV and TOML files if there are samples, and return the run.
 
-        Closing twice is fine.
+        A second call only returns the run.
 
         Raises:
-            InputError: CSV or sidecar cannot be written; the MCAP file is whole nevertheless, unless `failure` says
-                that it can only be read in part.
+            InputError: the CSV or TOML file cannot be written; the MCAP file is complete, unless `failure` is set.
         """
         run = self.run()
         if not self._closed:
@@ -201,7 +200,7 @@ class Recorder(Closing):
         )
 
     def _register_topics(self) -> dict[str, int]:
-        """One topic per group of channels, with a JSON schema that names each field's channel and unit."""
+        """Register a topic per group of channels, with a JSON schema that names each field's channel and unit."""
         fields: dict[str, dict[str, str]] = {}
         for name, (topic, field) in self._place.items():
             taken = fields.setdefault(topic, {})
@@ -227,7 +226,7 @@ class Recorder(Closing):
 
 
 def _si(name: str, unit: str) -> str:
-    """The unit, which for a channel of the contract must be the SI one."""
+    """The unit of a channel; for a channel that models use, it must be the SI unit."""
     if not is_channel_name(name):
         return unit
     to_si = unit_conversion(name, unit)

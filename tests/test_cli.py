@@ -1,4 +1,4 @@
-from pipeline.console.screen import to_screen
+from pipeline.console.screen import screen_console
 
 
 def test_help_says_what_each_command_does(armdyn):
@@ -11,7 +11,7 @@ def test_help_says_what_each_command_does(armdyn):
 def test_brackets_reach_the_terminal(armdyn, capsys):
     _, out, _ = armdyn("trial", "--help")
     assert "[m]" in out
-    to_screen().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
+    screen_console().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
     assert capsys.readouterr().out == "friction [swing_rate > 0], q [m], parameter.torque[bold]\n"
 
 
@@ -25,7 +25,7 @@ def test_out_and_output_are_one():
     """Whichever a command is known for, both are understood."""
     import typer
 
-    from pipeline.console.app import application, command_files
+    from pipeline.console.app import build_application, command_modules
 
     def options(command, path=()):
         for name, sub in getattr(command, "commands", {}).items():
@@ -34,7 +34,7 @@ def test_out_and_output_are_one():
 
     found = [
         (path, opts)
-        for path, opts in options(typer.main.get_command(application(command_files().values())))
+        for path, opts in options(typer.main.get_command(build_application(command_modules().values())))
         if opts & {"--out", "--output"}
     ]
     assert len(found) >= 12

@@ -1,11 +1,11 @@
-"""Robots: find, validate and mend a URDF, and add the facts that a URDF cannot contain.
+"""Load robots: find, validate and mend a URDF, and add the properties that a URDF cannot contain.
 
-Everything is loaded when it is first asked for (PEP 562): a command that reads no robot does not wait for Pinocchio.
+Modules are imported at first use (PEP 562), so that a command that reads no robot does not wait for Pinocchio.
 """
 
 from typing import TYPE_CHECKING
 
-from urdf.lazy import lazy_names
+from urdf.lazy import lazy_getattr
 
 if TYPE_CHECKING:
     from urdf.collision import Clearance, CollisionModel
@@ -16,7 +16,7 @@ __all__ = [
     "Clearance", "CollisionModel", "DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError",
     "known_robots", "load",
 ]  # fmt: skip
-__getattr__ = lazy_names(
+__getattr__ = lazy_getattr(
     __name__,
     {
         **dict.fromkeys(("Clearance", "CollisionModel"), "urdf.collision"),

@@ -1,93 +1,98 @@
-"""Bounds of all input: one table of limits, one parser of numbers. docs/safety.md shows the table.
+"""Largest sizes and values of input that armdyn accepts, and the parser of numbers; docs/safety.md lists the limits.
 
-A limit is set where no honest file comes near and no machine is brought to its knees; what is met is said in one line.
+Each limit is far above what real files need, and low enough that reading them does not exhaust a computer's memory.
+Input beyond a limit is refused with a message of one line.
 """
 
 import math
 import re
 
 MIB = 2**20
+"""Bytes of one mebibyte."""
 
-LARGEST_RECORDING = 256 * MIB
-"""Bytes of a CSV, MCAP or Parquet file. Text takes eight times as much memory."""
-LARGEST_BAG = 2048 * MIB
-"""Bytes of a ROS bag."""
-LARGEST_TEXT = MIB
-"""Bytes of a file that a person writes: TOML, JSON, Python."""
-LARGEST_XML = 64 * MIB
-"""Bytes of a URDF, SRDF or MJCF; the largest known description of a robot has 1 MiB."""
-LARGEST_MESH = 64 * MIB
-"""Bytes of a mesh that is read for a link's volume or shape."""
-LARGEST_UPLOAD = 256 * MIB
-"""Bytes that one request to the workbench may send."""
-LARGEST_JOURNAL = 1024 * MIB
-"""Bytes of a batch's journal: a million outcomes."""
+MAX_RECORDING_BYTES = 256 * MIB
+"""Largest size of a CSV, MCAP or Parquet file [bytes]; reading a text file takes eight times its size in memory."""
+MAX_BAG_BYTES = 2048 * MIB
+"""Largest size of a ROS bag [bytes]."""
+MAX_TEXT_FILE_BYTES = MIB
+"""Largest size of a file that a person writes, such as TOML, JSON or Python [bytes]."""
+MAX_XML_BYTES = 64 * MIB
+"""Largest size of a URDF, SRDF or MJCF file [bytes]; the largest known robot description has 1 MiB."""
+MAX_MESH_BYTES = 64 * MIB
+"""Largest size of a mesh file that is read for the volume or shape of a link [bytes]."""
+MAX_UPLOAD_BYTES = 256 * MIB
+"""Largest size of one request to the workbench [bytes]."""
+MAX_JOURNAL_BYTES = 1024 * MIB
+"""Largest size of a batch's journal, the file with a line per finished job [bytes]; enough for a million jobs."""
 
-LARGEST_CHUNK = 64 * MIB
-"""Bytes of one chunk of an MCAP file when it is unpacked; writers close one after 1 to 4 MiB."""
-LARGEST_CONTENT = 512 * MIB
-"""Bytes of what is unpacked of an MCAP, Parquet or bag file: some five million messages, or 64 million numbers."""
-LARGEST_ARRAY = 256 * MIB
-"""Bytes of one array of a table; a metre of path at the usual spacing takes 100 kB."""
+MAX_MCAP_CHUNK_BYTES = 64 * MIB
+"""Largest size of one chunk of an MCAP file after decompression [bytes]; writers end a chunk after 1 to 4 MiB."""
+MAX_UNPACKED_BYTES = 512 * MIB
+"""Largest size of an MCAP, Parquet or bag file after decompression [bytes]: five million messages or 64 million
+numbers."""
+MAX_TABLE_ARRAY_BYTES = 256 * MIB
+"""Largest size of one array in the file of an IK table [bytes]; one metre of path takes about 100 kB."""
 
-LARGEST_MESSAGE = 4 * MIB
-"""Bytes of one message of a rosbridge; joint states have 2 kB."""
-LARGEST_LINE = MIB
-"""Bytes of one line of a batch's journal."""
+MAX_ROSBRIDGE_MESSAGE_BYTES = 4 * MIB
+"""Largest size of one message from a rosbridge [bytes]; a message of joint states has about 2 kB."""
+MAX_JOURNAL_LINE_BYTES = MIB
+"""Largest size of one line of a batch's journal [bytes]."""
 
-MOST_ROWS = 5_000_000
-"""Samples of a recording."""
-MOST_COLUMNS = 2000
-"""Of a table."""
-MOST_LINKS = 2000
-"""And joints of a robot; a humanoid with its hands has 100."""
-LONGEST_NAME = 200
-"""Letters of a joint, link, column or file."""
-LONGEST_CELL = 1000
-"""Letters of a cell of a table; a number has 25."""
-DEEPEST_TABLE = 20
-"""TOML tables and lists in one another; no file of ours has more than five. Of JSON: what Python's stack allows."""
-DEEPEST_XML = 50
-"""Elements in one another; a URDF has 6."""
+MAX_RECORDING_ROWS = 5_000_000
+"""Largest number of samples in a recording."""
+MAX_TABLE_COLUMNS = 2000
+"""Largest number of columns in a table."""
+MAX_ROBOT_LINKS = 2000
+"""Largest number of links, and of joints, of a robot; a humanoid robot with hands has about 100."""
+MAX_NAME_LENGTH = 200
+"""Largest number of characters in the name of a joint, link, column or file."""
+MAX_CELL_LENGTH = 1000
+"""Largest number of characters in a cell of a table; a number takes at most 25."""
+MAX_TOML_DEPTH = 20
+"""Largest depth of nested tables and lists in a TOML file; armdyn's own files need at most five."""
+MAX_XML_DEPTH = 50
+"""Largest depth of nested XML elements; a URDF needs six."""
 
-CONNECTING = 5.0
-"""s for the whole way until a rosbridge is connected, and for the answer of a service."""
+ROSBRIDGE_TIMEOUT_SECONDS = 5.0
+"""Longest time to connect to a rosbridge, and longest wait for the answer of a ROS service [s]."""
 
-SMALLEST_SIZE, LARGEST_SIZE = 1e-15, 1e15
-"""Size of a number that a person or a program gives, 0 apart, in SI units: beyond, squares and products overflow or
-vanish, and no robot has it."""
-LARGEST_COUNT = 1e20
-"""Of a column of others, in whatever unit: nanoseconds since 1970 are 2e18."""
-LARGEST_INTEGER = 2**63
-"""TOML promises integers of 64 bits; Python would also take one of 400 digits, which is no float."""
+MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-15, 1e15
+"""Smallest and largest absolute value of a number other than 0 that a person or program gives, in SI units.
+
+No quantity of a robot lies beyond, and squares and products of such numbers would overflow or underflow.
+"""
+MAX_UNCONVERTED_VALUE = 1e20
+"""Largest absolute value in a recording's column before its unit is converted; nanoseconds since 1970 are 2e18."""
+TOML_INTEGER_LIMIT = 2**63
+"""Integers of a TOML file lie from minus this value to one below it: TOML guarantees 64 bits."""
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
-def number(text: str) -> float:
-    """Parse a number from a text: decimal digits, a point, an exponent.
+def parse_number(text: str) -> float:
+    """Parse a decimal number with an optional sign, point and exponent, such as ``-1.5e-3``.
 
-    Python reads more: ``1_000``, digits of other scripts, ``nan``, ``1e999`` as infinite. To a person these are
-    mistakes.
+    Python's `float` also accepts ``1_000``, digits of other scripts, ``nan`` and ``1e999``; in a file these are
+    probably mistakes, and they are refused here.
 
     Raises:
-        ValueError: the text is no finite number.
+        ValueError: the text is not a finite number.
     """
     plain = text.strip(" \t")
-    if len(plain) > LONGEST_CELL or _NUMBER.fullmatch(plain) is None:
-        raise ValueError(f"'{shown(plain)}' is not a number")
+    if len(plain) > MAX_CELL_LENGTH or _NUMBER.fullmatch(plain) is None:
+        raise ValueError(f"'{printable_excerpt(plain)}' is not a number")
     value = float(plain)
     if not math.isfinite(value):
-        raise ValueError(f"'{shown(plain)}' is too large for a number")
+        raise ValueError(f"'{printable_excerpt(plain)}' is too large for a number")
     return value
 
 
-def is_sane(value: float) -> bool:
-    """Whether a number is 0 or of a plausible size."""
-    return value == 0.0 or SMALLEST_SIZE <= abs(value) <= LARGEST_SIZE
+def has_plausible_magnitude(value: float) -> bool:
+    """Whether a number is 0, or its absolute value lies between `MIN_MAGNITUDE` and `MAX_MAGNITUDE`."""
+    return value == 0.0 or MIN_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE
 
 
-def shown(text: str, longest: int = 60) -> str:
-    """A text shortened for a message, without control characters of a terminal."""
+def printable_excerpt(text: str, longest: int = 60) -> str:
+    """A text cut to at most `longest` characters for a message, with unprintable characters replaced by '?'."""
     cut = text if len(text) <= longest else f"{text[:longest]}..."
     return "".join(c if c.isprintable() else "?" for c in cut)

@@ -1,4 +1,4 @@
-"""Collisions of an arm with itself or with the rest of its robot."""
+"""Detect collisions of an arm with itself or with the rest of its robot."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -7,12 +7,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, Robot, UrdfError
 
 
 class Clearance(NamedTuple):
-    """The closest pair of links and how far apart they are; negative where they overlap."""
+    """The two links of a robot that are closest to each other, and their distance; negative where they overlap."""
 
     distance: float  # m
     first: str
@@ -43,9 +43,9 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
 
 
 class CollisionModel:
-    """The collision shapes of a robot, fixed at its neutral posture but for the arm, and the pairs worth checking.
+    """Checks a robot's links for collisions: the arm's joints move, all other joints stay at their neutral position.
 
-    Pairs that its SRDF or its settings exclude are left out, and so are links joined by one joint.
+    Pairs of links are not checked if the robot's SRDF or settings exclude them, or if one joint connects them.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -60,11 +60,11 @@ class CollisionModel:
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of links that are checked against each other."""
+        """Names of the links of each pair that is checked for collision."""
         return tuple(self._links(index) for index in range(len(self._shapes.collisionPairs)))
 
     def touching(self, q: Array) -> tuple[str, str] | None:
-        """The first pair of links that touch at a posture (n,), or None."""
+        """Names of the first two links that collide at joint positions q (n,) [rad or m]; None without a collision."""
         pin.computeCollisions(self._model, self._data, self._hulls, self._hull_results, np.asarray(q), False)
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._results)
         results = self._hull_results.collisionResults
@@ -76,10 +76,10 @@ class CollisionModel:
         return None
 
     def clearance(self, q: Array) -> Clearance:
-        """The closest pair of checked links at a posture (n,), and their distance.
+        """The closest pair of checked links, and their distance, at joint positions q (n,) [rad or m].
 
-        Meshes are at least as far apart as their convex hulls: a pair of meshes is measured only where the hulls are
-        closer than the closest meshes so far.
+        The distance of two convex hulls is a lower bound of the distance of their meshes; the exact distance of two
+        meshes is computed only where this bound is below the smallest distance found before.
         """
         pin.computeDistances(self._model, self._data, self._hulls, self._hull_results, np.asarray(q))
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._results)
@@ -97,11 +97,7 @@ class CollisionModel:
         return Clearance(float(least), *self._links(closest))
 
     def _follow(self, srdf: Path) -> None:
-        """Leave out the pairs of links that an SRDF excludes.
-
-        Raises:
-            UrdfError: it cannot be read.
-        """
+        """Exclude the pairs of links that an SRDF file lists as needing no check."""
         with library_errors(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
             pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
 
@@ -125,12 +121,15 @@ class CollisionModel:
 
 
 def link_of_shape(shape: pin.GeometryObject) -> str:
-    """Name of a shape's link; Pinocchio numbers the shapes of a link: "hand_0", "hand_1"."""
+    """Name of the link that a collision shape belongs to; Pinocchio numbers a link's shapes, "hand_0", "hand_1"."""
     return str(shape.name.rpartition("_")[0])
 
 
-def hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool]:
-    """The convex hull of a mesh, another geometry itself, and whether that is the geometry."""
+def convex_hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool]:
+    """The convex hull of a geometry, and whether the hull has exactly the geometry's shape.
+
+    Geometries other than meshes, such as boxes and spheres, are convex and are returned unchanged.
+    """
     if not isinstance(geometry, coal.BVHModelBase):
         return geometry, True
     # `buildConvexRepresentation` would only reinterpret the triangles; this call also returns whether they are convex.
@@ -139,11 +138,11 @@ def hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool
 
 
 def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset[int]]:
-    """Copy of collision shapes with convex hulls for meshes, and the pairs whose distance this changes."""
+    """Collision shapes with convex hulls in place of meshes, and the indices of the pairs with a non-convex mesh."""
     hulls = pin.GeometryModel(shapes)
     hollow = set()
     for number, shape in enumerate(hulls.geometryObjects):
-        shape.geometry, exact = hull(shape.geometry)
+        shape.geometry, exact = convex_hull(shape.geometry)
         if not exact:
             hollow.add(number)
     pairs = enumerate(hulls.collisionPairs)

@@ -1,4 +1,4 @@
-"""Find robot descriptions and their meshes on this machine."""
+"""Find the files of robot descriptions and their meshes on this computer."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ from urdf.robot import UrdfError
 
 
 def distribution_file(distribution: str, tail: str) -> Path:
-    """A data file that an installed Python package carries, found by the last parts of its path.
+    """Path of a data file of an installed Python package, found by the last parts of its path.
 
     Raises:
         UrdfError: the package or the file is missing.
@@ -41,7 +41,10 @@ def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
 
 
 def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Path | None:
-    """The file of a mesh's ``filename``; None where there is no such file."""
+    """Path of the file that a mesh's ``filename`` in a URDF refers to; None where there is no such file.
+
+    `directories` contain the packages of ``package://`` names.
+    """
     scheme, found, rest = uri.partition("://")
     if found and scheme == "package":
         candidates = [directory / rest for directory in directories]
@@ -53,7 +56,7 @@ def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Pat
 
 
 def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The package directories of a URDF, and the names of missing meshes."""
+    """The directories that contain the packages named in a URDF's meshes, and the ``filename`` of each missing mesh."""
     uris = dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh") if mesh.get("filename"))
     directories = package_dirs(path, uris)
     places = {uri: locate_mesh(uri, path, directories) for uri in uris}
@@ -62,16 +65,16 @@ def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[s
     return directories, tuple(uri for uri, mesh in places.items() if mesh is None)
 
 
-def make_absolute(root: ET.Element, path: Path) -> None:
-    """Replace relative mesh names of a URDF by absolute ones, in place, so that its text can be read anywhere."""
+def make_mesh_paths_absolute(root: ET.Element, path: Path) -> None:
+    """Replace relative paths of meshes in a URDF by absolute ones, in place; `path` is the URDF's file."""
     for mesh in root.iter("mesh"):
         uri = str(mesh.get("filename", ""))
         if uri and "://" not in uri:
             mesh.set("filename", str((path.parent / uri).resolve()))
 
 
-def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
-    """Remove visual and collision shapes whose mesh is missing from a URDF, in place; a sentence per mesh."""
+def remove_shapes_without_mesh(root: ET.Element, missing: Iterable[str]) -> list[str]:
+    """Remove the visual and collision shapes whose mesh is missing from a URDF, in place; one sentence per mesh."""
     gone = dict.fromkeys(missing)
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:

@@ -1,4 +1,4 @@
-"""Find a robot's gripper joints by what they move and how far, not by their names."""
+"""Find the joints of a robot's gripper from the masses that they move and their ranges, not from their names."""
 
 import math
 from copy import deepcopy
@@ -6,27 +6,34 @@ from xml.etree import ElementTree as ET
 
 import pinocchio as pin
 
-from urdf.validate import MOVING_JOINT_TYPES, copied
+from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints
 
 MAX_FINGER_MASS_SHARE = 1 / 15
-"""Largest share that fingers have of what the first joint of their chain moves. Over the 69 robots of the package
-example-robot-data: jaws and fingers up to 0.058, the calves of quadrupeds, which open as jaws do, from
-0.088."""
+"""Largest mass that a gripper's joint moves, as a share of the mass that the first joint of its chain moves.
+
+Over the 69 robots of the package example-robot-data, jaws and fingers have at most 0.058 of that mass. The calves of
+quadrupeds, which open as jaws do, have at least 0.088.
+"""
 MAX_JAW_MASS_SHARE = 0.5
-"""Largest mass of a lone jaw, of that which carries it: jaws there have up to 0.34, wrists and heads at least 1."""
+"""Largest mass of a single jaw, as a share of the mass of the link that carries it.
+
+In the package example-robot-data, jaws have at most 0.34 of that mass, wrists and heads at least 1.
+"""
 MAX_JAW_OPENING = {"revolute": math.pi, "prismatic": 0.1}
-"""rad or m; a lone jaw opens by less, jaws there by up to 2.2; a wrist that is as light as a jaw rolls further."""
+"""Largest range of a single jaw's joint [rad or m]; jaws in example-robot-data open by at most 2.2, light wrists turn
+further."""
 
 
 def gripper_joints(root: ET.Element) -> frozenset[str]:
-    """Names of joints of grippers and hands in a URDF, with all joints behind them.
+    """Names of the joints in a URDF that belong to a gripper or a hand.
 
-    They move little of the arm's mass, and either there are several on one palm, or one copies another, or it is a lone
-    jaw: the last joint, which opens less than half a turn and is lighter than what carries it. Empty where all joints
-    would be a gripper's, as in the description of a hand alone.
+    Such a joint moves little of the arm's mass. In addition, one of three holds: it is one of several on the same palm;
+    it mimics another joint, or another joint mimics it; or it is a single jaw, the last joint of the chain, which opens
+    by less than half a turn and is lighter than the link that carries it. The result is empty where every joint would
+    belong to the gripper, as for a hand without an arm.
     """
     elements = {str(joint.get("name")): joint for joint in root.findall("joint")}
-    followed, model = copied(root), _model(root)
+    followed, model = mimicked_joints(root), _model(root)
     coupled = {*followed, *followed.values()}
     data, joints = model.createData(), range(1, model.njoints)
     pin.computeSubtreeMasses(model, data)
@@ -43,7 +50,7 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
 
 
 def _model(root: ET.Element) -> pin.Model:
-    """Masses along the moving joints of a URDF; links that are fixed to each other are one body."""
+    """Pinocchio model of a URDF with masses and moving joints only."""
     copy = deepcopy(root)
     for joint in copy.findall("joint"):
         if joint.get("type") not in MOVING_JOINT_TYPES:

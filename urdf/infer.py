@@ -1,4 +1,4 @@
-"""Settings for a robot without a settings file."""
+"""Choose the settings of a robot that has no settings file: its arm, its tool and a home posture."""
 
 import math
 from pathlib import Path
@@ -8,32 +8,41 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.gripper import gripper_joints
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING_JOINT_TYPES, copied, link_of
+from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
+from urdf.validate import MOVING_JOINT_TYPES, joint_link, mimicked_joints
 
-SPEED_UP_SECONDS = 0.1  # s from rest to full speed
-JERK_SECONDS = 0.02  # s from none to full acceleration
+ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
+ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration
 LIMITS_SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-RANDOM_POSTURES = 2000  # random postures among which a home is chosen
+HOME_CANDIDATES = 2000  # random postures among which the home posture is chosen
 GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
-"""Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
+"""Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 
 
-def infer(
+def infer_settings(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
-) -> tuple[Settings, tuple[str, ...]]:
-    """Choose an arm and its tool in a URDF, as far as its joints (from base to tool) and the tool's link are not given.
+) -> tuple[RobotSettings, tuple[str, ...]]:
+    """Choose the arm and the tool of a robot in a URDF, where they are not given.
 
-    The arm is the chain with most moving joints from the root, without those of a gripper; its tool is the last link
-    that moves with it and carries no further joint.
+    The arm is the chain from the root with the most moving joints, without those of a gripper; its tool is the last
+    link that moves with it and carries no further joint.
+
+    Args:
+        root: root element of the URDF.
+        path: the URDF's file, for messages.
+        joints: names of the arm's joints from base to tool; None to choose them.
+        tool: name of the tool's link; None to choose it.
 
     Returns:
-        The settings, without home and limits, and a sentence per choice.
+        The settings, without home posture and limits, and a sentence per choice that was made.
+
+    Raises:
+        UrdfError: a given joint does not exist, does not move or mimics another joint.
     """
     moving = {
         str(joint.get("name")): joint
@@ -54,34 +63,38 @@ def infer(
             said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
     for name in joints:
         if name not in moving:
-            leader = copied(root).get(name)
+            leader = mimicked_joints(root).get(name)
             what = f"joint '{name}' copies '{leader}'" if leader else f"there is no moving joint '{name}'"
             raise UrdfError(f"{path}: {what}; choose among {', '.join(moving)}")
     if tool is None:
         tool = _tool(root, chains, joints)
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
-    settings = Settings(
+    settings = RobotSettings(
         name=path.name,
-        urdf=UrdfFile(str(path)),
-        arm=Arm(joints, home=()),
-        tool=Tool(tool, (0.0, 0.0, 0.0)),
-        limits=AssumedLimits((), (), LIMITS_SOURCE),
+        urdf=UrdfSettings(str(path)),
+        arm=ArmSettings(joints, home=()),
+        tool=ToolSettings(tool, (0.0, 0.0, 0.0)),
+        limits=LimitSettings((), (), LIMITS_SOURCE),
     )
     return settings, tuple(said)
 
 
-def is_gripper(name: str) -> bool:
-    """Whether a name is that of a part of a gripper."""
+def is_gripper_name(name: str) -> bool:
+    """Whether a joint's or link's name contains a usual word for a part of a gripper, such as "finger"."""
     return any(part in name.lower() for part in GRIPPER_NAME_PARTS)
 
 
-def assumed_home(model: pin.Model, tool_frame: int) -> Array:
-    """A home posture (n,) of an arm, far from joint limits and singularities: the best of many random ones."""
+def choose_home(model: pin.Model, tool_frame: int) -> Array:
+    """Choose a home posture (n,) [rad or m] far from joint limits and singularities, the best of many random ones.
+
+    The best one has the largest product of the Jacobian's smallest singular value and the smallest relative distance
+    to a joint limit. `tool_frame` is the index of the tool's frame in the model.
+    """
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
     best, best_score = (lower + upper) / 2, -1.0
-    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (RANDOM_POSTURES, model.nq)):
+    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (HOME_CANDIDATES, model.nq)):
         jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, model.nv)  # Pinocchio removes the second axis for a single joint
         # The smallest singular value that counts: an arm with few joints has as many singular values as joints.
@@ -94,8 +107,8 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
 
 def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
     """Joint names and link names from the root to every leaf, in the order of the file."""
-    parent_of = {link_of(joint, "child"): joint for joint in root.findall("joint")}
-    parents = {link_of(joint, "parent") for joint in root.findall("joint")}
+    parent_of = {joint_link(joint, "child"): joint for joint in root.findall("joint")}
+    parents = {joint_link(joint, "parent") for joint in root.findall("joint")}
     chains = []
     for link in (str(link.get("name")) for link in root.findall("link")):
         if link in parents:
@@ -104,13 +117,13 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
         while links[-1] in parent_of:
             joint = parent_of[links[-1]]
             joints.append(str(joint.get("name")))
-            links.append(link_of(joint, "parent"))
+            links.append(joint_link(joint, "parent"))
         chains.append((joints[::-1], links[::-1]))
     return chains
 
 
 def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...]) -> str:
-    """The last link that moves with the last joint and with no further one."""
+    """The last link that is fixed to the link which the arm's last joint moves."""
     moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING_JOINT_TYPES}
     best: list[str] = []
     for chain, links in chains:
@@ -123,4 +136,4 @@ def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: t
             best = links[start + 1 : end + 1]
     if best:
         return best[-1]
-    return next(link_of(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])
+    return next(joint_link(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])

@@ -1,14 +1,16 @@
-"""Lazy packages: their names are loaded at the first use (PEP 562), so that importing them takes no time."""
+"""Packages whose modules are imported at first use (PEP 562), so that importing the package takes no time."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
 
-def lazy_names(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package whose names are loaded at the first use.
+def lazy_getattr(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
+    """Make the ``__getattr__`` function of a package that imports its public names at first use.
 
-    `files` has the module that defines each name; for a module that is public itself, its own name.
+    Args:
+        package: name of the package.
+        files: for each public name, the module that defines it; for a public module, the module's own name.
     """
 
     def load(name: str) -> Any:

@@ -13,22 +13,22 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
-from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
-from urdf.quiet import library_errors
-from urdf.robot import IN_A_URDF, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
-from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
-from urdf.validate import MJCF, check_plain
+from urdf.find import distribution_file, find_meshes, make_mesh_paths_absolute, remove_shapes_without_mesh
+from urdf.library_output import library_errors
+from urdf.mend import InertiaFault, add_frames, complete_limits, mend_inertias, rename_ambiguous_links
+from urdf.robot import URDF_DYNAMICS, ArmDynamics, DescriptionWarning, Limits, Robot, UrdfError, missing_limit_sentences
+from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, read_robot_settings
+from urdf.validate import MJCF_ROOT_TAG, check_names_and_numbers
 
 if TYPE_CHECKING:
-    from urdf.mjcf import Mjcf
+    from urdf.mjcf import CompiledMjcf
 
-SETTINGS = Path(__file__).parent / "robots"
+SETTINGS_DIRECTORY = Path(__file__).parent / "robots"
 
 
 def known_robots() -> tuple[str, ...]:
-    """Names that `load` knows."""
-    return tuple(sorted(path.stem for path in SETTINGS.glob("*.toml")))
+    """Names of the robots that `load` finds without a file."""
+    return tuple(sorted(path.stem for path in SETTINGS_DIRECTORY.glob("*.toml")))
 
 
 def load(
@@ -42,12 +42,12 @@ def load(
 
     Args:
         name_or_path: a known robot's name, a URDF file, or a settings file (``.toml``) that names its URDF.
-        joints: the arm's joints from base to tool; those of the settings, else the longest chain, if not given.
-        tool: the link that carries the tool; that of the settings, else the last moving link, if not given.
-        meshes: whether every mesh must be there; without it, shapes whose mesh is missing are left out and listed.
+        joints: the arm's joints from base to tool; by default those of the settings, else the longest chain.
+        tool: the link that carries the tool; by default that of the settings, else the last moving link.
+        meshes: whether a missing mesh file is an error; if False, shapes whose mesh is missing are removed and listed.
 
     Returns:
-        The robot; its ``defects`` list what was wrong, and what was done about it.
+        The robot; its ``defects`` list the faults of the description and how each was repaired.
 
     Raises:
         UrdfError: the description is unknown or cannot be used.
@@ -58,13 +58,13 @@ def load(
             "no joint is named: name the arm's joints from base to tool, or leave them out to take them all"
         )
     if name in known_robots():
-        path = SETTINGS / f"{name}.toml"
+        path = SETTINGS_DIRECTORY / f"{name}.toml"
     elif path.suffix.lower() not in (".toml", ".urdf", ".xml") and not path.exists():
         close = difflib.get_close_matches(name, known_robots(), n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"
         raise UrdfError(f"unknown robot '{name}': {hint} Or give the path of a URDF file")
     if path.suffix.lower() == ".toml":
-        text, settings = read_settings(path)
+        text, settings = read_robot_settings(path)
         urdf_path, srdf = _locate(settings, path)
         if joints is not None or tool is not None:
             settings = _narrowed(settings, joints, tool)
@@ -72,7 +72,7 @@ def load(
         robot = _assemble(_read(urdf_path), srdf, settings, text, meshes)
     else:
         description = _read(path)
-        settings, said = infer.infer(description.root, path, None if joints is None else tuple(joints), tool)
+        settings, said = infer.infer_settings(description.root, path, None if joints is None else tuple(joints), tool)
         text = f"{path.name} {settings.arm.joints} {settings.tool.frame}"
         robot = _assemble(replace(description, notes=(*said, *description.notes)), None, settings, text, meshes)
     for sentence in robot.warnings:
@@ -82,21 +82,21 @@ def load(
 
 @dataclass(frozen=True)
 class _Description:
-    """A checked robot description as a URDF, and what MuJoCo made of it if it is an MJCF.
+    """A checked robot description as a URDF, with the compiled MJCF if it was one.
 
-    A user who makes a model must know its `notes`; `changed` are further sentences, about changes.
+    `notes` are sentences that a user who makes a model must know; `changed` are sentences about repairs.
     """
 
     path: Path
     root: ET.Element
     notes: tuple[str, ...]
     changed: tuple[str, ...]
-    mjcf: "Mjcf | None" = None
+    mjcf: "CompiledMjcf | None" = None
 
-    def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
-        """Dynamics of an arm in the description that a URDF cannot contain."""
+    def dynamics(self, joints: tuple[str, ...]) -> ArmDynamics:
+        """Gravity, rotors, damping and springs of an arm."""
         if self.mjcf is None:
-            return IN_A_URDF
+            return URDF_DYNAMICS
         from urdf.mjcf_dynamics import arm_dynamics
 
         return arm_dynamics(self.mjcf, joints)
@@ -122,23 +122,27 @@ class _Description:
 
 def _read(path: Path) -> _Description:
     """The URDF in a file, or of the robot in an MJCF."""
-    root = validate.parse(path)
+    root = validate.parse_description(path)
     mjcf, changed = None, list[str]()
-    if root.tag == MJCF:
+    if root.tag == MJCF_ROOT_TAG:
         from urdf.mjcf import read_mjcf
 
         mjcf = read_mjcf(path)
         root = mjcf.root
     validate.check_tree(root, path)
-    check_plain(root, path)
+    check_names_and_numbers(root, path)
     if mjcf is None:
         changed = validate.check_schema(path)
     return _Description(
-        path, root, mjcf.sentences if mjcf else validate.suspicious_entries(root), (*changed, *tell_apart(root)), mjcf
+        path,
+        root,
+        mjcf.sentences if mjcf else validate.suspicious_entries(root),
+        (*changed, *rename_ambiguous_links(root)),
+        mjcf,
     )
 
 
-def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
+def _locate(settings: RobotSettings, source: Path) -> tuple[Path, Path | None]:
     """Files of the URDF and the SRDF named by settings, in a package or beside the settings."""
 
     def find(key: str, name: str) -> Path:
@@ -152,8 +156,8 @@ def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
     return find("[urdf] file", settings.urdf.file), None if srdf is None else find("[collision] srdf", srdf)
 
 
-def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None) -> Settings:
-    """Settings for some of an arm's joints, or another tool; a line holds for neither."""
+def _narrowed(settings: RobotSettings, joints: Sequence[str] | None, tool: str | None) -> RobotSettings:
+    """Settings for some of an arm's joints or for another tool, without a line, which would no longer be valid."""
     own = settings.arm.joints
     chosen = own if joints is None else tuple(joints)
     for name in chosen:
@@ -166,16 +170,19 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
     limits = settings.limits
     return replace(
         settings,
-        arm=Arm(chosen, those(settings.arm.home)),
-        tool=settings.tool if tool is None else Tool(tool, (0.0, 0.0, 0.0)),
-        limits=AssumedLimits(those(limits.acceleration), those(limits.jerk), limits.source),
+        arm=ArmSettings(chosen, those(settings.arm.home)),
+        tool=settings.tool if tool is None else ToolSettings(tool, (0.0, 0.0, 0.0)),
+        limits=LimitSettings(those(limits.acceleration), those(limits.jerk), limits.source),
         springs=tuple(spring for spring in settings.springs if spring.joint in chosen),
         line=None,
     )
 
 
-def _assemble(described: _Description, srdf: Path | None, settings: Settings, text: str, meshes: bool) -> Robot:
-    """The robot of a description, which is mended in place, and of settings, whose text is part of the fingerprint."""
+def _assemble(described: _Description, srdf: Path | None, settings: RobotSettings, text: str, meshes: bool) -> Robot:
+    """Build the robot from a description, which is mended in place, and its settings.
+
+    The settings' text is part of the robot's fingerprint.
+    """
     joints, root, path = settings.arm.joints, described.root, described.path
     validate.check_limits(root, path, joints)
     defects = [*described.changed, *complete_limits(root, joints)]
@@ -185,7 +192,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
             f"{path}: mesh '{missing[0]}' is missing{f', and {len(missing) - 1} more' if missing[1:] else ''}; "
             "install its package, set ROS_PACKAGE_PATH, or load the robot without its missing meshes"
         )
-    defects += leave_out_shapes(root, missing)
+    defects += remove_shapes_without_mesh(root, missing)
     try:
         judged = mend_inertias(root, path, directories)
     except UrdfError as error:
@@ -198,7 +205,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
             raise UrdfError(f"robot '{settings.name}': [[frames]] {frame.name}: {wrong}; name a link of the URDF")
     add_frames(root, settings.frames)
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
-    make_absolute(root, path)
+    make_mesh_paths_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
     (model, carried), tool = _reduced(xml, joints, path, dynamics), settings.tool
     if described.mjcf is not None:
@@ -208,13 +215,13 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
     if not model.existFrame(tool.frame):
         raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
     defects += [*(one.sentence for one in judged), *_weightless(model)]
-    lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limits(model)]
+    lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limit_sentences(model)]
     notes = [*described.notes, *described.left_out(joints), *_held(root, carried, joints), *lacking]
     try:
         limits = _limits(model, settings.limits)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
-    home = np.array(settings.arm.home or infer.assumed_home(model, model.getFrameId(tool.frame)))
+    home = np.array(settings.arm.home or infer.choose_home(model, model.getFrameId(tool.frame)))
     outside = np.flatnonzero((home < model.lowerPositionLimit) | (home > model.upperPositionLimit))
     if outside.size:
         worst = int(outside[0])
@@ -241,12 +248,12 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
         notes=tuple(notes),
         warnings=tuple(_warnings(model, judged)),
         fingerprint=hashlib.sha256(f"{digest}\n{text}\n{dynamics}".encode()).hexdigest(),
-        given_line=None if settings.line is None else settings.line.line(),
+        given_line=None if settings.line is None else settings.line.to_line(),
     )
 
 
-def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
-    """Model of the arm alone, with joints in order from base to tool and carried joints fixed."""
+def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: ArmDynamics) -> tuple[pin.Model, list[str]]:
+    """Model of the arm alone, with all other joints fixed, and the names of the fixed joints that the arm carries."""
     with library_errors(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
@@ -268,7 +275,7 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) 
 
 def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[str]:
     """Sentences on joints that an arm carries and that do not move in its model."""
-    leaders = validate.copied(root)
+    leaders = validate.mimicked_joints(root)
     said = [
         f"{name} copies {leader} and is held at 0 all the same: no joint of an arm follows another"
         for name, leader in leaders.items()
@@ -282,23 +289,23 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
     )
 
 
-def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
+def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
     """Limits of the joints; None where their description lacks them."""
-    if missing_limits(model):
+    if missing_limit_sentences(model):
         return None
     velocity = np.array(model.velocityLimit)
-    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP_SECONDS
+    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.ASSUMED_SPEED_UP_SECONDS
     return Limits(
         lower=np.array(model.lowerPositionLimit),
         upper=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=acceleration,
-        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_SECONDS,
+        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.ASSUMED_JERK_SECONDS,
         effort=np.array(model.effortLimit),
     )
 
 
-def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
+def _warnings(model: pin.Model, judged: Sequence[InertiaFault]) -> list[str]:
     """Sentences on wrong inertias of links that the arm moves, where they change the torques."""
     moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
     replaced = [one.link for one in judged if one.link in moved and one.moments is not None]

@@ -8,18 +8,19 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from urdf.bounds import LARGEST_MESH
+from urdf.bounds import MAX_MESH_BYTES
 from urdf.find import locate_mesh
-from urdf.quiet import library_errors
+from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
-from urdf.settings import Frame
+from urdf.settings import FrameSettings
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
-ENDLESS_JOINT_TURN = 2 * math.pi
+CONTINUOUS_JOINT_LIMIT = 2 * math.pi
+"""Position limit to either side of a joint without limits [rad]."""
 
 
-def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
-    """Add massless links with fixed joints to a URDF, in place."""
+def add_frames(root: ET.Element, frames: Iterable[FrameSettings]) -> None:
+    """Add each frame to a URDF as a massless link with a fixed joint, in place."""
     for frame in frames:
         ET.SubElement(root, "link", name=frame.name)
         joint = ET.SubElement(root, "joint", name=f"{frame.name}_joint", type="fixed")
@@ -28,8 +29,12 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
         ET.SubElement(joint, "child", link=frame.name)
 
 
-def tell_apart(root: ET.Element) -> list[str]:
-    """Rename links with the name of a joint, in place, as Pinocchio keeps both in one list; a sentence each."""
+def rename_ambiguous_links(root: ET.Element) -> list[str]:
+    """Rename the links of a URDF that have the name of a joint, in place; Pinocchio needs different names.
+
+    Returns:
+        A sentence per renamed link.
+    """
     joints = {joint.get("name") for joint in root.findall("joint")}
     taken = joints | {link.get("name") for link in root.findall("link")}
     renamed = {}
@@ -45,9 +50,13 @@ def tell_apart(root: ET.Element) -> list[str]:
 
 
 def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give every joint a ``<limit>``, in place, as urdfdom reads no joint without one; zeros mean that it is not given.
+    """Give every moving joint of a URDF a ``<limit>`` element, in place; the parser urdfdom requires one.
 
-    The arm's endless joints get one turn to either side, so that each has one coordinate and a margin: a sentence each.
+    A limit of zero means that the limit is unknown. Joints of the arm (`joints`) that turn without end get limits of
+    one turn to either side, because Pinocchio describes such a joint by two coordinates.
+
+    Returns:
+        A sentence per joint of the arm that turns without end.
     """
     sentences = []
     for joint in root.findall("joint"):
@@ -62,8 +71,8 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-ENDLESS_JOINT_TURN))
-            limit.set("upper", repr(ENDLESS_JOINT_TURN))
+            limit.set("lower", repr(-CONTINUOUS_JOINT_LIMIT))
+            limit.set("upper", repr(CONTINUOUS_JOINT_LIMIT))
         for key in LIMIT_NAMES:
             limit.set(key, limit.get(key, "0"))
     return sentences
@@ -77,16 +86,20 @@ MIN_MEASURED_GYRATION = (
 )
 MOMENT_TOLERANCE_SHARE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
 MOMENT_NAMES = ("ixx", "iyy", "izz")
-PRODUCTS = ("ixy", "ixz", "iyz")
+PRODUCT_NAMES = ("ixy", "ixz", "iyz")
 
 Box = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Judgement of the inertia of a link that has a defect, in a sentence; whether a body can have the inertia.
+class InertiaFault:
+    """A fault of a link's inertia in a URDF.
 
-    Moments of inertia (3,) [kg m^2] from the shapes replace it where they are given.
+    Attributes:
+        link: name of the link.
+        sentence: the fault, and how it was repaired.
+        moments: moments of inertia of the link's collision shapes, (3,) [kg m^2], where they replace those of the file.
+        possible: whether a rigid body can have the inertia of the file.
     """
 
     link: str
@@ -95,16 +108,21 @@ class Judged:
     possible: bool = True
 
 
-def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
-    """Compare every link's inertia with its mass and its collision shapes, and mend impossible ones in place.
+def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[InertiaFault]:
+    """Compare every link's inertia with its mass and collision shapes, and replace impossible inertias in place.
 
-    The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
-    0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
-    too small is left alone, as it does little harm and an author may mean a point mass: it is listed. Meshes are found
-    from the path of the URDF and the directories that contain packages; without a path they are not measured.
+    The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers violate this:
+    0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such an inertia is replaced by that of a solid with the link's
+    collision shapes. An inertia that is far too small does little harm and may stand for a point mass: it is listed and
+    kept.
+
+    Args:
+        root: root element of the URDF.
+        path: file of the URDF, from which meshes are found; without it, meshes are not measured.
+        directories: directories that contain the packages of ``package://`` names.
 
     Returns:
-        A judgement per link with a defect.
+        The faults, at most one per link.
 
     Raises:
         UrdfError: a mesh cannot be read.
@@ -116,7 +134,9 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
             continue
         name = str(link.get("name"))
         mass = float(mass_element.get("value", "0"))
-        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCTS))
+        moments, products = (
+            [float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCT_NAMES)
+        )
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         judged = _judge(name, mass, moments, products, boxes)
         if judged is None:
@@ -125,13 +145,15 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         if judged.moments is not None:
             for key, value in zip(MOMENT_NAMES, judged.moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
-            for key in PRODUCTS:
+            for key in PRODUCT_NAMES:
                 inertia_element.set(key, "0")
     return found
 
 
-def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
-    """Judge one link's inertia; None where nothing is wrong."""
+def _judge(
+    name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]
+) -> InertiaFault | None:
+    """Fault of one link's inertia; None without one."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= MIN_SHAPE_EXTENT and mass > 0 else None
     if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
@@ -140,26 +162,29 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg needs a body of {body:.2g} m; "
             f"replaced by that of its collision shapes, {max(solid):.2g} kg m^2"
         )
-        return Judged(name, sentence, solid)
+        return InertiaFault(name, sentence, solid)
     tensor = np.diag(moments)
     tensor[np.triu_indices(3, 1)] = products
-    wrong = no_body(tensor)
+    wrong = impossible_inertia_reason(tensor)
     if wrong:
-        return Judged(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
+        return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
     if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
             f"collision shapes suggest {max(solid):.2g} kg m^2; left as it is"
         )
-        return Judged(name, sentence)
+        return InertiaFault(name, sentence)
     return None
 
 
-def no_body(inertia: Array) -> str:
-    """Why no body can have an inertia about its centre, (3, 3) upper triangle [kg m^2]; empty where one can.
+def impossible_inertia_reason(inertia: Array) -> str:
+    """Explain why no rigid body can have an inertia; empty where a body can have it.
 
-    A principal moment is a sum of squares over the body, and at most the sum of the two others.
+    Every principal moment of inertia must be positive, and at most the sum of the two others.
+
+    Args:
+        inertia: inertia about the centre of mass, (3, 3) [kg m^2]; only the upper triangle is read.
     """
     principal = np.linalg.eigvalsh(inertia, UPLO="U")
     slack = MOMENT_TOLERANCE_SHARE * max(principal[2], 0.0)
@@ -201,13 +226,13 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     with library_errors(f"mesh {path} cannot be read", "mend or replace it"):
         mesh = coal.MeshLoader().load(str(path), scale)
         mesh.computeLocalAABB()
-    if path.stat().st_size > LARGEST_MESH or not np.isfinite(mesh.vertices()).all():
+    if path.stat().st_size > MAX_MESH_BYTES or not np.isfinite(mesh.vertices()).all():
         raise UrdfError(f"mesh {path} is too large, or holds a corner that is no number; mend or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 
 def _inertia_of_boxes(mass: float, boxes: list[Box]) -> Array:
-    """Moments (3,) [kg m^2] of boxes of one density about their common centre of mass."""
+    """Moments of inertia (3,) [kg m^2] of boxes of equal density about their common centre of mass."""
     volumes = np.array([np.prod(size) for _, size in boxes])
     shares = mass * volumes / volumes.sum()
     centre = sum((share * c for share, (c, _) in zip(shares, boxes, strict=True)), np.zeros(3)) / mass

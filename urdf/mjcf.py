@@ -1,7 +1,7 @@
 """Read a robot in MuJoCo's XML format, MJCF: MuJoCo compiles it, and the result is converted to a URDF.
 
-Defaults, includes, frames, orientations of every kind and the inertias of shapes are MuJoCo's work. Bodies and joints
-become a URDF here, from which everything else goes on; `urdf.mjcf_dynamics` has what a URDF cannot say.
+MuJoCo resolves defaults, includes, frames and orientations, and computes the inertias of shapes. This module converts
+the compiled bodies and joints to a URDF; `urdf.mjcf_dynamics` reads the properties that a URDF cannot contain.
 """
 
 import os
@@ -16,19 +16,22 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import library_errors
-from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
+from urdf.library_output import library_errors
+from urdf.robot import MJCF_NOTE_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
-ASSUMED_SPEEDS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
-"""rad/s or m/s that are assumed: an MJCF has no speed limits; 0.25 m/s is the reduced speed of ISO 10218-1."""
+ASSUMED_SPEED_LIMITS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
+"""Speed limit that is assumed for each type of joint [rad/s or m/s], because an MJCF contains none.
+
+0.25 m/s is the reduced speed of ISO 10218-1.
+"""
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-"""Transmissions of actuators that drive one joint."""
+"""MuJoCo's types of actuator transmission that drive a single joint."""
 
 
 @dataclass(frozen=True)
-class Mjcf:
+class CompiledMjcf:
     """An MJCF file compiled by MuJoCo.
 
     Attributes:
@@ -36,8 +39,8 @@ class Mjcf:
         model: compiled ``MjModel``.
         bodies: name of each body by index.
         joints: name of each joint by index; a joint without a name is named after its body.
-        root: bodies, hinges and slides as a URDF.
-        sentences: sentences on what was assumed or left out.
+        root: root element of a URDF with the bodies, hinges and slides.
+        sentences: a sentence per assumption that was made and per element that was left out.
     """
 
     path: Path
@@ -48,11 +51,11 @@ class Mjcf:
     sentences: tuple[str, ...]
 
 
-def read_mjcf(path: Path) -> Mjcf:
-    """Let MuJoCo compile a file, and write its bodies and joints as a URDF.
+def read_mjcf(path: Path) -> CompiledMjcf:
+    """Compile an MJCF file with MuJoCo, and convert its bodies and joints to a URDF.
 
     Raises:
-        UrdfError: MuJoCo refuses the file, with its own words; or a number in the file is nan or infinite.
+        UrdfError: MuJoCo refuses the file, with MuJoCo's message; or a number in the file is nan or infinite.
     """
     model, noticed = _compiled(path)
     if any("NaN" in text for text in noticed):  # MuJoCo ignores this entry
@@ -63,16 +66,18 @@ def read_mjcf(path: Path) -> Mjcf:
     tree = _Tree(path.stem, model, bodies, joints)
     sentences = [*tree.held, *noticed]
     sentences.append(
-        f"it has no speed limits; {ASSUMED_SPEEDS['revolute']:g} rad/s and {ASSUMED_SPEEDS['prismatic']:g} m/s were "
-        "assumed"
+        f"it has no speed limits; {ASSUMED_SPEED_LIMITS['revolute']:g} rad/s and "
+        f"{ASSUMED_SPEED_LIMITS['prismatic']:g} m/s were assumed"
     )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED_PREFIX}{sentence}" for sentence in sentences))
+    return CompiledMjcf(
+        path, model, bodies, joints, tree.root, tuple(f"{MJCF_NOTE_PREFIX}{sentence}" for sentence in sentences)
+    )
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:
-    """The compiled model, and MuJoCo's warnings."""
+    """The compiled ``MjModel``, and MuJoCo's warnings."""
     noticed: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: noticed.append(f"MuJoCo warns: {' '.join(str(text).split())}"))
@@ -113,7 +118,7 @@ def _names(model: Any, kind: Any, count: int, otherwise: Callable[[int], str]) -
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """The name, made longer where it is in use; it counts as used from now on."""
+    """A name that is not in `taken`, made longer where needed; it is added to `taken`."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -207,7 +212,7 @@ class _Tree:
         kind = "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if m.jnt_limited[j] else "continuous"
         element = self._join(kind, self._joints[j], inner, link, placement)
         ET.SubElement(element, "axis", xyz=numbers_text(m.jnt_axis[j]))
-        limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEEDS[kind]))
+        limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEED_LIMITS[kind]))
         if j in self._efforts:
             limit.set("effort", repr(self._efforts[j]))
         if m.jnt_limited[j]:

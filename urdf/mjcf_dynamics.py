@@ -1,6 +1,7 @@
-"""Dynamics of an arm from an MJCF that a URDF cannot contain: gravity, rotors, damping, dry friction, springs.
+"""Read the dynamics of an arm that an MJCF contains and a URDF cannot: gravity, rotors, damping, friction, springs.
 
-What else acts on the arm in MuJoCo is refused by name, and in the end the arm's torques are held against MuJoCo's.
+An element that acts on the arm in any other way is refused with its name. At the end the torques of the arm's model are
+compared with MuJoCo's.
 """
 
 from collections.abc import Collection, Sequence
@@ -9,26 +10,33 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, Mjcf
-from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
+from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, CompiledMjcf
+from urdf.robot import ArmDynamics, Array, JointDynamics, Spring, UrdfError
 
 CHECKED_STATES = 5
-"""Random states at which the torques are held against MuJoCo's."""
+"""Number of random states at which the model's torques are compared with MuJoCo's."""
 TORQUE_TOLERANCE = 1e-9
-"""Of the largest torque, at least 1 N m or N; the programs differ by 1e-14 where they mean the same."""
-DISABLED_FLAGS = mujoco.mjtDisableBit
-WRAPS_JOINT, WRAPS_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
-WRAPPED_SHAPES = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
-"""What parts of a tendon are."""
+"""Allowed difference from MuJoCo's torques, as a share of the largest torque (at least 1 N m or N).
+
+Two equal models differ by 1e-14.
+"""
+DISABLE_FLAGS = mujoco.mjtDisableBit
+JOINT_WRAP, SITE_WRAP = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
+SHAPE_WRAPS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
+"""MuJoCo's types of tendon parts: joints, sites, and geometries that the tendon wraps around."""
 BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
-"""Equality constraints between bodies."""
+"""MuJoCo's types of equality constraints between two bodies."""
 
 
-def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
-    """Torques on an arm's joints in addition to its rigid bodies, with all other joints fixed at 0.
+def arm_dynamics(mjcf: CompiledMjcf, arm: Sequence[str]) -> ArmDynamics:
+    """Read gravity, rotor inertia, damping, dry friction and springs of an arm's joints, all other joints fixed at 0.
+
+    Args:
+        mjcf: the compiled file.
+        arm: names of the arm's joints.
 
     Raises:
-        UrdfError: an element acts on the arm and cannot be in its model; the message names it.
+        UrdfError: an element acts on the arm and has no place in the arm's model; the message names it.
     """
     reader = _Reader(mjcf, frozenset(arm))
     for i in range(mjcf.model.njnt):
@@ -40,23 +48,25 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
     for i in range(mjcf.model.neq):
         reader.check_equality(i)
     off = mjcf.model.opt.disableflags
-    zeroed = {"damping": off & DISABLED_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLED_FLAGS.mjDSBL_FRICTIONLOSS}
+    zeroed = {"damping": off & DISABLE_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLE_FLAGS.mjDSBL_FRICTIONLOSS}
     joints = {
         joint: JointDynamics(**{key: 0.0 if zeroed.get(key) else value for key, value in values.items()})
         for joint, values in reader.values.items()
     }
-    springs = () if off & DISABLED_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
-    return Dynamics(reader.gravity(), joints, springs)
+    springs = () if off & DISABLE_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
+    return ArmDynamics(reader.gravity(), joints, springs)
 
 
-def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
-    """Compare an arm's torques with MuJoCo's at random states: gravity, inertia, springs and damping.
+def check_torques(mjcf: CompiledMjcf, model: pin.Model, dynamics: ArmDynamics) -> None:
+    """Check at random states that the inverse dynamics of an arm's model gives MuJoCo's joint torques.
+
+    Gravity, inertia, springs and damping are compared; dry friction and constraints are switched off in MuJoCo.
 
     Raises:
         UrdfError: the torques differ.
     """
     compiled, names = mjcf.model.__copy__(), list(model.names)[1:]
-    compiled.opt.disableflags |= DISABLED_FLAGS.mjDSBL_CONSTRAINT
+    compiled.opt.disableflags |= DISABLE_FLAGS.mjDSBL_CONSTRAINT
     compiled.opt.density = compiled.opt.viscosity = 0.0
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
@@ -80,7 +90,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
 
 
 def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
-    """State of MuJoCo with all one-coordinate joints at 0, and other joints as in the file."""
+    """MuJoCo's state with all hinges and slides at 0, and other joints as in the file."""
     data = mujoco.MjData(model)
     single = np.isin(model.jnt_type, (HINGE, SLIDE))
     data.qpos[model.jnt_qposadr[single]] = 0.0
@@ -96,7 +106,7 @@ class _Reader:
         springs: springs of the joints.
     """
 
-    def __init__(self, mjcf: Mjcf, arm: frozenset[str]) -> None:
+    def __init__(self, mjcf: CompiledMjcf, arm: frozenset[str]) -> None:
         self._mjcf, self._m, self._arm = mjcf, mjcf.model, arm
         self.values = {name: {"damping": 0.0, "friction": 0.0, "armature": 0.0} for name in arm}
         self.springs: list[Spring] = []
@@ -132,7 +142,7 @@ class _Reader:
         what = self._called(mujoco.mjtObj.mjOBJ_TENDON, "tendon", i)
         parts = list(range(m.tendon_adr[i], m.tendon_adr[i] + m.tendon_num[i]))
         low, high = m.tendon_lengthspring[i]
-        if m.wrap_type[parts[0]] == WRAPS_JOINT:
+        if m.wrap_type[parts[0]] == JOINT_WRAP:
             ratios = {self._mjcf.joints[m.wrap_objid[k]]: float(m.wrap_prm[k]) for k in parts}
             pulled = [name for name in ratios if name in self._arm and ratios[name]]
         else:
@@ -144,12 +154,12 @@ class _Reader:
         if len(pulled) > 1 or low != high:
             raise self._no_place(what, f"it pulls on {', '.join(pulled)}, or has a slack")
         (joint,) = pulled
-        if m.wrap_type[parts[0]] == WRAPS_JOINT:
+        if m.wrap_type[parts[0]] == JOINT_WRAP:
             self._add(joint, ratios[joint], *drive)
             self._add_spring(joint, m.tendon_stiffness[i] * ratios[joint] ** 2, low / ratios[joint])
             return
         turns = m.jnt_type[self._mjcf.joints.index(joint)] == HINGE
-        sites = len(parts) == 2 and all(m.wrap_type[k] == WRAPS_SITE for k in parts)
+        sites = len(parts) == 2 and all(m.wrap_type[k] == SITE_WRAP for k in parts)
         if not (turns and sites) or low or any(drive):
             raise self._no_place(what, "only a spring of length 0 between two sites across a hinge is known")
         self._add_gravity_spring(joint, float(m.tendon_stiffness[i]), [int(m.wrap_objid[k]) for k in parts])
@@ -167,13 +177,13 @@ class _Reader:
             raise self._no_place(what, "it closes a loop through the arm")
 
     def gravity(self) -> Array:
-        """Gravity (3,) [m/s^2], reduced by the share that ``gravcomp`` compensates on all bodies of the arm.
+        """Gravity (3,) [m/s^2], reduced by the share that MuJoCo's ``gravcomp`` compensates on the arm's bodies.
 
         Raises:
             UrdfError: bodies have different shares.
         """
         m = self._m
-        gravity = np.zeros(3) if m.opt.disableflags & DISABLED_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
+        gravity = np.zeros(3) if m.opt.disableflags & DISABLE_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
         moved = [b for b in range(1, m.nbody) if m.body_mass[b] > 0.0 and self._apart(b, 0)]
         shares = m.body_gravcomp[moved]
         by_drives = m.jnt_actgravcomp[[j for j, name in enumerate(self._mjcf.joints) if name in self._arm]]
@@ -214,9 +224,9 @@ class _Reader:
     def _holder(self, wrap: int) -> int:
         """Index of the body that a part of a tendon is on; the world for a pulley."""
         m = self._m
-        if m.wrap_type[wrap] == WRAPS_SITE:
+        if m.wrap_type[wrap] == SITE_WRAP:
             return int(m.site_bodyid[m.wrap_objid[wrap]])
-        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in WRAPPED_SHAPES else 0
+        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in SHAPE_WRAPS else 0
 
     def _movers(self, body: int) -> set[str]:
         """Joints that move a body."""

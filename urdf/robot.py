@@ -1,4 +1,4 @@
-"""The class of a robot: kinematic model, limits, tool, line."""
+"""Data of a robot arm: kinematic model, joint limits, tool, springs and the straight line of its tool."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,35 +15,35 @@ class UrdfError(Exception):
 
 
 class DescriptionWarning(UserWarning):
-    """A robot's torques are not those of its description as it was written: the message says of which links and why."""
+    """The inertia of a link was replaced or is impossible, so that torques differ from those of the robot's file."""
 
 
-ASSUMED_PREFIX = "of an MJCF: "
-"""How sentences begin that say what was assumed of an MJCF, or left out."""
+MJCF_NOTE_PREFIX = "of an MJCF: "
+"""First words of a sentence about an assumption that was made, or an element that was left out, in reading an MJCF."""
 
 Array = NDArray[np.float64]
 
 
-def read_only(values: ArrayLike) -> Array:
+def read_only_copy(values: ArrayLike) -> Array:
     """A read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
-def freeze(instance: object, *names: str) -> None:
-    """Replace arrays of a frozen dataclass by read-only copies."""
+def freeze_arrays(instance: object, *names: str) -> None:
+    """Replace the fields `names` of a frozen dataclass, which are arrays, by read-only copies."""
     for name in names:
-        object.__setattr__(instance, name, read_only(getattr(instance, name)))
+        object.__setattr__(instance, name, read_only_copy(getattr(instance, name)))
 
 
-def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation matrix (3, 3) from roll, pitch and yaw [rad], rounded so that right angles are exact."""
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
-LARGEST_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
-"""Largest limit that any arm has, in rad or m, s, N m or N: beyond it the file is wrong."""
+MAX_JOINT_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+"""Largest accepted joint limits of any arm, in rad or m, s, N m or N; a larger one in a file is an error."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Limits:
         effort: largest torque or force [N m or N].
 
     Raises:
-        UrdfError: a limit is useless: nan, infinite, not above 0, or an empty range.
+        UrdfError: a limit is nan, infinite or not above 0, or a position range is empty.
     """
 
     lower: Array
@@ -70,8 +70,8 @@ class Limits:
     effort: Array
 
     def __post_init__(self) -> None:
-        freeze(self, "lower", "upper", *LARGEST_LIMITS)
-        for name, largest in LARGEST_LIMITS.items():
+        freeze_arrays(self, "lower", "upper", *MAX_JOINT_LIMITS)
+        for name, largest in MAX_JOINT_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
             if values.shape != self.lower.shape or wrong.size:
@@ -81,7 +81,10 @@ class Limits:
             raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
-        """Distance of each joint to its nearer position limit at postures (..., n), negative beyond it: (..., n)."""
+        """Distance of each joint from its nearer position limit [rad or m], negative beyond the limit.
+
+        Joint positions q and the result have the shape (..., n).
+        """
         return np.minimum(q - self.lower, self.upper - q)
 
 
@@ -92,11 +95,11 @@ class Line:
     Attributes:
         origin: point with s = 0, (3,) [m].
         direction: unit vector of growing s, (3,).
-        rotation: orientation of the tool frame all along the line, (3, 3).
+        rotation: orientation of the tool frame, constant along the line, (3, 3).
         s_min: first line coordinate [m].
         s_max: last line coordinate [m].
-        core: stretch on which speed matters most [m].
-        core_speed: required speed on the core [m/s].
+        core: first and last line coordinate of the part on which a speed is required [m].
+        core_speed: speed of the tool point that is required on the core [m/s].
     """
 
     origin: Array
@@ -108,7 +111,7 @@ class Line:
     core_speed: float
 
     def __post_init__(self) -> None:
-        freeze(self, "origin", "direction", "rotation")
+        freeze_arrays(self, "origin", "direction", "rotation")
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
         if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
@@ -120,12 +123,12 @@ class Line:
 
     @property
     def axes(self) -> Array:
-        """Unit vectors along a horizontal line, across it and up, the columns of (3, 3)."""
+        """Unit vectors along a horizontal line, across it and upwards, as the columns of a matrix (3, 3)."""
         up = np.array([0.0, 0.0, 1.0])
         return np.column_stack([self.direction, np.cross(up, self.direction), up])
 
     def coordinates(self, point: Array) -> tuple[float, float]:
-        """Coordinate along the line and height above it [m], of a point (3,) [m]."""
+        """Line coordinate of a point (3,) [m], and the point's height above the line [m]."""
         away = point - self.origin
         along = float(away @ self.direction)
         return along, float(away[2] - along * self.direction[2])
@@ -135,7 +138,7 @@ class Line:
         return np.broadcast_to(self.rotation[:, :, None], (3, 3, len(s))), self.position(s).T
 
     def twist(self, s: Array) -> Array:
-        """Velocity of the tool per unit of s, linear rows first, (6, k) [1, rad/m]."""
+        """Velocity of the tool per unit of s, (6, k): three linear rows [1], then three angular rows [rad/m]."""
         return np.repeat(np.concatenate((self.direction, np.zeros(3)))[:, None], len(s), axis=1)
 
     def twist_rate(self, s: Array) -> Array:
@@ -143,7 +146,7 @@ class Line:
         return np.zeros((6, len(s)))
 
     def describe(self) -> dict[str, Any]:
-        """The line as a dictionary of numbers, from which `ik.pathfile.path_of` restores it."""
+        """The line as a dictionary of texts and numbers, from which `ik.pathfile.path_from_description` restores it."""
         return {
             "kind": "line",
             "origin": self.origin.tolist(),
@@ -157,10 +160,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Spring:
-    """Springs on a joint, which change its motor's torque and which a URDF cannot contain.
+    """Torque of springs on one joint, which a URDF cannot contain.
 
-    The motor gives gravity, inertia and ``sine sin(q) + cosine cos(q) + stiffness (q - rest)``; a spring that carries
-    the arm has the sign against gravity's.
+    In addition to gravity and inertia, the motor must give ``sine sin(q) + cosine cos(q) + stiffness (q - rest)``; for
+    a spring that helps to carry the arm, this torque has the opposite sign of gravity's.
 
     Attributes:
         joint: name of the joint.
@@ -168,8 +171,8 @@ class Spring:
         cosine: factor of cos(q) [N m].
         enabled: whether the robot's description or settings include the spring.
         source: where the values come from.
-        stiffness: of a spring in the joint [N m/rad or N/m].
-        rest: position at which that does not pull [rad or m].
+        stiffness: stiffness of a spring in the joint [N m/rad or N/m].
+        rest: joint position at which the spring in the joint gives no torque [rad or m].
     """
 
     joint: str
@@ -181,19 +184,24 @@ class Spring:
     rest: float = 0.0
 
     def torque(self, q: ArrayLike) -> Array:
-        """Torque [N m or N] that the motor adds for the spring at joint positions q [rad or m], of the shape of q."""
+        """Torque [N m or N] that the motor must give because of the springs, at joint positions q [rad or m].
+
+        The result has the shape of q.
+        """
         at = np.asarray(q, dtype=np.float64)
         return self.sine * np.sin(at) + self.cosine * np.cos(at) + self.stiffness * (at - self.rest)
 
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """Torque on a joint's drive in addition to its links: ``armature a + damping v + friction sign(v)``.
+    """Torque of a joint's drive beyond that of the rigid links: ``armature a + damping v + friction sign(v)``.
+
+    Here v and a are the joint's velocity and acceleration.
 
     Attributes:
-        damping: torque per speed [N m s/rad or N s/m].
-        friction: size of the dry friction [N m or N].
-        armature: inertia of the rotor at the joint, behind the gears [kg m^2 or kg].
+        damping: viscous damping [N m s/rad or N s/m].
+        friction: dry (Coulomb) friction [N m or N].
+        armature: inertia of the rotor, reflected to the joint through the gears [kg m^2 or kg].
     """
 
     damping: float
@@ -202,13 +210,13 @@ class JointDynamics:
 
 
 @dataclass(frozen=True)
-class Dynamics:
-    """Dynamics of an arm in a description that a URDF cannot contain, or which in a URDF has no meaning.
+class ArmDynamics:
+    """Dynamics of an arm beyond its rigid links, as read from a robot description.
 
     Attributes:
         gravity: gravity in the frame of the base, (3,) [m/s^2].
-        joints: dynamics of each joint by name.
-        springs: springs of the joints.
+        joints: damping, dry friction and rotor inertia by name of the joint.
+        springs: springs on the joints.
     """
 
     gravity: Array
@@ -216,16 +224,19 @@ class Dynamics:
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, "gravity")
+        freeze_arrays(self, "gravity")
 
 
-IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
-"""Gravity alone: the ``<dynamics>`` of public URDFs are placeholders. Of the 51 in the package example-robot-data that
-have some, 19 hold zeros only, 14 one pair of values for all joints, and most others ones and powers of ten."""
+URDF_DYNAMICS = ArmDynamics(read_only_copy((0.0, 0.0, -9.81)))
+"""Dynamics of every URDF: gravity alone. ``<dynamics>`` elements are ignored, because public URDFs hold placeholders.
+
+Of the 51 URDFs in the package example-robot-data with ``<dynamics>``, 19 contain zeros only, 14 one pair of values for
+all joints, and most of the others ones and powers of ten.
+"""
 
 
-def missing_limits(model: pin.Model) -> list[str]:
-    """A sentence per joint without a limit of position, velocity or effort, which is infinite in the model."""
+def missing_limit_sentences(model: pin.Model) -> list[str]:
+    """One sentence per joint whose limit of position, velocity or effort is unknown, that is, infinite in the model."""
     kinds = {
         "position": np.isinf(model.lowerPositionLimit), "velocity": np.isinf(model.velocityLimit),
         "effort": np.isinf(model.effortLimit),
@@ -250,14 +261,15 @@ class Robot:
         tool_frame: frame that carries the tool.
         tool_offset: tool point (string attachment) in the tool frame, (3,) [m].
         given_limits: limits of the arm's joints, if its description gives all of them.
-        home: a posture that picks the arm's branch, (n,) [rad or m].
-        springs: known extra joint torques.
-        joint_dynamics: additional dynamics by joint, from a description (MJCF) in which they have a meaning.
+        home: posture from which planning starts, (n,) [rad or m]; it selects one of the postures (elbow up or down)
+            that hold the tool at the same place.
+        springs: springs on the arm's joints.
+        joint_dynamics: damping, dry friction and rotor inertia by joint, from an MJCF; empty for a URDF.
         collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
-        defects: a sentence per choice that was made, and per defect that was found with what was done about it.
-        notes: those of them that whoever makes a model must know, such as what an MJCF does not say.
-        warnings: sentences on torques that differ from the file's, or that no body can have; every command shows them.
-        fingerprint: sha256 over the mended URDF and the settings.
+        defects: one sentence per choice that was made, and one per fault of the description and its repair.
+        notes: the sentences among `defects` that a user who makes a model must know, such as assumed speed limits.
+        warnings: one sentence per impossible or replaced inertia that changes torques; every command shows them.
+        fingerprint: SHA-256 digest of the mended URDF and the settings.
         given_line: the line of the settings, if they have one.
     """
 
@@ -282,24 +294,25 @@ class Robot:
     given_line: Line | None
 
     def __post_init__(self) -> None:
-        freeze(self, "tool_offset", "home")
+        freeze_arrays(self, "tool_offset", "home")
 
     @property
     def limits(self) -> Limits:
-        """Limits of the arm's joints, for programs that move the arm.
+        """Limits of the arm's joints.
 
         Raises:
-            UrdfError: the description lacks one.
+            UrdfError: the robot's description lacks a limit.
         """
         if self.given_limits is None:
             raise UrdfError(
-                f"{self.urdf_path}: {missing_limits(self.model)[0]}: write it into its description, it is needed here"
+                f"{self.urdf_path}: {missing_limit_sentences(self.model)[0]}: "
+                "write it into its description, it is needed here"
             )
         return self.given_limits
 
     @property
     def line(self) -> Line:
-        """The line on which the tool moves.
+        """The straight line on which the tool moves.
 
         Raises:
             UrdfError: the settings contain no line.
@@ -314,7 +327,9 @@ class Robot:
         return int(self.model.getFrameId(self.tool_frame))
 
     def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
-        """Torque [N m] that the motors add for springs, all that are known by default, at postures q (..., n) [rad].
+        """Torque [N m or N] that the motors must give because of springs, at joint positions q (..., n) [rad or m].
+
+        By default all springs of the robot are included. The result has the shape of q.
 
         Raises:
             UrdfError: a spring is on a joint that the arm does not have.
@@ -328,9 +343,9 @@ class Robot:
         return torque
 
     def tool_pose(self, q: Array, data: pin.Data | None = None) -> pin.SE3:
-        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,) [rad or m].
+        """Pose of the tool frame, with its origin at the tool point, in the base frame, at joint positions q (n,).
 
-        Frequent callers may reuse `data`, Pinocchio's data of the model.
+        Positions are in rad or m. `data` is Pinocchio's workspace of the model; pass it in frequent calls to save time.
         """
         data = data or self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""The settings file of a robot: facts that a URDF cannot contain."""
+"""Read the settings file of a robot (TOML), which contains properties that a URDF cannot contain."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,55 +6,72 @@ from typing import Any
 
 import numpy as np
 
-from urdf.bounds import LONGEST_NAME
-from urdf.robot import LARGEST_LIMITS, Line, Spring, UrdfError, rotation_of
-from urdf.table_file import TableFileError, read_as, read_table
+from urdf.bounds import MAX_NAME_LENGTH
+from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_from_rpy
+from urdf.toml_tables import TomlFileError, read_toml_with_text, table_to_dataclass
 
-Three = tuple[float, float, float]
-Two = tuple[float, float]
+Vector3 = tuple[float, float, float]
+Interval = tuple[float, float]
 
 MAX_OFFSET_METRES = 100.0
-"""m; a tool, frame or line that is farther from its robot is in another unit."""
+"""Largest distance of a tool, frame or line from the robot [m]; a larger number is probably in another unit."""
 MAX_SPRING_TORQUE = 1e5
-"""N m; no spring of an arm gives more."""
+"""Largest torque of a joint's spring [N m]."""
 
 
 @dataclass(frozen=True)
-class UrdfFile:
-    """Last parts of the URDF's path in a Python package, or its path from the settings' directory."""
+class UrdfSettings:
+    """Table ``[urdf]`` of the settings: where the URDF file is.
+
+    Attributes:
+        file: path from the directory of the settings; in a Python package, the last parts of the path.
+        distribution: name of the Python package that contains the file; empty if it is in none.
+    """
 
     file: str
     distribution: str = ""
 
 
 @dataclass(frozen=True)
-class Arm:
-    """The arm's joints from base to tool, and a posture that picks its branch, a number per joint [rad or m]."""
+class ArmSettings:
+    """Table ``[arm]`` of the settings: the arm's joints from base to tool, and its home posture [rad or m]."""
 
     joints: tuple[str, ...]
     home: tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Tool:
-    """The frame that carries the tool, and the tool point in it [m]."""
+class ToolSettings:
+    """Table ``[tool]`` of the settings: the frame that carries the tool, and the tool point in this frame [m]."""
 
     frame: str
-    offset: Three
+    offset: Vector3
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A massless frame that the URDF lacks, fixed to a link: its name, the link, and its origin in that [m]."""
+class FrameSettings:
+    """Table ``[[frames]]`` of the settings: a massless frame that is fixed to a link and that the URDF lacks.
+
+    Attributes:
+        name: name of the frame.
+        parent: name of the link.
+        position: origin of the frame in the link's frame [m]; the axes are parallel.
+    """
 
     name: str
     parent: str
-    position: Three
+    position: Vector3
 
 
 @dataclass(frozen=True)
-class AssumedLimits:
-    """Limits that no URDF states, per joint [rad/s^2 and rad/s^3, or m/s^2 and m/s^3], and where they come from."""
+class LimitSettings:
+    """Table ``[limits]`` of the settings: joint limits that a URDF cannot contain.
+
+    Attributes:
+        acceleration: largest acceleration of each joint [rad/s^2 or m/s^2].
+        jerk: largest jerk of each joint [rad/s^3 or m/s^3].
+        source: where the values come from.
+    """
 
     acceleration: tuple[float, ...]
     jerk: tuple[float, ...]
@@ -62,72 +79,80 @@ class AssumedLimits:
 
 
 @dataclass(frozen=True)
-class LineTable:
-    """The line, with the orientation of the tool as roll, pitch and yaw [rad]; see `urdf.Line`."""
+class LineSettings:
+    """Table ``[line]`` of the settings: a `urdf.Line` with the tool's orientation as roll, pitch and yaw [rad]."""
 
-    origin: Three
-    direction: Three
-    tool_rpy: Three
-    range: Two
-    core: Two
+    origin: Vector3
+    direction: Vector3
+    tool_rpy: Vector3
+    range: Interval
+    core: Interval
     core_speed: float
 
-    def line(self) -> Line:
-        """The line with a rotation matrix.
+    def to_line(self) -> Line:
+        """Convert the entries of the settings to a `urdf.Line`.
 
         Raises:
-            UrdfError: the entries are no line.
+            UrdfError: the range is empty, or the direction is not a unit vector.
         """
         origin, direction = np.array(self.origin), np.array(self.direction)
-        rotation = rotation_of(*self.tool_rpy)
+        rotation = rotation_from_rpy(*self.tool_rpy)
         return Line(origin, direction, rotation, *self.range, self.core, self.core_speed)
 
 
 @dataclass(frozen=True)
-class Collision:
-    """The SRDF, found in the same places as the URDF, and further pairs of links that need no collision check."""
+class CollisionSettings:
+    """Table ``[collision]`` of the settings: pairs of links that need no collision check.
+
+    Attributes:
+        srdf: path of an SRDF file that lists such pairs, given like the path of the URDF.
+        exclude: further pairs of link names.
+    """
 
     srdf: str | None = None
     exclude: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Contents of a robot's TOML file; see ``robots/baxter.toml`` for an example with comments."""
+class RobotSettings:
+    """Content of a robot's settings file, one field per entry; ``urdf/robots/baxter.toml`` explains every entry."""
 
     name: str
-    urdf: UrdfFile
-    arm: Arm
-    tool: Tool
-    limits: AssumedLimits
-    frames: tuple[Frame, ...] = ()
-    line: LineTable | None = None
-    collision: Collision = Collision()
+    urdf: UrdfSettings
+    arm: ArmSettings
+    tool: ToolSettings
+    limits: LimitSettings
+    frames: tuple[FrameSettings, ...] = ()
+    line: LineSettings | None = None
+    collision: CollisionSettings = CollisionSettings()
     springs: tuple[Spring, ...] = ()
     ros: dict[str, Any] | None = None  # read by pipeline.ros.topics
 
 
-def read_settings(path: Path) -> tuple[str, Settings]:
-    """Text and content of a robot's settings.
+def read_robot_settings(path: Path) -> tuple[str, RobotSettings]:
+    """Read a robot's settings file.
+
+    Returns:
+        The text of the file, and its content.
 
     Raises:
         UrdfError: the file is missing or not TOML, or an entry is missing, unknown, of the wrong kind or length, or
             has a value that no robot has.
     """
     try:
-        text, content = read_table(path, finite=True)
-        settings = read_as(Settings, content)
+        text, content = read_toml_with_text(path, finite=True)
+        settings = table_to_dataclass(RobotSettings, content)
         _check(settings)
     except FileNotFoundError as error:
         raise UrdfError(f"{path}: cannot be read (no such file); give the path of a settings file") from error
-    except TableFileError as error:
+    except TomlFileError as error:
         raise UrdfError(f"{path}: {error}; see urdf/robots/baxter.toml for an example") from error
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
     return text, settings
 
 
-def _check(settings: Settings) -> None:
+def _check(settings: RobotSettings) -> None:
     """Refuse numbers that no arm can have, since these numbers protect it.
 
     Raises:
@@ -143,14 +168,14 @@ def _check(settings: Settings) -> None:
         if len(values) != len(joints):
             raise UrdfError(f"{key} has {len(values)} numbers for {len(joints)} joints")
         for joint, value in zip(joints, values, strict=True):
-            if key in LARGEST_LIMITS and not 0.0 < value <= LARGEST_LIMITS[key]:
+            if key in MAX_JOINT_LIMITS and not 0.0 < value <= MAX_JOINT_LIMITS[key]:
                 raise UrdfError(
                     f"[limits] {key} of '{joint}' is {value:g}; "
-                    f"give a number above 0 and at most {LARGEST_LIMITS[key]:g}, in rad or m and s"
+                    f"give a number above 0 and at most {MAX_JOINT_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
-        if file is not None and not 0 < len(file.strip()) <= LONGEST_NAME:
-            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {LONGEST_NAME} characters")
+        if file is not None and not 0 < len(file.strip()) <= MAX_NAME_LENGTH:
+            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {MAX_NAME_LENGTH} characters")
     places: dict[str, tuple[float, ...]] = {f"[[frames]] {frame.name}": frame.position for frame in settings.frames}
     places["[tool] offset"] = settings.tool.offset
     if settings.line is not None:
@@ -159,9 +184,9 @@ def _check(settings: Settings) -> None:
         low, high = line.core
         if not line.range[0] <= low < high <= line.range[1]:
             raise UrdfError(f"[line] core: {low:g} to {high:g} m does not lie within range; give two numbers inside it")
-        if not 0.0 < line.core_speed <= LARGEST_LIMITS["velocity"]:
+        if not 0.0 < line.core_speed <= MAX_JOINT_LIMITS["velocity"]:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
-        line.line()
+        line.to_line()
     for where, place in places.items():
         if max(map(abs, place)) > MAX_OFFSET_METRES:
             raise UrdfError(f"{where}: {list(place)} m is too far away; write it in metres")

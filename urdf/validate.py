@@ -1,8 +1,7 @@
-"""Checks that a URDF describes one usable robot; they give a sentence per defect.
+"""Check that a URDF describes one usable robot, and report each fault in one sentence.
 
-Names and numbers are checked before any library reads them: urdfdom, which
-Pinocchio reads with, prints what it does not understand and goes on without it, so that a link whose inertia has a
-typing mistake would weigh nothing.
+Names and numbers are checked before any library reads the file: Pinocchio's parser urdfdom skips an element that it
+does not understand, so that a link whose inertia contains a typing mistake would have no mass.
 """
 
 import math
@@ -12,18 +11,18 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, parse_number, printable_excerpt
 from urdf.robot import UrdfError
 
-LARGEST_NUMBER = 1e9
-"""In SI units; a number beyond is no property of a robot."""
+MAX_URDF_NUMBER = 1e9
+"""Largest number in a URDF, in SI units; no property of a robot is larger."""
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 MAX_ANGLE = 2.0 * math.pi + 1e-3
-"""rad beyond which nobody writes an angle, give or take a rounding."""
+"""Largest angle that is plausible in a URDF [rad]: one turn, and a tolerance for rounding."""
 RESERVED_JOINT_NAMES = ("universe",)
-"""What Pinocchio calls the joint that everything hangs from."""
-NUMBERS = {
+"""Names that Pinocchio gives to its own joints: "universe" is the fixed joint at the root."""
+NUMERIC_ATTRIBUTES = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "mass": {"value": 1},
@@ -39,21 +38,21 @@ NUMBERS = {
     "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), 1),
     "calibration": {"rising": 1, "falling": 1},
 }
-"""By element: its numbers, and how many each attribute holds."""
-LIMIT_NAMES = tuple(NUMBERS["limit"])
+"""For each element of a URDF, its attributes that contain numbers, and how many numbers each contains."""
+LIMIT_NAMES = tuple(NUMERIC_ATTRIBUTES["limit"])
 REQUIRED_ATTRIBUTES = {
     "mass": ("value",),
-    "inertia": tuple(NUMBERS["inertia"]),
+    "inertia": tuple(NUMERIC_ATTRIBUTES["inertia"]),
     "box": ("size",),
     "cylinder": ("radius", "length"),
     "sphere": ("radius",),
     "safety_controller": ("k_velocity",),
 }
-"""Attributes without which a library leaves the element out."""
+"""For each element of a URDF, the attributes without which libraries ignore the element."""
 NON_NEGATIVE_ELEMENTS = ("box", "cylinder", "capsule", "sphere", "mass")
 
 
-def check_plain(root: ET.Element, path: Path) -> None:
+def check_names_and_numbers(root: ET.Element, path: Path) -> None:
     """Check every name and number of a URDF.
 
     Raises:
@@ -61,7 +60,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
     """
     joints = {joint.get("name") for joint in root.findall("joint")}
     for part in (*root.findall("link"), *root.findall("joint")):
-        where = f"{path}: {part.tag} '{shown(part.get('name', ''))}'"
+        where = f"{path}: {part.tag} '{printable_excerpt(part.get('name', ''))}'"
         _check_name(part, where)
         for element in part.iter():
             _check_numbers(element, where)
@@ -72,7 +71,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
 
 
 def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
-    """Sentences on entries that are allowed but probably mistakes: angles beyond a turn, joints that no arm has."""
+    """One sentence per entry that is probably a mistake: an angle above one turn, a planar or floating joint."""
     said = []
     for part in (*root.findall("joint"), *root.findall("link")):
         where = f"{part.tag} '{part.get('name')}'"
@@ -86,21 +85,21 @@ def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
 
 def _check_name(part: ET.Element, where: str) -> None:
     name = part.get("name", "")
-    if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
-        raise UrdfError(f"{where} has no usable name; give it one of 1 to {LONGEST_NAME} printable characters")
+    if not name.strip() or len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise UrdfError(f"{where} has no usable name; give it one of 1 to {MAX_NAME_LENGTH} printable characters")
     if part.tag == "joint" and name in RESERVED_JOINT_NAMES:
         raise UrdfError(f"{where}: Pinocchio uses this name itself; rename the joint")
 
 
 def _check_numbers(element: ET.Element, where: str) -> None:
-    for key, count in NUMBERS.get(element.tag, {}).items():
+    for key, count in NUMERIC_ATTRIBUTES.get(element.tag, {}).items():
         text = element.get(key)
         if text is None:
             if key in REQUIRED_ATTRIBUTES.get(element.tag, ()):
                 raise UrdfError(f"{where}: <{element.tag}> has no {key}; add it")
             continue
         try:
-            values = [number(word) for word in text.split()]
+            values = [parse_number(word) for word in text.split()]
         except ValueError:
             values = [math.nan]
         wrong = None
@@ -108,18 +107,18 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             wrong = "it must be a finite number"
         elif len(values) != count:
             wrong = f"it must be {count} numbers"
-        elif max(map(abs, values)) > LARGEST_NUMBER:
+        elif max(map(abs, values)) > MAX_URDF_NUMBER:
             wrong = "no robot has it, write SI units"
         elif element.tag in NON_NEGATIVE_ELEMENTS and min(values) < 0.0:
             wrong = "it must not be negative"
         if wrong:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; {wrong}')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{printable_excerpt(text)}"; {wrong}')
 
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
     kind = joint.get("type", "")
     if kind not in JOINT_TYPES:
-        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
+        raise UrdfError(f"{where} is of type '{printable_excerpt(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
     axis = joint.find("axis")
     if axis is not None and kind in (*MOVING_JOINT_TYPES, "planar"):
         length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
@@ -127,7 +126,9 @@ def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
     mimic = joint.find("mimic")
     if mimic is not None and (mimic.get("joint") not in joints or mimic.get("joint") == joint.get("name")):
-        raise UrdfError(f"{where} mimics '{shown(mimic.get('joint', ''))}'; name another joint of this robot")
+        raise UrdfError(
+            f"{where} mimics '{printable_excerpt(mimic.get('joint', ''))}'; name another joint of this robot"
+        )
 
 
 def _check_shapes(link: ET.Element, where: str) -> None:
@@ -145,24 +146,24 @@ def _check_shapes(link: ET.Element, where: str) -> None:
             raise UrdfError(f"{where}: a <mesh> has no filename; add it")
 
 
-MJCF = "mujoco"
-"""Root element of MuJoCo's own format."""
+MJCF_ROOT_TAG = "mujoco"
+"""Name of the root element of an MJCF, MuJoCo's XML format."""
 
 
-def parse(path: Path) -> ET.Element:
-    """Read a URDF file, or an MJCF.
+def parse_description(path: Path) -> ET.Element:
+    """Read the root element of a URDF or MJCF file.
 
     Raises:
         UrdfError: the file is missing, is not XML, or is neither a URDF nor an MJCF.
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_XML + 1)
+            data = file.read(MAX_XML_BYTES + 1)
     except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
         why = getattr(error, "strerror", None) or error
         raise UrdfError(f"{path}: cannot be read ({why}); give the path of a URDF file") from error
-    if len(data) > LARGEST_XML:
-        raise UrdfError(f"{path}: is larger than {LARGEST_XML / 2**20:g} MiB; give a URDF file")
+    if len(data) > MAX_XML_BYTES:
+        raise UrdfError(f"{path}: is larger than {MAX_XML_BYTES / 2**20:g} MiB; give a URDF file")
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:  # raised for an unknown encoding too
@@ -170,31 +171,27 @@ def parse(path: Path) -> ET.Element:
             raise _is_xacro(path, "<xacro: ...>") from error
         raise UrdfError(f"{path}: not an XML file ({error}); correct it") from error
     _refuse_xacro(root, path)
-    if root.tag not in ("robot", MJCF):
+    if root.tag not in ("robot", MJCF_ROOT_TAG):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     level = [root]
-    for _ in range(DEEPEST_XML):
+    for _ in range(MAX_XML_DEPTH):
         level = [child for element in level for child in element]
     if level:  # elements are nested too deeply for any program to write again
-        raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
+        raise UrdfError(f"{path}: its elements are nested more than {MAX_XML_DEPTH} deep; give a URDF file")
     return root
 
 
 def _refuse_xacro(root: ET.Element, path: Path) -> None:
-    """Refuse xacro macros, which readers of URDFs ignore silently; a declared namespace alone is allowed.
-
-    Raises:
-        UrdfError: there is a macro; the message names the first one, and says how to expand it.
-    """
+    """Refuse xacro macros, which URDF parsers ignore silently; a declared xacro namespace alone is allowed."""
     for element in root.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.endswith("xacro"):
-            raise _is_xacro(path, f"<xacro:{shown(tag)}>")
+            raise _is_xacro(path, f"<xacro:{printable_excerpt(tag)}>")
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
-            for key in NUMBERS.get(element.tag, ()):
+            for key in NUMERIC_ATTRIBUTES.get(element.tag, ()):
                 if "$" in element.get(key, ""):
-                    raise _is_xacro(path, f'{key}="{shown(element.get(key, ""))}"')
+                    raise _is_xacro(path, f'{key}="{printable_excerpt(element.get(key, ""))}"')
 
 
 def _is_xacro(path: Path, found: str) -> UrdfError:
@@ -206,18 +203,19 @@ def _is_xacro(path: Path, found: str) -> UrdfError:
 
 
 def check_tree(root: ET.Element, path: Path) -> None:
-    """Check that links and joints form one tree.
+    """Check that the links and joints of a URDF form one tree.
 
     Raises:
-        UrdfError: no links, no moving joints, an unknown link, two parents, several roots or a cycle.
+        UrdfError: there is no link or no moving joint, a joint's link is not defined, a link has two parents, several
+            links have no parent, or the links form a cycle.
     """
     links = [link.get("name", "") for link in root.findall("link")]
     joints = root.findall("joint")
     if not links:
         raise UrdfError(f"{path}: it has no links; give a URDF that describes a robot")
-    if max(len(links), len(joints)) > MOST_LINKS:
+    if max(len(links), len(joints)) > MAX_ROBOT_LINKS:
         raise UrdfError(
-            f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
+            f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MAX_ROBOT_LINKS} at most"
         )
     if not any(joint.get("type") in MOVING_JOINT_TYPES for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
@@ -228,7 +226,7 @@ def check_tree(root: ET.Element, path: Path) -> None:
     known, carrier, parents = set(links), dict[str, str](), dict[str, list[str]]()
     for joint in joints:
         name = joint.get("name", "")
-        parent, child = (link_of(joint, end) for end in ("parent", "child"))
+        parent, child = (joint_link(joint, end) for end in ("parent", "child"))
         for link in (parent, child):
             if link not in known:
                 raise UrdfError(f"{path}: joint '{name}' refers to link '{link}', which is not defined; add it")
@@ -246,14 +244,14 @@ def check_tree(root: ET.Element, path: Path) -> None:
         raise UrdfError(f"{path}: {len(roots)} links have no parent ({', '.join(roots)}); join them by fixed joints")
 
 
-def link_of(joint: ET.Element, end: str) -> str:
-    """Name of the link at an end of a joint, ``"parent"`` or ``"child"``; empty where there is none."""
+def joint_link(joint: ET.Element, end: str) -> str:
+    """Name of a joint's parent or child link; `end` is ``"parent"`` or ``"child"``. Empty if the joint has none."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
-def copied(root: ET.Element) -> dict[str, str]:
-    """For each joint that follows another one, as fingers do, the name of the other joint."""
+def mimicked_joints(root: ET.Element) -> dict[str, str]:
+    """For each joint of a URDF that mimics another joint, as a gripper's fingers do, the name of the other joint."""
     return {
         str(joint.get("name")): str(mimic.get("joint"))
         for joint in root.findall("joint")
@@ -262,7 +260,7 @@ def copied(root: ET.Element) -> dict[str, str]:
 
 
 def check_schema(path: Path) -> list[str]:
-    """Defects that yourdfpy finds in the file, a sentence each; none of them prevents the use of the robot."""
+    """Faults that the library yourdfpy finds in a URDF file, one sentence each; none prevents the use of the robot."""
     import yourdfpy  # the import takes half a second, mostly for meshes, which are not needed here
 
     # An error of yourdfpy is an opinion only: all needed parts of the file have been checked before.
@@ -275,10 +273,10 @@ def check_schema(path: Path) -> list[str]:
 
 
 def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
-    """Check the arm's joint limits of position, speed and effort; limits may be absent.
+    """Check the limits of position, velocity and effort of an arm's joints in a URDF; limits may be absent.
 
     Raises:
-        UrdfError: an unknown joint, or a limit that contradicts itself.
+        UrdfError: a joint does not exist, a limit is negative, or a lower position limit is above the upper one.
     """
     by_name = {joint.get("name"): joint for joint in root.findall("joint")}
     for name in joints:

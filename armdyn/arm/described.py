@@ -16,7 +16,7 @@ DYNAMICS_ATTRIBUTES = {
 def with_described_effects(model: ArmModel) -> ArmModel:
     """The arm with effects for damping, friction, armature and springs of its description, at their values.
 
-    A URDF has none of them, because its ``<dynamics>`` are placeholders; see `urdf.robot.IN_A_URDF`.
+    A URDF has none of them, because its ``<dynamics>`` are placeholders; see `urdf.robot.URDF_DYNAMICS`.
     """
     for quantities in _described(model):
         effect = next(iter(quantities)).partition(".")[0]

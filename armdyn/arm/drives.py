@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
-from urdf.table_file import read_as
+from urdf.toml_tables import table_to_dataclass
 
 ControlLaw = Literal["position", "velocity", "torque", "current"]
 GAIN_UNITS: Mapping[ControlLaw, str] = {
@@ -155,7 +155,7 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
         raise InputError("[drives]: write a table for each kind of drive, such as [drives.sts3215]")
     for name, entries in table.items():
         with error_location(f"[drives.{name}]"):
-            entry = read_as(_Entry, entries)
+            entry = table_to_dataclass(_Entry, entries)
             if entry.law not in get_args(ControlLaw):
                 raise UnknownNameError("law", entry.law, get_args(ControlLaw))
             if not entry.joints:

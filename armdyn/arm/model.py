@@ -28,7 +28,7 @@ from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.table_file import Check, read_as
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -380,7 +380,7 @@ def arm_model(
     return model
 
 
-_Name = Annotated[str, Check(bool, "write a name")]
+_Name = Annotated[str, ValueCheck(bool, "write a name")]
 
 
 @dataclass(frozen=True)
@@ -405,7 +405,7 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     """
     description = {key: table[key] for key in KEYS if key in table}
     with error_location("the arm"):
-        keys = read_as(Keys, description)
+        keys = table_to_dataclass(Keys, description)
     if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
     # The path of the URDF depends on the place of the model file; see `ArmModel.file_entries`.

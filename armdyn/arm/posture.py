@@ -16,7 +16,7 @@ from scipy.optimize import linprog
 
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import Array, read_only
+from urdf.robot import Array, read_only_copy
 
 MAX_PLAUSIBLE_RADIANS = 2 * np.pi
 """Position, rad, beyond which a value outside its limits is probably in degrees."""
@@ -117,21 +117,23 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
     linear = jacobian[:3]
     volume = float(np.linalg.det(linear @ linear.T)) if model.nv >= 3 else 0.0
     return ArmPosture(
-        q=read_only(at),
-        v=read_only(rate),
-        tool_position=read_only(pose.translation),
-        tool_rotation=read_only(pose.rotation),
-        margin=read_only(_margin(robot, at)),
-        gravity=read_only(gravity),
-        springs=read_only(robot.spring_torque(at)),
-        inertia=read_only(upper + np.triu(upper, 1).T),
-        coriolis=read_only(pin.computeCoriolisMatrix(model, data, at, rate).reshape(model.nv, model.nv)),
-        damping=read_only(model.damping),
+        q=read_only_copy(at),
+        v=read_only_copy(rate),
+        tool_position=read_only_copy(pose.translation),
+        tool_rotation=read_only_copy(pose.rotation),
+        margin=read_only_copy(_margin(robot, at)),
+        gravity=read_only_copy(gravity),
+        springs=read_only_copy(robot.spring_torque(at)),
+        inertia=read_only_copy(upper + np.triu(upper, 1).T),
+        coriolis=read_only_copy(pin.computeCoriolisMatrix(model, data, at, rate).reshape(model.nv, model.nv)),
+        damping=read_only_copy(model.damping),
         kinetic_energy=float(pin.computeKineticEnergy(model, data, at, rate)),
         potential_energy=float(pin.computePotentialEnergy(model, data, at)),
-        regressor=read_only(pin.computeJointTorqueRegressor(model, data, at, rate, still).reshape(model.nv, -1)),
-        parameters=read_only(np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])),
-        jacobian=read_only(jacobian),
+        regressor=read_only_copy(pin.computeJointTorqueRegressor(model, data, at, rate, still).reshape(model.nv, -1)),
+        parameters=read_only_copy(
+            np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
+        ),
+        jacobian=read_only_copy(jacobian),
         manipulability=float(np.sqrt(max(0.0, volume))),
         speed=_speed(linear, model.velocityLimit) if np.isfinite(model.velocityLimit).all() else None,
         force=_force(linear, model.effortLimit, gravity) if np.isfinite(model.effortLimit).all() else None,
@@ -155,7 +157,7 @@ def _speed(linear: Array, limits: Array) -> Ellipsoid:
         along[axis] = -solution.fun if solution.success else 0.0
     full = np.zeros(3)
     full[: len(lengths)] = lengths
-    return Ellipsoid(read_only(axes), read_only(full), read_only(along))
+    return Ellipsoid(read_only_copy(axes), read_only_copy(full), read_only_copy(along))
 
 
 def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
@@ -177,7 +179,9 @@ def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
             np.abs(per_force) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(per_force), 1e-300), np.inf
         )
     order = np.argsort(lengths)[::-1]
-    return Ellipsoid(read_only(axes.T[:, order]), read_only(lengths[order]), read_only(along.min(axis=0)))
+    return Ellipsoid(
+        read_only_copy(axes.T[:, order]), read_only_copy(lengths[order]), read_only_copy(along.min(axis=0))
+    )
 
 
 def _tool_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:

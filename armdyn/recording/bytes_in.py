@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from armdyn.errors import InputError
-from urdf.bounds import LARGEST_RECORDING
+from urdf.bounds import MAX_RECORDING_BYTES
 
 
-def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
+def read_bytes(path: Path, largest: int = MAX_RECORDING_BYTES) -> bytes:
     """Read the content of a file or pipe.
 
     Args:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.units import si_factor, si_unit, to_base_units
-from urdf.bounds import shown
+from urdf.bounds import printable_excerpt
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
     quantity, _, joint = name.partition(".")
     if not is_channel_name(name):
         if quantity == EXTRA_PREFIX:
-            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_CHANNEL_FORM}")
+            raise InputError(f"{where} '{printable_excerpt(name)}': write a further quantity as {EXTRA_CHANNEL_FORM}")
         raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_CHANNEL_FORM}")
     if is_auxiliary(name):
         return ChannelKind(("1",))

@@ -22,7 +22,7 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.delimited import DelimitedTable, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.recording.units import si_factor
-from urdf.bounds import LONGEST_NAME, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, parse_number, printable_excerpt
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
@@ -44,7 +44,8 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
     header, proposal = header_of(text), f"'armdyn import {path} --output runs --guess'"
     if units is None and _is_foreign(header):
         raise InputError(
-            f"{path}: its columns ({shown(header.strip())}) are not written as a run's, such as 'time [s]': make a run "
+            f"{path}: its columns ({printable_excerpt(header.strip())}) are not written as a run's, such as "
+            "'time [s]': make a run "
             f"of it, {proposal}"
         )
     try:
@@ -76,9 +77,10 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
         InputError: a channel has a name that would be read as another one.
     """
     for name in channels:
-        if set(name) & set(',"[]') or not name.isprintable() or len(name) > LONGEST_NAME:
+        if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_LENGTH:
             raise InputError(
-                f"channel {shown(name)}: no table holds such a name: rename its joint, or map its column to another"
+                f"channel {printable_excerpt(name)}: no table holds such a name: rename its joint, "
+                "or map its column to another"
             )
     time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
     columns = [[repr(t) for t in time.tolist()]]
@@ -97,7 +99,9 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
     for place, label in enumerate(labels, start=1):
         name, written = name_and_unit(label)
         if not written and "[" in label and not label.endswith("]"):
-            raise InputError(f"column {place} '{shown(label)}' is not 'name [unit]': the file may be cut off")
+            raise InputError(
+                f"column {place} '{printable_excerpt(label)}' is not 'name [unit]': the file may be cut off"
+            )
         name = name.partition("[")[0].strip()
         if not name:
             raise InputError(f"column {place} has no name: write it as 'name [unit]', or remove it")
@@ -130,7 +134,7 @@ def _channels(table: DelimitedTable, columns: Mapping[str, Conversion], *, compl
     for k, cells in table.texts.items():
         for i, cell in cells.items():
             try:
-                number(cell)
+                parse_number(cell)
             except ValueError as error:
                 where = f"row {rows[i]}, column '{names[k]}'"
                 raise InputError(f"{where}: {error}: leave a missing sample's cell empty") from None

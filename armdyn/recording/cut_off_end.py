@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from urdf.bounds import shown
+from urdf.bounds import printable_excerpt
 
 HARMLESS_CUT_ERROR = 1e-6
 """Largest error by a cut of the last number that is accepted, as a share of the usual step from row to row: of numbers
@@ -48,7 +48,8 @@ def is_complete_cell(cells: Sequence[str]) -> bool:
 def cut_off_message(row: int, cell: str, column: str) -> str:
     """Message about a file that ends in the middle of a row, or may do so."""
     return (
-        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
+        f"row {row}, column '{printable_excerpt(column)}': "
+        f"the file ends at '{printable_excerpt(cell.strip(), 40)}' without a newline, and may "
         "be cut off in the middle of a number: copy it again; if that is its whole last row, end it in a newline "
         "(echo >> FILE)"
     )

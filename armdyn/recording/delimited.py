@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off_message, is_complete_cell
-from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
+from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, parse_number, printable_excerpt
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters of a table that are split into cells at once, which limits the memory."""
@@ -84,12 +84,13 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
         InputError: there are too many cells, or one is too long or invisible.
     """
     labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
-    if len(labels) > MOST_COLUMNS:
-        raise InputError(f"has {len(labels)} columns where {MOST_COLUMNS} are the most: leave some out")
+    if len(labels) > MAX_TABLE_COLUMNS:
+        raise InputError(f"has {len(labels)} columns where {MAX_TABLE_COLUMNS} are the most: leave some out")
     for place, label in enumerate(labels, start=1):
-        if len(label) > LONGEST_NAME or not label.isprintable():
+        if len(label) > MAX_NAME_LENGTH or not label.isprintable():
             raise InputError(
-                f"column {place} '{shown(label)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+                f"column {place} '{printable_excerpt(label)}': "
+                f"a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
             )
     return labels
 
@@ -136,8 +137,8 @@ def parse_delimited(
         tables.append(table)
         rows.append(found)
         count, row, start = count + len(table), row + block.count("\n"), end
-        if count > MOST_ROWS:
-            raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
+        if count > MAX_RECORDING_ROWS:
+            raise InputError(f"has more than {MAX_RECORDING_ROWS} rows: cut it, or record more slowly")
     last = text[text.rfind("\n") + 1 :]
     if unfinished and last.strip():
         tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]
@@ -194,6 +195,6 @@ def _number(cell: str, missing: Collection[str], decimal_comma: bool) -> float:
     if text.lower() in missing:
         return np.nan
     try:
-        return number(text.replace(",", ".") if decimal_comma else text)
+        return parse_number(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
         return np.inf

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import InputError
-from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
+from urdf.bounds import MAX_MCAP_CHUNK_BYTES, MAX_UNPACKED_BYTES, MIB
 
 CUT_OFF_MESSAGE = "is cut off, its recording did not end properly"
 BLOCK_BYTES = 2**17
@@ -67,13 +67,13 @@ def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
 
 def _check_size(chunk: Any, number: int, total: int) -> None:
     size = max(chunk.uncompressed_size, len(chunk.data))
-    if size > LARGEST_CHUNK:
+    if size > MAX_MCAP_CHUNK_BYTES:
         raise InputError(
-            f"chunk {number} expands to {size / MIB:.0f} MiB where {LARGEST_CHUNK / MIB:.0f} MiB is the most: write it "
-            "again with smaller chunks"
+            f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_MCAP_CHUNK_BYTES / MIB:.0f} MiB is the most: "
+            "write it again with smaller chunks"
         )
-    if total > LARGEST_CONTENT:
-        raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
+    if total > MAX_UNPACKED_BYTES:
+        raise InputError(f"expands to more than {MAX_UNPACKED_BYTES / MIB:.0f} MiB: cut the recording")
 
 
 def decompressed(data: bytes) -> bytes:
@@ -82,9 +82,9 @@ def decompressed(data: bytes) -> bytes:
     Raises:
         InputError: the content is too large.
     """
-    found = _expanded(data, "zstd", LARGEST_CONTENT)
-    if len(found) > LARGEST_CONTENT:
-        raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
+    found = _expanded(data, "zstd", MAX_UNPACKED_BYTES)
+    if len(found) > MAX_UNPACKED_BYTES:
+        raise InputError(f"expands to more than {MAX_UNPACKED_BYTES / MIB:.0f} MiB: cut the recording")
     return found
 
 
@@ -95,7 +95,7 @@ def _expanded(data: bytes, compression: str, most: int) -> bytes:
         if compression == "zstd":
             import zstandard
 
-            opened = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(data)
+            opened = zstandard.ZstdDecompressor(max_window_size=MAX_MCAP_CHUNK_BYTES).stream_reader(data)
             while len(found) <= most and (piece := opened.read(BLOCK_BYTES)):
                 found += piece
         elif compression == "lz4":
@@ -114,7 +114,7 @@ def _of_cut_chunk(data: bytes) -> Iterator[Any]:
     size = int.from_bytes(data[CHUNK_HEAD_BYTES : CHUNK_HEAD_BYTES + 4], "little")
     start = CHUNK_HEAD_BYTES + 4 + size
     compression = data[CHUNK_HEAD_BYTES + 4 : start].decode(errors="replace")
-    yield from _records(_expanded(data[start + 8 :], compression, LARGEST_CHUNK))
+    yield from _records(_expanded(data[start + 8 :], compression, MAX_MCAP_CHUNK_BYTES))
 
 
 def _records(content: bytes) -> Iterator[Any]:

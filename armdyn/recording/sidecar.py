@@ -26,7 +26,7 @@ from armdyn.quoting import toml_string
 from armdyn.recording.channels import channel_kind, is_auxiliary, is_channel_name, unit_conversion
 from armdyn.recording.units import KnownQuantity, parse_quantity
 from armdyn.toml_file import read_toml
-from urdf.table_file import TableFileError, parse_table
+from urdf.toml_tables import TomlFileError, parse_toml_text
 
 POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Units of a pendulum's values that a sidecar may state under ``[known]`` and that must be positive."""
@@ -70,8 +70,8 @@ def parse_sidecar(text: str) -> Sidecar:
         InputError: it is not TOML, or a field cannot be used.
     """
     try:
-        return sidecar_of(parse_table(text))
-    except TableFileError as error:
+        return sidecar_of(parse_toml_text(text))
+    except TomlFileError as error:
         raise InputError(str(error)) from error
 
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
-from urdf.bounds import is_sane, number, shown
+from urdf.bounds import has_plausible_magnitude, parse_number, printable_excerpt
 
 if TYPE_CHECKING:
     import pint
@@ -102,7 +102,7 @@ def parse_quantity(text: str, expected: str | None = None) -> KnownQuantity:
         raise InputError(f"'{text}' has no unit: write it as '{text} {expected or 'kg'}'")
     si = expected if expected is not None else si_unit(unit)
     scale = si_factor(unit, si)
-    if not is_sane(value * scale):
+    if not has_plausible_magnitude(value * scale):
         raise InputError(f"'{text}' is too large or too small for anything: write a number, such as '80 g'")
     if len(numbers) == 1:
         return KnownQuantity(value * scale, None, si)
@@ -115,7 +115,7 @@ def parse_quantity(text: str, expected: str | None = None) -> KnownQuantity:
     std = abs(value) * spread / 100 * scale if spread_unit == "%" else spread * si_factor(spread_unit, si)
     if not std > 0.0:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
-    if not is_sane(std):
+    if not has_plausible_magnitude(std):
         raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
     return KnownQuantity(value * scale, std, si)
 
@@ -225,11 +225,11 @@ def _number_and_unit(part: str, text: str) -> tuple[float, str]:
         raise InputError(f"'{text}' does not start with a number: write it as '80 g' or '80 g +/- 0.4 g'")
     unit = part[match.end() :].strip()
     try:
-        value = number(match.group())
+        value = parse_number(match.group())
     except ValueError as error:
-        raise InputError(f"'{shown(text)}' is not finite: write a number, such as '80 g'") from error
+        raise InputError(f"'{printable_excerpt(text)}' is not finite: write a number, such as '80 g'") from error
     if unit.startswith(","):
         raise InputError(f"'{text}' has a decimal comma: write a decimal point")
     if unit.startswith("_"):
-        raise InputError(f"'{shown(text)}' has digits that are set apart: write them without '_'")
+        raise InputError(f"'{printable_excerpt(text)}' has digits that are set apart: write them without '_'")
     return value, unit

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 import urdf
 from ik import build_line_table, default_table
 from ik.plan import Planner
-from ik.solver import Solver
+from ik.solver import IkSolver
 
 LINE_TARGETS = 1000
 MANY = 5000  # cold targets at once, for the batch solver alone
@@ -154,7 +154,7 @@ def race_cold(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: i
     starts = np.random.default_rng(3141).uniform(robot.limits.lower, robot.limits.upper, (STARTS, robot.model.nv))
     starts[0] = robot.home
     rotation, position = _arrays(robot, targets)
-    solver = Solver(robot)
+    solver = IkSolver(robot)
     contenders: dict[str, OneByOne | Batch] = {
         "armdyn": Batch(lambda: solver.solve(rotation, position, tolerance=TOLERANCE).q)
     }
@@ -176,7 +176,7 @@ def batch_of_many(robot: urdf.Robot) -> dict[str, float]:
     """The batch solver where it is at home."""
     targets = cold_targets(robot, MANY)
     rotation, position = _arrays(robot, targets)
-    solver = Solver(robot)
+    solver = IkSolver(robot)
     batch = Batch(lambda: solver.solve(rotation, position, tolerance=TOLERANCE).q)
     batch()
     seconds = []

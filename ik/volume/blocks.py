@@ -1,4 +1,4 @@
-"""Solve one block of a volume, starting from the skeleton's targets around it."""
+"""Solve the inverse kinematics of one block of a grid, starting from postures on a coarse grid, the skeleton."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,57 +6,62 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik.chain import Chain
-from ik.solver import REACHED_TOLERANCE, descend
-from ik.volume.grid import Block, Grid, Status
+from ik.chain import KinematicChain
+from ik.solver import REACHED_TOLERANCE, damped_least_squares
+from ik.volume.grid import Block, TargetGrid, TargetStatus
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
 BLOCK_ITERATIONS = 9  # four are enough wherever the skeleton is smooth
-HOPELESS_ERROR = 1e-2  # m or rad
-TARGETS_AT_ONCE = 4096  # targets at once: what the caches hold
-MAX_CORNER_DISTANCE = 1.5  # rad between corners of a cell of the skeleton that are not to be mixed
+HOPELESS_ERROR = 1e-2  # m or rad; a target with a larger error after a few steps is given up
+BATCH_TARGETS = 4096  # targets that are solved together: their arrays fit into the processor's cache
+MAX_CORNER_DISTANCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
 
 
-class Solved(NamedTuple):
-    """Solution of one block."""
+class BlockSolution(NamedTuple):
+    """Inverse kinematics of one block of a grid.
 
-    q: Array  # (x, y, z, n) [rad or m], nan where unreachable
-    status: NDArray[np.uint8]  # (x, y, z), see Status
+    Attributes:
+        q: postures, (x, y, z, n) [rad or m]; nan where a target is unreachable.
+        status: result of each target, (x, y, z), a value of `TargetStatus`.
+    """
+
+    q: Array
+    status: NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class BlockSolver:
-    """Solves blocks in a worker; it is small enough to be sent with every block.
+    """Solves the inverse kinematics of blocks of a grid; it can be pickled and sent to a worker process.
 
     Attributes:
         robot: the arm.
         grid: the targets.
-        skeleton: postures on the coarse grid, (m, x, y, z, n), nan where there are none.
-        collisions: whether postures at which the arm touches something are marked.
+        skeleton: postures on the coarse grid, (m, x, y, z, n) [rad or m]; nan where there is none.
+        collisions: whether postures with a collision are marked.
     """
 
     robot: Robot
-    grid: Grid
+    grid: TargetGrid
     skeleton: Array
     collisions: bool
 
-    def __call__(self, block: Block) -> Solved:
-        """Postures of a block, each the nearest to the skeleton's at its position.
+    def __call__(self, block: Block) -> BlockSolution:
+        """Solve the targets of a block.
 
-        The skeleton interpolated between its targets is a smooth guess; the smallest joint motion takes it onto the
-        target. Both depend smoothly on the position, and so do the postures, across blocks too.
+        The guess is the skeleton, interpolated at the target's position. The smallest joint motion leads from the guess
+        to the target. Both depend smoothly on the position, and so do the postures, also across blocks.
         """
-        chain, place = Chain.of(self.robot), self.grid.positions(block)
+        chain, place = KinematicChain.from_robot(self.robot), self.grid.positions(block)
         position = place.reshape(-1, 3)
         q = self._guess(block[0], position)
         rotation = self.grid.rotations[block[0]][:, :, None]
-        status = np.full(len(q), Status.UNREACHABLE, dtype=np.uint8)
+        status = np.full(len(q), TargetStatus.UNREACHABLE, dtype=np.uint8)
         known = np.flatnonzero(~np.isnan(q[:, 0]))
-        for start in range(0, len(known), TARGETS_AT_ONCE):
-            part = known[start : start + TARGETS_AT_ONCE]
+        for start in range(0, len(known), BATCH_TARGETS):
+            part = known[start : start + BATCH_TARGETS]
             placed = np.ascontiguousarray(position[part].T)
-            q[part], error = descend(
+            q[part], error = damped_least_squares(
                 chain,
                 self.robot.limits,
                 rotation,
@@ -65,16 +70,16 @@ class BlockSolver:
                 iterations=BLOCK_ITERATIONS,
                 hopeless=HOPELESS_ERROR,
             )
-            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = Status.REACHED
-        q[status == Status.UNREACHABLE] = np.nan
+            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = TargetStatus.REACHED
+        q[status == TargetStatus.UNREACHABLE] = np.nan
         if self.collisions:
             model = CollisionModel(self.robot)
             touching = [i for i in np.flatnonzero(status) if model.touching(q[i]) is not None]
-            status[touching] = Status.TOUCHING
-        return Solved(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
+            status[touching] = TargetStatus.COLLIDING
+        return BlockSolution(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
 
     def _guess(self, rotation: int, position: Array) -> Array:
-        """The skeleton interpolated between its targets, (k, n): trilinear; nan where no corner of a cell is solved."""
+        """Trilinear interpolation of the skeleton at positions (k, 3), (k, n); nan where no corner has a posture."""
         coarse = self.grid.coarse()
         cells = np.array(coarse.counts) - 1
         place = (position - coarse.low) / (coarse.high - coarse.low) * cells

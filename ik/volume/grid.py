@@ -1,4 +1,4 @@
-"""The targets of a volume, and its blocks."""
+"""The grid of target poses of a volume, divided into blocks."""
 
 import math
 from dataclasses import dataclass
@@ -8,35 +8,35 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
-BLOCK_EDGE_TARGETS = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
+BLOCK_EDGE_TARGETS = 25  # targets along each edge of a block: a second of computation, a megabyte on disk
 MAX_GRID_COORDINATE = 100.0
-"""Largest coordinate, m; no arm on a fixed base reaches so far."""
+"""Largest coordinate of a target [m]; no arm on a fixed base reaches further."""
 MAX_TARGETS = 10**9
-"""Largest number of targets; a volume of so many takes 60 GB and a day."""
-SKELETON_SPACING = 0.06  # m between the targets of the coarse skeleton; postures bend little over that
+"""Largest number of targets; such a volume takes 60 GB and a day."""
+SKELETON_SPACING = 0.06  # m between the targets of the coarse grid; postures are nearly linear over this distance
 
 Block = tuple[int, int, int, int]
-"""Number of an orientation, and of a block of its targets along x, y and z."""
+"""Index of an orientation, and indices of a block of its targets along x, y and z."""
 
 
-class Status(IntEnum):
-    """Result of solving a target."""
+class TargetStatus(IntEnum):
+    """Result of the inverse kinematics of one target pose."""
 
-    UNREACHABLE = 0  # within the joint limits on the branch of its neighbours
+    UNREACHABLE = 0  # no posture within the joint limits close to those of the neighbouring targets
     REACHED = 1
-    TOUCHING = 2  # reached, but the arm touches something there
+    COLLIDING = 2  # reached, but with a collision
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Evenly spaced positions of the tool point in the robot's base frame, each with every orientation.
+class TargetGrid:
+    """Target poses of a tool: evenly spaced positions in the robot's base frame, each with every orientation.
 
     Attributes:
         low: lowest corner, (3,) [m].
         high: highest corner, (3,) [m].
-        counts: targets along x, y and z, each at least 2.
+        counts: number of targets along x, y and z, each at least 2.
         rotations: orientations of the tool, (m, 3, 3).
     """
 
@@ -46,7 +46,7 @@ class Grid:
     rotations: Array
 
     def __post_init__(self) -> None:
-        freeze(self, "low", "high", "rotations")
+        freeze_arrays(self, "low", "high", "rotations")
         if not (np.all(np.abs(self.low) <= MAX_GRID_COORDINATE) and np.all(np.abs(self.high) <= MAX_GRID_COORDINATE)):
             raise InputError(f"volume: a corner is farther than {MAX_GRID_COORDINATE:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):
@@ -60,7 +60,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Number of orientations, and of targets along x, y and z."""
+        """Number of orientations, and number of targets along x, y and z."""
         return len(self.rotations), *self.counts
 
     @property
@@ -70,12 +70,12 @@ class Grid:
 
     @property
     def blocks(self) -> tuple[int, int, int, int]:
-        """Number of orientations, and of blocks along x, y and z."""
+        """Number of orientations, and number of blocks along x, y and z."""
         x, y, z = (-(-count // BLOCK_EDGE_TARGETS) for count in self.counts)
         return len(self.rotations), x, y, z
 
-    def place(self, block: Block) -> tuple[int, slice, slice, slice]:
-        """Indices of a block's targets among all targets."""
+    def indices(self, block: Block) -> tuple[int, slice, slice, slice]:
+        """Index of a block's orientation, and slices of its targets along x, y and z, to index arrays of the grid."""
         rotation, *numbers = block
         x, y, z = (
             slice(BLOCK_EDGE_TARGETS * number, min(BLOCK_EDGE_TARGETS * (number + 1), count))
@@ -84,26 +84,26 @@ class Grid:
         return rotation, x, y, z
 
     def positions(self, block: Block | None = None) -> Array:
-        """Positions of a block or of all, (x, y, z, 3) [m]."""
+        """Positions of the targets of a block, or by default of the whole grid, (x, y, z, 3) [m]."""
         bounds = zip(self.low, self.high, self.counts, strict=True)
         axes = [np.linspace(low, high, count) for low, high, count in bounds]
         if block is not None:
-            axes = [axis[part] for axis, part in zip(axes, self.place(block)[1:], strict=True)]
+            axes = [axis[part] for axis, part in zip(axes, self.indices(block)[1:], strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
-    def coarse(self) -> "Grid":
-        """The grid of the skeleton: the same corners, a few centimetres between targets."""
+    def coarse(self) -> "TargetGrid":
+        """A coarser grid with the corners of this one and a few centimetres between targets."""
         wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))
-        return Grid(self.low, self.high, (x, y, z), self.rotations)
+        return TargetGrid(self.low, self.high, (x, y, z), self.rotations)
 
     def describe(self) -> dict[str, Any]:
-        """The grid as numbers and lists, to be stored with the table."""
+        """The grid as a dictionary of numbers and lists, from which `TargetGrid.from_description` restores it."""
         arrays = {name: getattr(self, name).tolist() for name in ("low", "high", "rotations")}
         return arrays | {"counts": list(self.counts)}
 
     @classmethod
-    def of(cls, content: dict[str, Any]) -> "Grid":
-        """The grid from the result of `describe`."""
+    def from_description(cls, content: dict[str, Any]) -> "TargetGrid":
+        """Make a grid from a dictionary that `describe` returned."""
         x, y, z = content["counts"]
         return cls(np.array(content["low"]), np.array(content["high"]), (x, y, z), np.array(content["rotations"]))

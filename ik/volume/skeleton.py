@@ -1,36 +1,36 @@
-"""A coarse grid of postures on one branch: solved outwards from one target, then smoothed."""
+"""Postures on a coarse grid that vary smoothly: solved outwards from one target, then smoothed."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
-from ik.solver import REACHED_TOLERANCE, Solver, descend
-from ik.volume.grid import Grid
+from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
+from ik.volume.grid import TargetGrid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-MAX_NEIGHBOUR_DISTANCE = 0.7  # rad between neighbours of the skeleton that still belong together
-SMOOTHING_SWEEPS = 30  # of smoothing; more sweeps change nothing
-MAX_PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
-COLD_STARTS_PER_TARGET = 4  # per target that no wave reached
+MAX_NEIGHBOUR_DISTANCE = 0.7  # rad; neighbouring postures that differ more belong to different branches
+SMOOTHING_SWEEPS = 30  # smoothing sweeps; more change nothing
+MAX_EXTRA_BRANCHES = 8  # branches besides the first; postures jump at the border of each, and later ones are small
+RANDOM_STARTS_PER_TARGET = 4  # random starting postures per target that no neighbour's posture leads to
 CENTRING_SHARE = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 
 
-def build_skeleton(robot: Robot, grid: Grid) -> Array:
-    """Postures at the targets of a coarse grid, each close to those of its neighbours, that touch nothing.
+def build_skeleton(robot: Robot, grid: TargetGrid) -> Array:
+    """Solve the inverse kinematics on a coarse grid, with postures close to their neighbours and without collisions.
 
-    The target nearest to the tool at home is solved from home; every target next to a solved one is then solved from
-    the mean of its solved neighbours, wave by wave. Where the waves end and targets are left, another posture starts
-    another part. Sweeps that replace each posture by the mean of its neighbours, brought back to its target, take the
-    unevenness out. The next orientation starts from the postures of the one before.
+    The target nearest to the tool at home is solved from the home posture. Then each neighbour of solved targets is
+    solved from the mean of their postures, outwards step by step. Where targets remain, another starting posture begins
+    a new region. Finally each posture is repeatedly moved towards the mean of its neighbours and corrected to reach its
+    target. The next orientation starts from the postures of the one before.
 
     Returns:
-        (m, x, y, z, n) [rad or m], nan where a target cannot be held.
+        Postures, (m, x, y, z, n) [rad or m]; nan where a target is not reached.
 
     Raises:
-        UnreachableError: no target of the grid can be held.
+        UnreachableError: no target of the grid can be reached.
     """
-    solver, collisions = Solver(robot), CollisionModel(robot)
+    solver, collisions = IkSolver(robot), CollisionModel(robot)
     position = grid.positions().reshape(-1, 3)
     parts = []
     q = np.full((len(position), len(robot.home)), np.nan)
@@ -55,22 +55,22 @@ def build_skeleton(robot: Robot, grid: Grid) -> Array:
 
 
 class _Layer:
-    """The targets of one orientation; postures q are (k, n), nan where there is none."""
+    """Solves the targets of one orientation; postures q are (k, n), nan where there is none."""
 
     def __init__(
-        self, robot: Robot, solver: Solver, rotation: Array, position: Array, counts: tuple[int, int, int]
+        self, robot: Robot, solver: IkSolver, rotation: Array, position: Array, counts: tuple[int, int, int]
     ) -> None:
         self.limits, self.solver = robot.limits, solver
         self.rotation, self.position, self.neighbours = rotation, position, _neighbours(counts)
 
     def reach(self, targets: NDArray[np.intp], guess: Array, farthest: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Postures of targets (m,) from guesses (m, n), and which hold them within so many rad of the guess."""
+        """Postures of targets (m,) from guesses (m, n), and which reach them within `farthest` rad of the guess."""
         placed = np.ascontiguousarray(self.position[targets].T)
-        q, error = descend(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
+        q, error = damped_least_squares(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
         return q, (np.abs(error).max(axis=0) < REACHED_TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
 
     def follow(self, guess: Array) -> Array:
-        """Postures from guesses, nan where there is no guess or the target is missed."""
+        """Postures from guesses; nan where there is no guess or the target is not reached."""
         q = np.full_like(guess, np.nan)
         known = np.flatnonzero(~np.isnan(guess[:, 0]))
         found, good = self.reach(known, guess[known], np.inf)
@@ -78,7 +78,7 @@ class _Layer:
         return q
 
     def spread(self, q: Array) -> Array:
-        """Solve what is unsolved, outwards from what is solved; where that ends, from the library of postures."""
+        """Solve the unsolved targets, outwards from the solved ones; where this ends, from random postures."""
         q = q.copy()
         tried = np.full(len(q), -1)
         cold: Array | None = None
@@ -96,10 +96,10 @@ class _Layer:
             if cold is None:
                 cold = np.full_like(q, np.nan)
                 rotations = np.broadcast_to(self.rotation, (int((~known).sum()), 3, 3))
-                answers = self.solver.solve(rotations, self.position[~known], starts=COLD_STARTS_PER_TARGET)
+                answers = self.solver.solve(rotations, self.position[~known], starts=RANDOM_STARTS_PER_TARGET)
                 cold[~known] = np.where(answers.reached[:, None], answers.q, np.nan)
             left = np.flatnonzero(~known & ~np.isnan(cold[:, 0]))
-            if not len(left) or parts == MAX_PARTS:
+            if not len(left) or parts == MAX_EXTRA_BRANCHES:
                 return q
             # The posture closest to the solved ones starts the next part, from which the waves go on.
             centre = np.mean(q[known], axis=0) if known.any() else cold[left[0]]
@@ -108,7 +108,7 @@ class _Layer:
             parts += 1
 
     def smooth(self, q: Array) -> Array:
-        """Sweeps of means of neighbours, each brought back to its target; what would leave its limits stays."""
+        """Move each posture repeatedly towards the mean of its neighbours, corrected to reach its target."""
         q, middle = q.copy(), (self.limits.lower + self.limits.upper) / 2
         solved = np.flatnonzero(~np.isnan(q[:, 0]))
         for sweep in range(SMOOTHING_SWEEPS):
@@ -135,7 +135,7 @@ def _neighbours(counts: tuple[int, int, int]) -> NDArray[np.intp]:
 
 
 def _mean(q: Array, neighbours: NDArray[np.intp]) -> Array:
-    """Mean posture of the solved ones among neighbours (k, 6), (k, n); nan where there is none."""
+    """Mean posture of the solved neighbours, (k, n); nan where none is solved. `neighbours` (k, 6) are indices."""
     around = np.where((neighbours >= 0)[:, :, None], q[neighbours], np.nan)
     solved = ~np.isnan(around)
     return np.asarray(

@@ -1,4 +1,4 @@
-"""A volume on disk: a zarr group that can be written block by block and read slab by slab."""
+"""A volume on disk: a zarr group whose blocks are written one by one."""
 
 import hashlib
 import os
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError, check_owner
-from ik.volume.blocks import Solved
-from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, Status
+from ik.errors import StaleTableError, check_built_for
+from ik.volume.blocks import BlockSolution
+from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, TargetGrid, TargetStatus
 from urdf import Robot
 from urdf.robot import Array
 
@@ -22,44 +22,49 @@ if TYPE_CHECKING:
     import zarr
 
 
-VOLUME_FORMAT = 3  # raise it when a change of the code makes other volumes out of the same robot
+VOLUME_FORMAT = 3  # version of the format; raise it when a change of the code changes the volume of a robot
 REMOVE_REMEDY = "remove it and build it again with 'armdyn ik volume'"
 ZARR_REMEDY = "volumes need zarr: run 'pip install armdyn[volume]'"
 
 
 @dataclass(frozen=True)
 class VolumeTable:
-    """An IK table over a volume; n joints, m orientations.
+    """The inverse kinematics of a 3-D grid of targets on disk; n joints, m orientations of the tool.
 
     Attributes:
         path: the zarr directory.
         robot_name: name of the robot.
         joint_names: names of the joints from base to tool.
         grid: the targets.
-        q: postures, (m, x, y, z, n) [rad or m], read from disk where they are indexed; nan where unreachable.
-        status: result of each target, (m, x, y, z), see `Status`.
-        skeleton: postures on the coarse grid from which the blocks were seeded.
-        digests: of each finished block's postures and status, (m, blocks along x, y, z); 0 where it is not done.
+        q: postures, (m, x, y, z, n) [rad or m]; indexing reads them from disk; nan where a target is unreachable.
+        status: result of each target, (m, x, y, z), a value of `TargetStatus`.
+        skeleton: postures on the coarse grid from which the blocks were solved, (m, x, y, z, n) [rad or m].
+        digests: digest of each finished block, (m, blocks along x, y and z); 0 where a block is not finished.
     """
 
     path: Path
     robot_name: str
     joint_names: tuple[str, ...]
-    grid: Grid
+    grid: TargetGrid
     q: "zarr.Array[Any]"
     status: "zarr.Array[Any]"
     skeleton: Array
     digests: "zarr.Array[Any]"
 
     @classmethod
-    def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
-        """Make an empty volume in a zarr directory, or open the one that another process has made meanwhile.
+    def create(cls, path: Path, robot: Robot, grid: TargetGrid, skeleton: Array, collisions: bool) -> Self:
+        """Create an empty volume in a zarr directory, or open it if another process has just created it.
 
-        The skeleton has postures on the coarse grid, (m, x, y, z, n).
+        Args:
+            path: the zarr directory.
+            robot: the arm.
+            grid: the targets.
+            skeleton: postures on the coarse grid, (m, x, y, z, n) [rad or m].
+            collisions: whether postures with a collision will be marked.
 
         Raises:
-            InputError: zarr is missing, or the directory cannot be written.
-            StaleTableError: the directory contains something else.
+            InputError: zarr is not installed, or the directory cannot be written.
+            StaleTableError: the directory contains another volume or other files.
         """
         zarr = _zarr()
         joints, edges = len(robot.joint_names), tuple(min(BLOCK_EDGE_TARGETS, count) for count in grid.counts)
@@ -94,12 +99,17 @@ class VolumeTable:
 
     @classmethod
     def open(cls, path: str | Path, robot: Robot | None = None, collisions: bool | None = None) -> Self:
-        """Open a volume, which must belong to `robot` and mark touching postures as `collisions` says, where given.
+        """Open a volume in a zarr directory.
+
+        Args:
+            path: the zarr directory.
+            robot: if given, the robot that the volume must have been built for.
+            collisions: if given, whether the volume must have been built with a collision check.
 
         Raises:
-            InputError: zarr is missing, or there is no such directory.
-            StaleTableError: it is no volume, or it belongs to another robot or other settings, or a finished block was
-                changed.
+            InputError: zarr is not installed, or the directory does not exist.
+            StaleTableError: the directory is not a volume, the volume was built for another robot or other settings, or
+                a finished block was changed.
         """
         zarr, source = _zarr(), Path(path)
         if not source.is_dir():
@@ -113,7 +123,7 @@ class VolumeTable:
                 path=source,
                 robot_name=about["robot"],
                 joint_names=tuple(about["joints"]),
-                grid=Grid.of(about["grid"]),
+                grid=TargetGrid.from_description(about["grid"]),
                 q=group["q"],
                 status=group["status"],
                 skeleton=np.asarray(group["skeleton"][:]),
@@ -125,19 +135,19 @@ class VolumeTable:
         except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
             raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE_REMEDY}") from error
         if robot is not None:
-            check_owner(source, about, robot, REMOVE_REMEDY)
+            check_built_for(source, about, robot, REMOVE_REMEDY)
         if collisions is not None and about["collisions"] != collisions:
             built, wanted = ("with" if checked else "without" for checked in (about["collisions"], collisions))
             raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE_REMEDY}")
         return table
 
-    def write(self, block: Block, solved: Solved) -> None:
-        """Write a block; it counts as done only when all of it is on disk.
+    def write(self, block: Block, solved: BlockSolution) -> None:
+        """Write a solved block to disk; its digest, which marks it as finished, is written last.
 
         Raises:
             InputError: the disk is full, or the directory was removed.
         """
-        place = self.grid.place(block)
+        place = self.grid.indices(block)
         try:
             self.q[place], self.status[place] = solved.q, solved.status
             self.digests[block] = _digest(*solved)
@@ -161,20 +171,20 @@ class VolumeTable:
         if wrong is not None:
             raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {REMOVE_REMEDY}")
         for block, digest in np.ndenumerate(np.asarray(self.digests[:])):
-            place = grid.place(block)
+            place = grid.indices(block)
             if digest and digest != _digest(np.asarray(self.q[place]), np.asarray(self.status[place])):
                 raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE_REMEDY}")
 
-    def missing(self) -> list[Block]:
-        """Blocks that are not done."""
+    def unfinished_blocks(self) -> list[Block]:
+        """Blocks that are not finished."""
         return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
 
-    def reached(self) -> float:
-        """Share of targets that are reached and touch nothing."""
-        return float(np.mean(np.asarray(self.status[:]) == Status.REACHED))
+    def reached_share(self) -> float:
+        """Share of the targets that are reached without a collision, from 0 to 1."""
+        return float(np.mean(np.asarray(self.status[:]) == TargetStatus.REACHED))
 
-    def apart(self, limit: float = 0.2) -> float:
-        """Share of pairs of neighbouring reached targets in which some joint differs by more than `limit` [rad]."""
+    def discontinuity_share(self, limit: float = 0.2) -> float:
+        """Share of pairs of neighbouring reached targets between which a joint differs by more than `limit` [rad]."""
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):
             # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.

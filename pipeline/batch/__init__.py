@@ -1,1 +1,1 @@
-"""Batches: compare or repair for every recording that a SPEC names, and detect changes over time."""
+"""Batches: compare or repair a model with each of many recordings, and detect changes of its parameters over time."""

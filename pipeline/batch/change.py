@@ -1,12 +1,13 @@
-"""The time at which a parameter changed, found in fits of many recordings by a test with a stated false-alarm rate.
+"""Find when a parameter changed, from fits of many recordings, by a statistical test with a given false-alarm rate.
 
-A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance
-would in any series of the whole batch. A slow drift is not a step: the step is fitted together with a straight line,
-and must also remain significant beside a parabola or a line through its neighbours. A single outlier is not a step
-either: a value far from the median of its neighbours is replaced by that median. The test of one series is in
-`series.py`.
-The bound is the quantile of the batch's largest deviate over simulated batches of such noise; it holds for the batch
-also where the parameters of a robot are correlated, which only makes alarms rarer (Sidak 1967).
+A series is one parameter of one robot over time. A step in a series is significant if it explains more than noise would
+explain in any series of the whole batch. The step is fitted together with a straight line, so that a slow drift is not
+taken for a step; it must also be significant when it is fitted together with a parabola, or with a line through its
+neighbours. A value far from the median of its neighbours is an outlier and is replaced by this median before the test.
+`series.py` tests one series.
+
+The bound of significance is the quantile of the largest normal deviate in simulated batches of noise. It is valid also
+where the parameters of a robot are correlated, which only makes false alarms rarer (Sidak 1967).
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,21 +18,25 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from armdyn.recording.channels import FloatArray
-from pipeline.batch.series import ParameterSeries, StepTest, correlation
+from pipeline.batch.series import ParameterSeries, StepTest, neighbour_correlation
 
 FALSE_ALARM_RATE = 0.01
-"""Probability that a batch in which nothing changes has an alarm."""
+"""Default probability of a false alarm in a batch in which nothing changes."""
 SIMULATED_BATCHES = 4000
-"""Simulated batches: the bound at 1 % is then the 40th largest value, known within a sixth of that 1 %."""
+"""Number of simulated batches; the bound for 1 % is then the 40th largest value, with an error of a sixth."""
 NEIGHBOURING_RECORDINGS = 12
-"""Recordings on either side that are neighbours of a step: over so many a slow curve is nearly straight, while a change
-that lasts for a while still looks like a step."""
-MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
-"""Largest number of simulated values, some ten seconds of work, and smallest number of batches: for large data fewer
-batches are simulated, but so many that the bound at 1 % is the 10th largest value."""
+"""Number of recordings on each side of a step that are its neighbours.
 
-Name: TypeAlias = tuple[str, str]
-"""Robot and parameter; the parameter of one joint is written ``"<quantity>[<joint>]"``."""
+Over so few recordings a slow drift is nearly straight, while a change that persists still looks like a step.
+"""
+MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
+"""Largest number of simulated values (about ten seconds of computation), and smallest number of simulated batches.
+
+With 1000 batches the bound for 1 % is the 10th largest value.
+"""
+
+SeriesKey: TypeAlias = tuple[str, str]
+"""Name of a robot and name of a parameter; the parameter of one joint is written ``"<quantity>[<joint>]"``."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +46,13 @@ class ParameterStep:
     Attributes:
         robot: name of the robot.
         parameter: name of the parameter.
-        last_before: time of the last recording with the old value, s.
-        first_after: time of the first recording with the new value, s.
-        before: median of the values before the step, back to the previous step.
-        after: median of the values after the step, up to the next step.
-        chance: probability of a step at least as clear as this one anywhere in a batch in which nothing changes; at
-            least one over the number of simulated batches.
-        index: number of the first recording with the new value in the series.
+        last_before: time of the last recording with the old value, since 1970 [s].
+        first_after: time of the first recording with the new value, since 1970 [s].
+        before: median of the values from the previous step to this one, in the parameter's unit.
+        after: median of the values from this step to the next one, in the parameter's unit.
+        chance: probability that noise alone gives a step at least as clear anywhere in the batch; at least one over the
+            number of simulated batches.
+        index: index of the first recording with the new value in the series.
     """
 
     robot: str
@@ -67,8 +72,8 @@ class Drift:
     Attributes:
         robot: name of the robot.
         parameter: name of the parameter.
-        slope: change per second (median of the pairwise slopes, Theil and Sen).
-        chance: probability of a slope at least as clear as this one anywhere in a batch in which nothing changes.
+        slope: change per second, in the parameter's unit per s (median of the pairwise slopes, Theil and Sen).
+        chance: probability that noise alone gives a slope at least as clear anywhere in the batch.
     """
 
     robot: str
@@ -79,14 +84,14 @@ class Drift:
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """Result of the test on a batch of series.
+    """Result of testing a batch of series for changes.
 
     Attributes:
         steps: sudden changes, the clearest first.
         drifts: slow changes of series without a step, the clearest first.
-        tested: series that are long enough for the test.
-        too_short: series that are too short or constant.
-        false_alarms: probability of at least one step, and of at least one drift, in a batch in which nothing changes.
+        tested: number of series that were tested.
+        too_short: number of series that were not tested, because they are too short or constant.
+        false_alarms: probability of at least one false step, and of at least one false drift, in the batch.
     """
 
     steps: tuple[ParameterStep, ...]
@@ -97,7 +102,7 @@ class ChangeTest:
 
 
 def find_changes(
-    series: Mapping[Name, ParameterSeries],
+    series: Mapping[SeriesKey, ParameterSeries],
     false_alarms: float = FALSE_ALARM_RATE,
     *,
     batches: int = SIMULATED_BATCHES,
@@ -107,8 +112,8 @@ def find_changes(
 
     Args:
         series: the series by robot and parameter.
-        false_alarms: probability of at least one step, and of at least one drift, in a batch in which nothing changes.
-        batches: number of simulated batches from which the bound is taken.
+        false_alarms: probability of at least one false step, and of at least one false drift, in the batch.
+        batches: number of simulated batches from which the bound of significance is computed.
         seed: seed of the simulated noise.
 
     Returns:
@@ -121,7 +126,7 @@ def find_changes(
     kinds: dict[str, list[StepTest]] = {}
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
-    phi = {kind: correlation(group, rng) for kind, group in kinds.items()}
+    phi = {kind: neighbour_correlation(group, rng) for kind, group in kinds.items()}
     tests = {name: test for name in tests if (test := StepTest.of(series[name], phi[_kind(name[1])])) is not None}
     size = sum(len(test.time) for test in tests.values())
     batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))
@@ -148,17 +153,17 @@ def find_changes(
 
 
 def _steps(
-    name: Name, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
+    name: SeriesKey, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
 ) -> Iterator[ParameterStep]:
-    """Steps in one part of a series; both sides of every step found are searched again.
+    """Find steps in one part of a series; the parts before and after each step are searched again.
 
     Args:
         name: robot and parameter.
         series: the whole series.
-        part: first recording of the part, and the first one after it.
-        phi: correlation of neighbours.
-        by_chance: (batches,) largest deviates of simulated batches in which nothing changes.
-        bound: deviate beyond which a step is significant.
+        part: index of the part's first recording, and of the first one after it.
+        phi: correlation of neighbouring recordings.
+        by_chance: largest normal deviate of each simulated batch of noise, (batches,).
+        bound: deviate above which a step is significant.
     """
     first, end = part
     test = StepTest.of(series.part(first, end), phi)
@@ -189,7 +194,7 @@ def _steps(
 
 
 def _chance(deviate: float, by_chance: FloatArray) -> float:
-    """Share of the simulated batches with at least as large a deviate; at least one over their number."""
+    """Share of the simulated batches with at least this deviate; at least one over the number of batches."""
     return max(float(np.mean(by_chance >= deviate)), 1.0 / len(by_chance))
 
 

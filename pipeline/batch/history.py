@@ -1,4 +1,4 @@
-"""Parameters over time: a series per robot and parameter, and the changes with their days."""
+"""The parameters of a batch over time: a series per robot and parameter, and its changes with their dates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,43 +7,42 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.batch.change import ChangeTest, Name, ParameterStep, find_changes
-from pipeline.batch.run import Row
+from pipeline.batch.change import ChangeTest, ParameterStep, SeriesKey, find_changes
+from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
-from pipeline.batch.spec import Spec
+from pipeline.batch.spec import BatchSpec
 
 EPOCH = datetime(1970, 1, 1)
 DAY_SECONDS = 86400.0
-"""s"""
 
 
 ChangeEvent: TypeAlias = tuple[ParameterStep, ...]
-"""Changes of one robot at the same time: one of each parameter that changed, the clearest first."""
+"""Steps of one robot's parameters at about the same time, the clearest first."""
 
 
 @dataclass(frozen=True)
 class ParameterHistory:
-    """A batch's parameters over time, and their changes.
+    """The parameters of a batch over time, and their changes.
 
     Attributes:
         series: fitted values over time, by robot and parameter.
-        rows: rows of each series in its order, by robot and parameter.
+        rows: recordings of each series in the order of time, by robot and parameter.
         units: unit of each parameter.
-        found: changes that were detected.
-        events: events in the order of time.
+        found: result of the test for changes.
+        events: significant steps, grouped by robot and time, in the order of time.
     """
 
-    series: dict[Name, ParameterSeries]
-    rows: dict[Name, list[Row]]
+    series: dict[SeriesKey, ParameterSeries]
+    rows: dict[SeriesKey, list[BatchRow]]
     units: dict[str, str]
     found: ChangeTest
     events: tuple[ChangeEvent, ...]
 
 
-def history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
-    """Parameters over time, and their changes, from the rows of a batch."""
+def parameter_history(spec: BatchSpec, rows: Sequence[BatchRow]) -> ParameterHistory:
+    """Collect the parameters over time from the rows of a batch, and test them for changes."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
-    points: dict[Name, list[tuple[float, float, float, Row]]] = {}
+    points: dict[SeriesKey, list[tuple[float, float, float, BatchRow]]] = {}
     units: dict[str, str] = {}
     for row in rows:
         item, time = row.item, row.item.when.time
@@ -65,7 +64,7 @@ def history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
 
 
 def _events(steps: Sequence[ParameterStep]) -> tuple[ChangeEvent, ...]:
-    """Events in the order of time; steps of one robot whose days overlap are one event, on the day of the clearest."""
+    """Group steps of one robot whose periods overlap, within a day, to events in the order of time."""
     events: list[list[ParameterStep]] = []
     for step in steps:
         for event in events:
@@ -82,14 +81,17 @@ def _events(steps: Sequence[ParameterStep]) -> tuple[ChangeEvent, ...]:
     return tuple(map(tuple, sorted(events, key=lambda event: (event[0].first_after, event[0].robot))))
 
 
-def moment(seconds: float) -> datetime:
-    """A time of a series as a date, UTC."""
+def utc_datetime(seconds: float) -> datetime:
+    """Convert a time in seconds since 1970 to a date and time in UTC."""
     return EPOCH + timedelta(seconds=seconds)
 
 
-def between(step: ParameterStep) -> str:
-    """Text such as ``between 2026-05-03 and 2026-05-04``, with times where both are on one day."""
-    first, last = moment(step.last_before), moment(step.first_after)
+def step_period_text(step: ParameterStep) -> str:
+    """The period in which a parameter changed, such as ``between 2026-05-03 and 2026-05-04``.
+
+    If the period lies within one day, the text has the times of day.
+    """
+    first, last = utc_datetime(step.last_before), utc_datetime(step.first_after)
     if first.date() == last.date():
         return f"on {first:%Y-%m-%d} between {first:%H:%M} and {last:%H:%M}"
     return f"between {first:%Y-%m-%d} and {last:%Y-%m-%d}"

@@ -1,8 +1,8 @@
-"""Run the jobs of a SPEC that were not done before; outcomes go to a journal, then to a Parquet file.
+"""Run the unfinished jobs of a batch; write each outcome to a journal, and all of them to a Parquet file at the end.
 
-The journal has a line for each outcome, written as they come: whatever ends a batch, what was finished is kept. It is
-only ever added to, by one process at a time. A last line that was cut off by a crash is cut away; of two outcomes of
-one job the later counts. The Parquet file has a column per quantity, its unit in its name.
+The journal is a text file with one line per outcome, written when the job is finished, so that an interrupted batch can
+be continued. One process at a time appends to it. An incomplete last line is removed; of two outcomes of one job the
+later one is used. The Parquet file has a column per quantity, with the unit in its name.
 """
 
 import os
@@ -17,24 +17,24 @@ from typing import Any
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
-from ik.workers import Lost, in_processes, on_cluster
-from pipeline.batch.spec import BatchItem, Spec
-from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
-from pipeline.processes import Closing
-from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
+from ik.workers import LostItem, map_in_processes, map_on_cluster
+from pipeline.batch.spec import BatchItem, BatchSpec
+from pipeline.batch.work import Job, JobOutcome, file_digest, job_digest, model_digest, run_job, text_digest
+from pipeline.processes import Closable
+from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
-JOURNAL = "outcomes.jsonl"
+JOURNAL_FILE = "outcomes.jsonl"
 START_METHOD = "forkserver"
-"""How processes begin: with everything loaded, and free of the threads of this one."""
-PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
-"""Modules that the processes share."""
+"""Start method of `multiprocessing`: worker processes share imported modules, but none of this process's threads."""
+PRELOADED_MODULES = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
+"""Modules that are imported once for all worker processes."""
 
 
-class Journal(Closing):
-    """File of a batch's outcomes in one folder, to which only this process writes; use it in a ``with`` block.
+class Journal(Closable):
+    """The file with one line per outcome of a batch; use it in a ``with`` block.
 
     Attributes:
-        outcomes: outcomes by the key of their job.
+        outcomes: outcome of each finished job, by the key of the job.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -44,7 +44,7 @@ class Journal(Closing):
         self._path = path
         self.outcomes: dict[str, JobOutcome] = {}
         try:
-            data = read_bytes(path, LARGEST_JOURNAL) if path.exists() else b""
+            data = read_bytes(path, MAX_JOURNAL_BYTES) if path.exists() else b""
             self._file = path.open("ab")
             whole = data.rfind(b"\n") + 1
             self._file.truncate(whole)
@@ -53,12 +53,12 @@ class Journal(Closing):
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
             ) from error
         for line in data[:whole].splitlines():
-            outcome = JobOutcome.of(line) if len(line) <= LARGEST_LINE else None
+            outcome = JobOutcome.of(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
             if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 
     def add(self, outcome: JobOutcome) -> None:
-        """Add an outcome to the journal.
+        """Append an outcome to the journal's file.
 
         Raises:
             InputError: the disk is full.
@@ -74,59 +74,62 @@ class Journal(Closing):
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:
-        """Close the journal; a full disk was reported when an outcome was added."""
+        """Close the journal's file."""
         with suppress(OSError):
             self._file.close()
 
 
 @dataclass(frozen=True)
-class Row:
-    """One recording of a batch: its entry in the SPEC, and its outcome."""
+class BatchRow:
+    """One recording of a batch, and the outcome of its job."""
 
     item: BatchItem
     outcome: JobOutcome
 
 
 @dataclass(frozen=True)
-class Done:
+class BatchResult:
     """Results of a batch.
 
     Attributes:
-        rows: rows of all finished recordings, in the order of the SPEC.
+        rows: finished recordings with their outcomes, in the order of the batch's specification.
         left: number of recordings that are not finished.
-        worked: number of recordings that were done this time.
+        worked: number of recordings that this call has computed.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[BatchRow, ...]
     left: int
     worked: int
 
 
 def run_batch(
-    spec: Spec,
+    spec: BatchSpec,
     folder: Path,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda _: None,
-) -> Done:
-    """Do the jobs of a SPEC that are not done yet, and store every outcome at once.
+) -> BatchResult:
+    """Run the unfinished jobs of a batch, and store each outcome in the journal when it is finished.
 
     Args:
         spec: models and recordings.
-        folder: folder of the outcomes; only this process writes to it.
-        workers: number of processes on this machine; by default the number of cores.
-        scheduler: address of a dask cluster that does the work instead.
-        stopped: called often; where it returns True, the finished part is returned.
-        say: called to report the progress.
+        folder: folder of the journal.
+        workers: number of processes on this computer; by default the number of processor cores.
+        scheduler: address of a dask scheduler whose workers compute instead.
+        stopped: function that is called often; when it returns True, the batch stops.
+        say: function that is called with a sentence about the progress.
+
+    Returns:
+        The finished recordings.
 
     Raises:
-        InputError: a model cannot be used, or the folder cannot be written to, or there is no scheduler.
-        TaskFailedError: the scheduler is gone.
+        InputError: a model cannot be used, the folder cannot be written to, or the scheduler does not answer.
+        TaskFailedError: the connection to the scheduler was lost.
     """
     say("reading the models")
-    models = {path: key_of_model(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
+    models = {path: model_digest(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
     keys: dict[tuple[Path, Path], str] = {}
     jobs: dict[str, Job] = {}
     sounds: dict[tuple[Path, ...], str] = {}
@@ -137,13 +140,13 @@ def run_batch(
             say(f"{number} of {len(spec.items)} recordings looked at")
         model_key = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
-        sound = sounds[item.calibrate] = sounds.get(item.calibrate) or digest([*map(contents, item.calibrate)])
-        key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run, sound)
+        sound = sounds[item.calibrate] = sounds.get(item.calibrate) or text_digest([*map(file_digest, item.calibrate)])
+        key = keys[item.model, item.run] = job_digest(task, model_key, spec.name(item.run), item.run, sound)
         jobs[key] = Job(
             key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),
         )  # fmt: skip
-    with Journal(folder / JOURNAL) as journal:
+    with Journal(folder / JOURNAL_FILE) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]
         there, worked = len(jobs) - len(todo), 0
@@ -155,8 +158,8 @@ def run_batch(
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
-        rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
-    return Done(tuple(rows), len(spec.items) - len(rows), worked)
+        rows = [BatchRow(item, outcome) for item, outcome in found if outcome is not None]
+    return BatchResult(tuple(rows), len(spec.items) - len(rows), worked)
 
 
 def _outcomes(
@@ -164,31 +167,31 @@ def _outcomes(
 ) -> Iterator[JobOutcome]:
     if scheduler is None:
         if START_METHOD == "forkserver":
-            set_forkserver_preload(list(PRELOADED))
-        done = in_processes(work, jobs, processes, START_METHOD, stopped)
+            set_forkserver_preload(list(PRELOADED_MODULES))
+        done = map_in_processes(run_job, jobs, processes, START_METHOD, stopped)
     else:
-        done = on_cluster(work, jobs, scheduler, "batch", stopped)
+        done = map_on_cluster(run_job, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
-        if isinstance(outcome, Lost):
+        if isinstance(outcome, LostItem):
             outcome = JobOutcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
         yield outcome
 
 
-ROWS = "batch.parquet"
+PARQUET_FILE = "batch.parquet"
 
 
 def check_parquet() -> None:
-    """Refuse early where no library can write a Parquet file.
+    """Check that a Parquet file can be written, before a batch is computed.
 
     Raises:
-        InputError: pyarrow is missing.
+        InputError: the package pyarrow is not installed.
     """
     if find_spec("pyarrow") is None:
         raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'")
 
 
-def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
-    """Write the rows of a batch to a Parquet file, in one step.
+def write_parquet(path: Path, spec: BatchSpec, rows: Sequence[BatchRow]) -> None:
+    """Write the rows of a batch to a Parquet file; an interrupted write leaves the old file unchanged.
 
     Raises:
         InputError: the file cannot be written.
@@ -198,7 +201,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
 
     kinds = {"text": pa.string(), "time": pa.timestamp("us", tz="UTC"), "number": pa.float64(), "truth": pa.bool_(),
              "names": pa.list_(pa.string())}  # fmt: skip
-    fixed: list[tuple[str, str, Callable[[Row], Any]]] = [
+    fixed: list[tuple[str, str, Callable[[BatchRow], Any]]] = [
         ("robot", "text", lambda row: row.item.robot),
         ("model", "text", lambda row: spec.name(row.item.model)),
         ("recording", "text", lambda row: spec.name(row.item.run)),
@@ -236,6 +239,6 @@ def _numbers(outcome: JobOutcome) -> dict[str, float | None]:
 
 
 def _order(name: str) -> tuple[int, str, str]:
-    """Sorting key of a column: errors come first, and a standard deviation beside its value."""
+    """Sort key of a column's name: errors first, and each standard deviation next to its value."""
     kind, _, rest = name.partition(".")
     return (0 if kind in ("rmse", "noise") else 1, rest, "" if kind in ("rmse", "value") else kind)

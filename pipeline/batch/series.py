@@ -1,13 +1,13 @@
-"""One series of a parameter over time: how much of it a step or a slope explains beyond chance.
+"""Test one series, a parameter over time, for a step and for a slope.
 
-With y_i the values, w_i = 1/scale_i and u_k the step after recording k, the test statistic is
+With y_i the values at times t_i, w_i = 1/scale_i and u_k the unit step after recording k, the test statistic is
 
     t_k: the t statistic of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
 
-and the largest t_k is converted to a normal deviate of the same probability (Wallace 1959). Neighbours in time may be
-correlated, for example by the weather: they are modelled as an AR(1) process, whose phi is shared by the same quantity
-on all joints of all robots. It is removed from both sides of the regression by z_i - phi z_i-1 in place of z_i (Prais
-and Winsten 1954).
+and the largest t_k is converted to the normal deviate of the same probability (Wallace 1959). Neighbouring recordings
+may be correlated, for example by the temperature: they are modelled as an AR(1) process with coefficient phi, which is
+shared by a quantity's series on all joints of all robots. The correlation is removed from both sides of the regression
+by replacing z_i by z_i - phi z_i-1 (Prais and Winsten 1954).
 """
 
 from collections.abc import Sequence
@@ -21,29 +21,33 @@ from armdyn.recording.channels import FloatArray
 from armdyn.recording.noise import NORMAL_MEDIAN
 
 MIN_SIDE_RECORDINGS = 4
-"""Least number of recordings before and after a step: fewer may be due to a bad afternoon."""
+"""Smallest number of recordings before and after a step: fewer may be a temporary disturbance."""
 MIN_SERIES_RECORDINGS = 10
-"""Least number of recordings of a series that is tested."""
+"""Smallest number of recordings of a series that is tested."""
 EQUAL_VALUES_SPREAD = 1e-12
-"""Ratio of spread to size below which all values are equal."""
+"""Relative spread below which all values of a series count as equal."""
 OUTLIER_DEVIATES = 3.0
-"""Distance of a recording from the median of itself and two recordings on either side, in standard deviations, beyond
-which it is an outlier. The first recording after a step has three of its own kind among these."""
+"""Distance from the median of five neighbouring recordings beyond which a recording is an outlier.
+
+The unit is the standard deviation. The five are the recording itself and two on each side; the first recording after a
+step is not an outlier, because three of its five have the new value.
+"""
 SIMULATED_AT_ONCE = 2_000_000
-"""Numbers that are simulated at once: 16 MB."""
+"""Largest number of values that are simulated at once: 16 MB."""
 PHI_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
-"""Values of phi at which the residual of a step is simulated, to estimate phi from the residual of the batch."""
+"""Values of phi, the correlation of neighbours, for which residuals are simulated in order to estimate phi."""
 PHI_GRID_SERIES = 400
+"""Number of series that are simulated for each value of phi."""
 
 
 @dataclass(frozen=True)
 class ParameterSeries:
-    """Recorded values of one parameter of one robot.
+    """Fitted values of one parameter of one robot, from n recordings.
 
     Attributes:
-        time: (n,) times, s, not decreasing.
-        value: (n,) values in any unit.
-        std: (n,) standard deviation of each value; None where all are equally certain.
+        time: times of the recordings, not decreasing, (n,) [s].
+        value: values in the parameter's unit, (n,).
+        std: standard deviations of the values, (n,); None if all are equally certain.
     """
 
     time: FloatArray
@@ -51,16 +55,16 @@ class ParameterSeries:
     std: FloatArray | None = None
 
     def part(self, first: int, end: int) -> "ParameterSeries":
-        """The recordings from number `first` to before `end`."""
+        """The series of the recordings with indices from `first` to before `end`."""
         std = None if self.std is None else self.std[first:end]
         return ParameterSeries(self.time[first:end], self.value[first:end], std)
 
     @property
     def scale(self) -> FloatArray:
-        """Standard deviation (n,) of each value: its own, and the variation from recording to recording.
+        """Standard deviation of each value, (n,), the variation from recording to recording included.
 
-        The variation is estimated from differences of neighbours beyond their own deviations: neither a step nor a
-        drift increases it.
+        The variation is estimated from differences of neighbouring values, so that a step or a drift does not increase
+        it.
         """
         if self.std is None:
             return np.ones_like(self.value)
@@ -77,18 +81,18 @@ class ParameterSeries:
 
 @dataclass(frozen=True)
 class StepTest:
-    """A series prepared for the tests of a step and of a slope.
+    """A series of n recordings, prepared for the tests of k possible steps and of a slope.
 
     Attributes:
-        time: (n,) times, s.
-        value: (n,) values.
-        weight: (n,) one over the scale of each value.
-        phi: correlation of neighbours.
-        scores: (n,) values over their scale, with outliers replaced and the correlation of neighbours removed.
-        line: (n, 2) orthonormal constant and slope, with the correlation removed.
-        splits: (k,) index of the first recording after each possible step.
-        sums: (k, 2) components of each step along `line`, with the correlation removed.
-        lengths: (k,) length of each step without its components along the line.
+        time: times of the recordings, (n,) [s].
+        value: values, (n,).
+        weight: weights, inversely proportional to the standard deviations of the values, (n,).
+        phi: correlation of neighbouring recordings.
+        scores: weighted values, with outliers replaced and the correlation of neighbours removed, (n,).
+        line: orthonormal basis of a constant and a slope, with the correlation of neighbours removed, (n, 2).
+        splits: index of the first recording after each possible step, (k,).
+        sums: components of each possible step along `line`, (k, 2).
+        lengths: norm of each possible step after its components along `line` are removed, (k,).
     """
 
     time: FloatArray
@@ -103,7 +107,7 @@ class StepTest:
 
     @classmethod
     def of(cls, series: ParameterSeries, phi: float = 0.0) -> "StepTest | None":
-        """Prepare a series; None where it is too short, or all its values or times are equal."""
+        """Prepare a series for the tests; None if it is too short, or all its values or times are equal."""
         time, value = series.time, series.value
         count = len(value)
         if (
@@ -130,7 +134,12 @@ class StepTest:
         return cls(time, value, weight, phi, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
 
     def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
-        """For (m, n) scores: (m,) deviates of the best step, (m,) its split, (m, n) residual without it."""
+        """Find the best step in each of m series of scores (m, n).
+
+        Returns:
+            The normal deviate of the best step, (m,), its index in `splits`, (m,), and the residual after its removal,
+            (m, n).
+        """
         left = scores - scores @ self.line @ self.line.T
         along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.lengths
         best = np.argmax(np.abs(along), axis=1)
@@ -140,16 +149,16 @@ class StepTest:
         return _deviate(size, left, 3), best, rest
 
     def two_steps_left(self, scores: FloatArray) -> FloatArray:
-        """(m, n) residual of (m, n) scores after the best step and the best second one, which may undo the first."""
+        """Residual of scores (m, n) after the best step, and then the best second step, were removed: (m, n)."""
         return self.largest(self.largest(scores)[2])[2]
 
     def trends(self, scores: FloatArray) -> FloatArray:
-        """(m,) deviates of the slope for (m, n) scores."""
+        """Normal deviates of the slope of m series of scores (m, n): (m,)."""
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
     def beside(self, split: int, *, parabola: bool) -> float:
-        """Deviate of one step, fitted together with a line or a parabola."""
+        """Normal deviate of one possible step, an index in `splits`, fitted together with a line or a parabola."""
         smooth = self.line
         if parabola:
             curve = _own((self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2)[None], self.phi)[0]
@@ -162,7 +171,7 @@ class StepTest:
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
     def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
-        """(2, batches) deviates of the best step and of the slope in simulated noise."""
+        """Normal deviates of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
         found = np.empty((2, batches))
         size = max(1, SIMULATED_AT_ONCE // len(self.time))
         for first in range(0, batches, size):
@@ -174,8 +183,11 @@ class StepTest:
         return found
 
 
-def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
-    """Correlation of neighbours, from the residuals of two steps per series, compared with those of simulated noise."""
+def neighbour_correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
+    """Estimate the correlation of neighbouring recordings in a group of series.
+
+    The correlation in the residuals, after two steps per series were removed, is compared with that of simulated noise.
+    """
     seen = float(np.mean([_neighbours(test.two_steps_left(test.scores[None]))[0] for test in group]))
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
@@ -187,7 +199,7 @@ def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
 
 
 def _neighbours(rest: FloatArray) -> FloatArray:
-    """(m,) correlation of neighbours in (m, n) series."""
+    """Correlation of neighbours in each of m residuals (m, n): (m,)."""
     return np.asarray(np.sum(rest[:, 1:] * rest[:, :-1], axis=1) / np.maximum(np.sum(rest**2, axis=1), 1e-300))
 
 
@@ -200,7 +212,7 @@ def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> Floa
 
 
 def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
-    """(m, n) values, of which those far from the median of five neighbours (itself included) are replaced by it."""
+    """Values (m, n) in which each value far from the median of its five neighbours is replaced by this median."""
     padded = np.concatenate([values[:, 2:0:-1], values, values[:, -2:-4:-1]], axis=1)
     count = values.shape[1]
     a, b, c, d, e = (padded[:, k : k + count] for k in range(5))
@@ -213,7 +225,7 @@ def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def _own(values: FloatArray, phi: float) -> FloatArray:
-    """(m, n) values without their share of the value before (Prais and Winsten 1954)."""
+    """Values (m, n) without the correlation of neighbours, z_i - phi z_i-1 (Prais and Winsten 1954)."""
     left = values.copy()
     left[:, 1:] -= phi * values[:, :-1]
     left[:, 0] *= np.sqrt(1.0 - phi**2)
@@ -221,21 +233,21 @@ def _own(values: FloatArray, phi: float) -> FloatArray:
 
 
 def _along_steps(left: FloatArray, weight: FloatArray, phi: float) -> FloatArray:
-    """(m, n) products of (m, n) values with the step that begins at each recording, weighted and treated by `_own`."""
+    """Products of residuals (m, n) with the weighted, decorrelated step that begins at each recording: (m, n)."""
     after = np.concatenate([[0.0], phi * weight[:-1]])  # a step's first recording has none before it to share with
     return _from_the_end(left * (weight - after)) + left * after
 
 
 def _from_the_end(values: FloatArray) -> FloatArray:
-    """(m, n) sums of each value of (m, n) and all later ones."""
+    """Sums of each value (m, n) and all later ones: (m, n)."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
 
 
 def _deviate(along: FloatArray, left: FloatArray, lost: int) -> FloatArray:
-    """(m,) normal deviates with the probability of components along a direction of (m, n) values.
+    """Normal deviates (m,) that have the probability of the t statistics of components along a direction.
 
-    The t statistic is sqrt(f s / (1 - s)), s the share of the squares that the direction explains and f the degrees of
-    freedom, n without those that are lost; Wallace 1959, Ann. Math. Stat. 30:1121, eq. 5.1.
+    The t statistic is sqrt(f s / (1 - s)), with s the share of the squares of the residuals (m, n) that the direction
+    explains and f = n - lost the degrees of freedom; Wallace 1959, Ann. Math. Stat. 30:1121, eq. 5.1.
     """
     share = np.minimum(along**2 / np.maximum(np.sum(left**2, axis=1), 1e-300), 1.0 - 1e-12)
     freedom = left.shape[1] - lost

@@ -1,11 +1,11 @@
-"""What a batch is to do: a small TOML file that names models and recordings.
+"""Read the specification (SPEC) of a batch: a TOML file that names the task, the models and the recordings.
 
 ```toml
 task = "compare"                            # or "repair"
 [[recordings]]
-model = "robots/{robot}/model.toml"         # {robot}: any folder or name, the same in `runs`
+model = "robots/{robot}/model.toml"         # {robot} stands for any name, here and in `runs`
 runs = ["robots/{robot}/logs/*.csv"]
-[time]                                      # optional; where a time is looked for
+[time]                                      # optional: the source of a recording's time
 from = "name"
 ```
 """
@@ -22,20 +22,20 @@ from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
-from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
-from urdf.table_file import Check, read_as
+from pipeline.batch.times import RecordingTime, TimeRules, TimeSource, is_date_format, relative_path_text
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
-TASKS = ("compare", "repair")
-ROBOT = "{robot}"
+BATCH_TASKS = ("compare", "repair")
+ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
-"""Smallest probability that the simulated batches determine, and largest one with which a mark still has a meaning."""
-PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
-"""Where a time may be looked for, by its name in a SPEC."""
+"""Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
+TIME_SOURCES = {place.key: place for place in TimeSource if place is not TimeSource.NOWHERE}
+"""Sources of a recording's time, by the name that the specification uses."""
 MAX_BATCH_FILES = 200_000
-"""Recordings; their rows are held in memory."""
+"""Largest number of recordings of a batch, whose results are held in memory."""
 
 
-_Text = Annotated[str, Check(bool, "give a name")]
+_Text = Annotated[str, ValueCheck(bool, "give a name")]
 _LOW, _HIGH = FALSE_ALARM_RANGE
 
 
@@ -44,7 +44,9 @@ class _Recordings:
     """A table ``[[recordings]]``: a model and its recordings."""
 
     model: _Text
-    runs: Annotated[_Text | tuple[_Text, ...], Check(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
+    runs: Annotated[
+        _Text | tuple[_Text, ...], ValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')
+    ]
     robot: str = ""
     calibrate: tuple[_Text, ...] = ()
     times: dict[str, Any] = field(default_factory=dict)
@@ -52,10 +54,14 @@ class _Recordings:
 
 @dataclass(frozen=True)
 class _Time:
-    """The table ``[time]``: see `Clock`."""
+    """The table ``[time]``: see `TimeRules`."""
 
-    from_: Annotated[str, Check(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
-    form: Annotated[str, Check(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
+    from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = (
+        None
+    )
+    form: Annotated[
+        str, ValueCheck(lambda f: not f or is_date_format(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
+    ] = ""
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ class _Changes:
     """The table ``[changes]``: the probability of a false alarm."""
 
     false_alarms: Annotated[
-        float, Check(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
+        float, ValueCheck(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
     ] = FALSE_ALARM_RATE
 
 
@@ -82,31 +88,32 @@ class BatchItem:
     """One model and one recording of a batch.
 
     Attributes:
-        robot: name of the robot, for a person.
+        robot: name of the robot.
         model: file of the model.
         run: file of the recording.
         when: time of the recording.
-        calibrate: recordings of the robot's sound work, for a watch; none where it is not watched.
+        calibrate: recordings of the robot in good condition; if there are any, the recording is also searched for
+            events such as contacts.
     """
 
     robot: str
     model: Path
     run: Path
-    when: When
+    when: RecordingTime
     calibrate: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
-class Spec:
-    """Contents of a SPEC: a task, models and recordings.
+class BatchSpec:
+    """Content of a batch's specification: a task, models and recordings.
 
     Attributes:
-        folder: folder of the SPEC; its paths are relative to this folder.
-        task: one of `TASKS`.
-        effects: file with effects of the user's own.
-        items: in the order of the SPEC, recordings of one entry by name.
-        false_alarms: probability of a marked change in a batch where nothing changes.
-        trust: whether to go on where a recording is not what it says it is.
+        folder: folder of the specification's file, to which its paths are relative.
+        task: one of `BATCH_TASKS`.
+        effects: file with effects that the user has written; None without one.
+        items: recordings with their models, in the order of the specification, sorted by name within an entry.
+        false_alarms: probability of a false change in a batch in which nothing changes.
+        trust: whether to use recordings in which a mistake was found.
     """
 
     folder: Path
@@ -117,29 +124,29 @@ class Spec:
     trust: bool = False
 
     def name(self, path: Path) -> str:
-        """Path relative to the SPEC's folder."""
-        return seen_from(path, self.folder)
+        """A file's path relative to the specification's folder."""
+        return relative_path_text(path, self.folder)
 
 
-def read_spec(path: Path) -> Spec:
-    """Read a SPEC, and find the files that it names.
+def read_spec(path: Path) -> BatchSpec:
+    """Read the specification of a batch, and find the files that match its patterns.
 
     Raises:
-        InputError: the SPEC cannot be used; the message names the file, the field and a remedy.
+        InputError: the specification cannot be used; the message names the file, the entry and a remedy.
     """
     table = read_toml(path, ": see docs/batch.md for one", finite=True)
     with error_location(path):
         return _spec(table, Path(path).resolve().parent)
 
 
-def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
-    said = read_as(_Entries, table)
-    if said.task not in TASKS:
-        raise UnknownNameError("task", said.task, TASKS)
+def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
+    said = table_to_dataclass(_Entries, table)
+    if said.task not in BATCH_TASKS:
+        raise UnknownNameError("task", said.task, BATCH_TASKS)
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
-    clock = Clock(None if said.time.from_ is None else PLACES[said.time.from_], said.time.form)
+    clock = TimeRules(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
@@ -147,20 +154,22 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
             items.setdefault((item.model, item.run), item)
             if len(items) > MAX_BATCH_FILES:
                 raise InputError(f"{where}: more than {MAX_BATCH_FILES} recordings: split the batch")
-    return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
+    return BatchSpec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
-def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:
+def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
-    if ROBOT not in entry.model and any(ROBOT in run for run in (*runs, *entry.calibrate)):
-        raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
+    if ROBOT_PLACEHOLDER not in entry.model and any(ROBOT_PLACEHOLDER in run for run in (*runs, *entry.calibrate)):
+        raise InputError(
+            f"{where}: runs: {ROBOT_PLACEHOLDER} stands for what it is in `model`, which lacks it: write it there"
+        )
     times = {name: utc_time(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
     for robot, model in _models(entry.model, where, folder):
         sound = tuple(path for run in entry.calibrate for path in _runs(run, robot, f"{where}: calibrate", folder))
         for run in runs:
             for path in _runs(run, robot, f"{where}: runs", folder):
-                named |= {path.name, seen_from(path, folder)}
+                named |= {path.name, relative_path_text(path, folder)}
                 yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times), sound)
     for name in times:
         if name not in named:
@@ -169,28 +178,28 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterat
 
 def _runs(pattern: str, robot: str, where: str, folder: Path) -> list[Path]:
     """Recordings that match a pattern."""
-    found = _matching(pattern.replace(ROBOT, glob.escape(robot)), folder)
+    found = _matching(pattern.replace(ROBOT_PLACEHOLDER, glob.escape(robot)), folder)
     found = [path for path in found if path.suffix.lower() != ".toml"]
     if not found:
-        raise InputError(f"{where}: '{pattern.replace(ROBOT, robot)}' matches no recording: correct it")
+        raise InputError(f"{where}: '{pattern.replace(ROBOT_PLACEHOLDER, robot)}' matches no recording: correct it")
     return found
 
 
 def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
-    """Model files with the names of their robots, which are empty where the pattern has no ``{robot}``."""
-    found = [path for path in _matching(pattern.replace(ROBOT, "*"), folder) if path.is_file()]
+    """Names of robots and their model files; the name is empty if the pattern does not contain ``{robot}``."""
+    found = [path for path in _matching(pattern.replace(ROBOT_PLACEHOLDER, "*"), folder) if path.is_file()]
     if not found:
         raise InputError(f"{where}: model: '{pattern}' matches no file: correct it")
-    if ROBOT not in pattern:
+    if ROBOT_PLACEHOLDER not in pattern:
         return [("", path) for path in found]
-    parts = (re.escape(part) for part in pattern.split(ROBOT))
+    parts = (re.escape(part) for part in pattern.split(ROBOT_PLACEHOLDER))
     name = re.compile("(?P<robot>[^/]+)".join([next(parts), "(?P=robot)".join(parts)]).replace(r"\*", "[^/]*"))
     matches = ((name.search(path.as_posix()), path) for path in found)
     return [(match["robot"], path) for match, path in matches if match is not None]
 
 
 def _matching(pattern: str, folder: Path) -> list[Path]:
-    """Sorted files that match a pattern; a name without wildcards is returned even where the file is missing."""
+    """Sorted files that match a pattern; a pattern without wildcards is returned even if the file is missing."""
     if not glob.has_magic(pattern):
         return [folder / pattern]
     if "**" in pattern:
@@ -199,11 +208,7 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
 
 
 def _look_through(start: Path) -> None:
-    """Refuse a pattern whose folder contains too many files, because the search would take hours.
-
-    Raises:
-        InputError: there are too many files.
-    """
+    """Refuse a folder that contains too many files, because searching it would take hours."""
     count = 0
     for _, folders, files in os.walk(start if start.is_dir() else start.parent):
         count += len(folders) + len(files)

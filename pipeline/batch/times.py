@@ -1,4 +1,4 @@
-"""Times of recordings, from the SPEC, a sidecar, or a date in the name; they are never guessed silently."""
+"""Find the time of a recording in the batch's specification, in its sidecar file, or in a date in its file name."""
 
 import re
 from collections.abc import Mapping
@@ -11,16 +11,16 @@ from armdyn.errors import InputError
 from armdyn.recording.sidecar import read_sidecar
 
 EARLIEST_YEAR, LATEST_YEAR = 1990, 2100
-"""Years that a date in a name can have; other numbers of eight digits are none."""
-DATE = re.compile(
+"""First and last year that a date in a file name may have; other numbers of eight digits are not dates."""
+DATE_PATTERN = re.compile(
     r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
     r"(?:[T_ -]{1,2}(?P<hour>\d{2})[-:.h_]?(?P<minute>\d{2})(?:[-:.m_]?(?P<second>\d{2}))?)?(?!\d)"
 )
-"""Year, month, day with the same sign between, or none, and a time of day after it."""
+"""Pattern of a date in a file name: year, month and day with equal or no separators, and an optional time of day."""
 
 
-class TimeFrom(Enum):
-    """Source of a recording's time; the value is a text for a person."""
+class TimeSource(Enum):
+    """Source of a recording's time; the value is a text for messages."""
 
     SPEC = "the SPEC"
     SIDECAR = "the sidecar"
@@ -29,12 +29,12 @@ class TimeFrom(Enum):
 
     @property
     def key(self) -> str:
-        """Name of the source in files."""
+        """Name of the source in the specification and in result files."""
         return self.name.lower()
 
 
-def is_form(form: str) -> bool:
-    """Whether a text is a form for `datetime.strptime`: its letters are known, and each occurs once."""
+def is_date_format(form: str) -> bool:
+    """Whether a text is a valid format of `datetime.strptime`, such as ``log_%d%m%Y``."""
     try:
         datetime.strptime(datetime(2001, 2, 3, tzinfo=UTC).strftime(form), form)
     except (ValueError, re.error, OverflowError):
@@ -43,55 +43,56 @@ def is_form(form: str) -> bool:
 
 
 @dataclass(frozen=True)
-class When:
-    """Time of a recording, with its source.
+class RecordingTime:
+    """Time of a recording, and its source.
 
     Attributes:
-        time: time in UTC; None where it is not known.
+        time: time in UTC; None if it is unknown.
         source: where the time was found.
-        problem: why the time is not known; empty where it is known.
+        problem: why the time is unknown; empty if it is known.
     """
 
     time: datetime | None
-    source: TimeFrom
+    source: TimeSource
     problem: str = ""
 
 
 @dataclass(frozen=True)
-class Clock:
-    """Rules for finding the times of recordings.
+class TimeRules:
+    """Rules for finding the time of a recording.
 
     Attributes:
-        only: the only source to use; None for the first of SPEC, sidecar and name that has a time.
-        form: of the date in a name, as `datetime.strptime` takes it, for the whole stem; empty for year, month, day.
+        only: the only source to use; None for the first of specification, sidecar file and file name that has a time.
+        form: format of the whole file name without suffix, for `datetime.strptime`; empty to search the name for a date
+            in the order year, month, day.
     """
 
-    only: TimeFrom | None = None
+    only: TimeSource | None = None
     form: str = ""
 
-    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
-        """Time of a recording by these rules.
+    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> RecordingTime:
+        """Find the time of a recording.
 
         Args:
             path: file of the recording.
-            folder: folder of the SPEC; names of folders below it may hold the date, where the file's name does not.
-            given: times by name of a file or path from `folder`, as the SPEC has them.
+            folder: folder of the specification; the names of folders below it are searched for a date too.
+            given: times in the specification, by file name or by path relative to `folder`.
         """
-        name = seen_from(path, folder)
-        for source in [self.only] if self.only is not None else [TimeFrom.SPEC, TimeFrom.SIDECAR, TimeFrom.NAME]:
+        name = relative_path_text(path, folder)
+        for source in [self.only] if self.only is not None else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]:
             found: datetime | str | None
-            if source is TimeFrom.SPEC:
+            if source is TimeSource.SPEC:
                 found = given.get(name, given.get(path.name))
-            elif source is TimeFrom.SIDECAR:
+            elif source is TimeSource.SIDECAR:
                 found = _of_sidecar(path)
             else:
                 found = self._of_name(name)
             if isinstance(found, datetime):
-                return When(found, source)
+                return RecordingTime(found, source)
             if isinstance(found, str):
-                return When(None, TimeFrom.NOWHERE, found)
+                return RecordingTime(None, TimeSource.NOWHERE, found)
         where = "the SPEC, the sidecar or a date in the name" if self.only is None else self.only.value
-        return When(None, TimeFrom.NOWHERE, f"no time in {where}")
+        return RecordingTime(None, TimeSource.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:
         if self.form:
@@ -101,7 +102,7 @@ class Clock:
             except (ValueError, OverflowError):
                 return f"the name is not of the form {self.form}"
         for part in (PurePosixPath(name).stem, *reversed(PurePosixPath(name).parts[:-1])):
-            dates = {found for match in DATE.finditer(part) if (found := _date(match)) is not None}
+            dates = {found for match in DATE_PATTERN.finditer(part) if (found := _date(match)) is not None}
             if len(dates) > 1:
                 return f"several dates in '{part}': set [time] form, or give it in times"
             if dates:
@@ -109,8 +110,8 @@ class Clock:
         return None
 
 
-def seen_from(path: Path, folder: Path) -> str:
-    """Path relative to the SPEC's folder, if the file is inside."""
+def relative_path_text(path: Path, folder: Path) -> str:
+    """A file's path, relative to the given folder if the file is inside it."""
     return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
 
 

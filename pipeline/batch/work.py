@@ -1,4 +1,4 @@
-"""One job of a batch: compare or repair one model with one recording, on this machine or another."""
+"""One job of a batch: compare or repair one model with one recording, in a process of this or another computer."""
 
 import dataclasses
 import gc
@@ -16,7 +16,7 @@ from armdyn.errors import ArmdynError, InputError, error_sentence
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.read_files import protect_inputs
 from urdf import DescriptionWarning
-from urdf.table_file import read_table
+from urdf.toml_tables import read_toml_with_text
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -24,26 +24,27 @@ if TYPE_CHECKING:
     from armdyn.run import Run
     from armdyn.watch.fault_free import FaultFreeStatistics
 
-FALSE_ALARMS_PER_HOUR = 0.01
-"""Of a watch."""
+WATCH_FALSE_ALARMS_PER_HOUR = 0.01
+"""Rate of false alarms in the search for events in a recording [1/h]."""
 
 _one_at_a_time = threading.Lock()
-"""Workers of a dask cluster may have several threads; models are not made for them."""
+"""Held during a job, because workers of a dask cluster may have several threads and models are not thread-safe."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A job for a worker.
+    """One job of a batch.
 
     Attributes:
-        key: digest of all its files, so that the job is done again only when one of them changes.
+        key: digest of all files of the job; the job is computed again only when one of them changes.
         task: ``"compare"`` or ``"repair"``.
         model: file of the model.
-        model_key: digest of the model's content.
+        model_key: digest of the content of the model.
         run: file of the recording.
-        effects: file with effects of the user's own.
-        trust: whether to go on where the recording is not what it says it is.
-        calibrate: recordings of sound work; where there are any, the recording is watched as well.
+        effects: file with effects that the user has written; None without one.
+        trust: whether to use the recording even if a mistake was found in it.
+        calibrate: recordings of the robot in good condition; if there are any, the recording is also searched for
+            events such as contacts.
     """
 
     key: str
@@ -58,22 +59,22 @@ class Job:
 
 @dataclasses.dataclass(frozen=True)
 class JobOutcome:
-    """Outcome of a job, without the SPEC's entry; all fields can be written as JSON.
+    """Outcome of a job; JSON can contain all fields.
 
     Attributes:
         key: key of the job.
-        verdict: verdict of a comparison or a repair; empty where the recording could not be used.
+        verdict: verdict of the comparison or repair; empty if the recording could not be used.
         sentence: summary for a person.
-        problem: why the recording could not be used; empty where it could.
-        passing: whether the problem may be gone next time, such as a killed worker.
-        explained: share of the misfit that a repair removes; None for a comparison.
-        effects: effects of the model, after a repair.
-        chi2_per_sample: 1 where only noise is left.
-        intervals_hold: whether the standard deviations can be trusted as intervals.
-        channels: rms error, noise and unit by channel.
-        parameters: value, standard deviation, unit and whether it was fitted, by name; those of the model, not those of
-            a single run such as how it began.
-        events: what a watch tells of the recording, a sentence each; None where it was not watched.
+        problem: why the recording could not be used; empty if it could.
+        passing: whether the problem is temporary, such as a killed worker process, so that the job is tried again.
+        explained: share of the error beyond the noise that a repair removes, from 0 to 1; None for a comparison.
+        effects: names of the model's effects, after a repair those that were added included.
+        chi2_per_sample: mean squared error over the noise variance; 1 if only noise remains.
+        intervals_hold: whether the parameters' standard deviations are reliable.
+        channels: root mean square error, noise and unit of each channel.
+        parameters: value, standard deviation, unit and whether it was fitted, for each parameter of the model; without
+            parameters of a single run, such as its initial state.
+        events: a sentence per event that was found in the recording; None if it was not searched for events.
         duration: duration of the recording [s].
         seconds: computing time [s].
     """
@@ -95,16 +96,16 @@ class JobOutcome:
 
     @property
     def line(self) -> str:
-        """The outcome as a line of JSON with a checksum."""
+        """The outcome as one line of JSON with a checksum, for the journal."""
         text = json.dumps(dataclasses.asdict(self), allow_nan=False)
-        return json.dumps({"digest": digest([text]), **json.loads(text)})
+        return json.dumps({"digest": text_digest([text]), **json.loads(text)})
 
     @classmethod
     def of(cls, line: bytes) -> "JobOutcome | None":
-        """The outcome in a line; None where the line is damaged, or of another version."""
+        """Read an outcome from a line of the journal; None if the line is damaged or has another format."""
         try:
             entry = json.loads(line)
-            if entry.pop("digest") == digest([json.dumps(entry)]):
+            if entry.pop("digest") == text_digest([json.dumps(entry)]):
                 events = entry["events"]
                 lists = {"effects": tuple(entry["effects"]), "events": None if events is None else tuple(events)}
                 return cls(**entry | lists)
@@ -113,8 +114,8 @@ class JobOutcome:
         return None
 
 
-def work(job: Job) -> JobOutcome:
-    """Do a job; whatever is wrong with the recording becomes part of the outcome."""
+def run_job(job: Job) -> JobOutcome:
+    """Run a job; an error becomes the `problem` of its outcome."""
     with _one_at_a_time, warnings.catch_warnings(), protect_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
         began = time.perf_counter()
@@ -137,24 +138,24 @@ def _found(job: Job) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
     from pipeline.answers import fit_answer
-    from pipeline.fields import fields, number
+    from pipeline.fields import attributes_as_json, finite_or_none
 
     known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
     choosing = None if job.task == "repair" else ()
     given = CheckedStudy.of(known, [run], effects=choosing, trusted=job.trust)
     if job.task == "compare":
         compared = given.compare()
-        answer, model = fields(compared, "verdict sentence"), given.study.model
+        answer, model = attributes_as_json(compared, "verdict sentence"), given.study.model
     else:
         repaired = given.repair()
         compared, model = repaired.after, repaired.model
-        answer = fields(repaired, "verdict sentence explained")
+        answer = attributes_as_json(repaired, "verdict sentence explained")
     fit, columns = fit_answer(compared), compared.fit.problem.columns
     of_the_run = {c.name for c in columns if c.parameter.scope == "per_run"}
     return {
         **answer,
         "effects": tuple(effect.name for effect in model.named_effects),
-        "chi2_per_sample": number(compared.fit.chi2_per_sample),
+        "chi2_per_sample": finite_or_none(compared.fit.chi2_per_sample),
         "intervals_hold": compared.intervals_hold,
         "channels": {
             name: {key: channel[key] for key in ("unit", "rmse", "noise_std")}
@@ -171,7 +172,7 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.with_estimated_channels(run), model))
+    found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.with_estimated_channels(run), model))
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 
@@ -179,11 +180,7 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
 def _sound(
     path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ...]
 ) -> "tuple[ArmModel, FaultFreeStatistics]":
-    """An arm's model, and what its sound recordings say; cached while one arm's recordings follow each other.
-
-    Raises:
-        InputError: the model is no arm's, or the recordings are too short.
-    """
+    """The model of an arm, and the statistics of its recordings in good condition; cached for the jobs of one arm."""
     from armdyn.watch.fault_free import statistics_of_recordings
     from pipeline.watch.sources import read_arm_runs, sample_sources
 
@@ -195,37 +192,47 @@ def _sound(
 
 @lru_cache(maxsize=64)
 def _known(path: Path, key: str, effects: Path | None) -> "ModelWithCatalogue":
-    """Model and effects to choose from, cached by the key of their content."""
+    """The model and the effects to choose from; cached by the digest of their content."""
     del key
     from armdyn.checked_study import ModelWithCatalogue
 
     return ModelWithCatalogue.of(path, effects)
 
 
-def key_of_model(path: Path, effects: Path | None) -> str:
-    """Digest of a model, from the content of every file that it is read from.
+def model_digest(path: Path, effects: Path | None) -> str:
+    """Digest of a model: of the content of all files from which it is read.
 
     Raises:
-        InputError: one of them cannot be used.
+        InputError: one of these files cannot be used.
     """
     from armdyn.checked_study import ModelWithCatalogue
 
     model = ModelWithCatalogue.of(path, effects).file.model
-    base = str(read_table(path)[1]["base"])
+    base = str(read_toml_with_text(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.robot.fingerprint] if model.robot is not None else []
-    return digest([contents(file) for file in files if file is not None] + robot)
+    return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
-def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
-    """Digest of a job, from armdyn's version, the model, recording, sidecar and the digest of sound recordings."""
+def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
+    """Digest of a job.
+
+    Args:
+        task: the task and its options.
+        model_key: digest of the model.
+        name: name of the recording.
+        run: file of the recording; its content and its sidecar file are part of the digest.
+        sound: digest of the recordings of the robot in good condition.
+    """
     from armdyn import __version__
 
-    return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml")), sound])
+    return text_digest(
+        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound]
+    )
 
 
-def contents(path: Path) -> str:
-    """Digest of a file; empty where it cannot be read, which its reader will report."""
+def file_digest(path: Path) -> str:
+    """SHA-256 digest of a file's content; empty if the file cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -233,6 +240,6 @@ def contents(path: Path) -> str:
         return ""
 
 
-def digest(parts: list[str]) -> str:
-    """Digest of texts, 32 letters."""
+def text_digest(parts: list[str]) -> str:
+    """Digest of texts: the first 32 characters of their SHA-256."""
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]

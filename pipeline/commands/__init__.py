@@ -1,1 +1,1 @@
-"""The commands of `armdyn`, one file each: the file's name is the command's, and `armdyn --help` lists what is here."""
+"""The commands of `armdyn`: one file for each command, with the name of the command."""

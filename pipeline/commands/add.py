@@ -1,4 +1,4 @@
-"""`armdyn add`: a model with more effects, fitted again."""
+"""The command `armdyn add`: add effects to a model, and fit it again."""
 
 from typing import Annotated
 
@@ -8,19 +8,21 @@ from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
 from pipeline.console.repaired import conclude_repair
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def add(
     inputs: StudyInputs,
     effect: Annotated[
         str,
-        typer.Argument(metavar="EFFECT[:JOINT,...]", help="Its name, with its joints; several with '+' between them."),
+        typer.Argument(
+            metavar="EFFECT[:JOINT,...]", help="Name of the effect, and its joints; join several effects by '+'."
+        ),
     ],
     output: OutputOption = None,
     named_only: NamedOnlyOption = False,
 ) -> None:
-    """Add one effect or several to a model and refit."""
+    """Add one or several effects to a model, and fit it again."""
     from armdyn.effects.catalogue import find_several
 
     with inputs.begin(output, over_model=True, adding=effect) as (given, say):

@@ -1,50 +1,50 @@
-"""`armdyn arm`: the dynamics of an arm in closed form."""
+"""The command `armdyn arm`: show the terms of an arm's equations of motion."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from armdyn.document import Column, Document, KeyFigure, Section, Table
-from pipeline.console.options import ArmChoice, JsonOption, numbers
-from pipeline.console.screen import finish
+from pipeline.console.options import ArmChoice, JsonOption, parse_numbers
+from pipeline.console.screen import finish_command
 
 if TYPE_CHECKING:
     from armdyn.arm.posture import ArmPosture, Ellipsoid
     from armdyn.recording.channels import FloatArray
     from urdf import Robot
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
-group = typer.Typer(help="The dynamics of an arm in closed form.", no_args_is_help=True)
+group = typer.Typer(help="Show the terms of an arm's equations of motion.", no_args_is_help=True)
 
 
 @group.callback()
 def about() -> None:
-    """The dynamics of an arm in closed form."""
+    """Show the terms of an arm's equations of motion."""
 
 
 @group.command()
 def show(
     choice: ArmChoice,
     at: Annotated[
-        str | None, typer.Option(help="Joint positions [rad or m], separated by commas; home if not given.")
+        str | None, typer.Option(help="Joint positions [rad or m], separated by commas; by default the home posture.")
     ] = None,
     velocity: Annotated[
-        str | None, typer.Option(help="Joint velocities [rad/s or m/s], separated by commas; rest if not given.")
+        str | None, typer.Option(help="Joint velocities [rad/s or m/s], separated by commas; by default zero.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Gravity, inertia, Coriolis, energy, regressor and what the tool can reach in speed and force, at a posture."""
+    """Show gravity, inertia, Coriolis terms, energy, regressor and the tool's possible speed and force at a posture."""
     from armdyn.arm.posture import arm_posture
 
     arm = choice.load()
     posture = arm_posture(
         arm,
-        None if at is None else numbers(at, "--at"),
-        None if velocity is None else numbers(velocity, "--velocity"),
+        None if at is None else parse_numbers(at, "--at"),
+        None if velocity is None else parse_numbers(velocity, "--velocity"),
     )
-    finish(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
+    finish_command(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
 
 
 def _units(robot: "Robot") -> list[tuple[str, str]]:
@@ -109,9 +109,9 @@ def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
 
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
-    """JSON ``armdyn.arm/1`` of the arm's dynamics; infinite values, which JSON lacks, become null."""
+    """JSON output ``armdyn.arm/1``; infinite values become null."""
     from armdyn.arm.posture import LINK_PARAMETER_NAMES
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     positions, torques = zip(*_units(robot), strict=True)
     posed = "q v margin gravity springs inertia coriolis damping kinetic_energy potential_energy regressor"
@@ -124,12 +124,12 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         },
         "tool_link": robot.tool_frame,
         "tool_offset": robot.tool_offset.tolist(),
-        **fields(posture, f"tool_position tool_rotation {posed}"),
+        **attributes_as_json(posture, f"tool_position tool_rotation {posed}"),
         "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in LINK_PARAMETER_NAMES],
-        **fields(posture, "parameters jacobian manipulability"),
+        **attributes_as_json(posture, "parameters jacobian manipulability"),
         **{
             f"{name}_ellipsoid": ellipsoid
-            and fields(ellipsoid, "axes= lengths along_xyz=along", axes=ellipsoid.axes.T)
+            and attributes_as_json(ellipsoid, "axes= lengths along_xyz=along", axes=ellipsoid.axes.T)
             for name, ellipsoid in (("speed", posture.speed), ("force", posture.force))
         },
         "defects": list(robot.defects),

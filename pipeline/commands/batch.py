@@ -1,4 +1,4 @@
-"""`armdyn batch`: compare or repair for many models and recordings."""
+"""The command `armdyn batch`: compare or repair many models with many recordings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,50 +8,52 @@ import typer
 from armdyn.quoting import command_text
 from pipeline.console.options import JsonOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     from pipeline.batch.history import ParameterHistory
-    from pipeline.batch.run import Done
-    from pipeline.batch.spec import Spec
+    from pipeline.batch.run import BatchResult
+    from pipeline.batch.spec import BatchSpec
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def batch(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which models and recordings; see docs/batch.md.")],
+    spec: Annotated[
+        Path, typer.Argument(metavar="SPEC.toml", help="File that lists models and recordings; see docs/batch.md.")
+    ],
     output: Annotated[
-        Path, typer.Option("--output", "--out", help="Directory for rows and report; a batch in it is continued.")
+        Path, typer.Option("--output", "--out", help="Directory for results and report; a batch in it is continued.")
     ],
     scheduler: Annotated[
-        str | None, typer.Option(help="A dask scheduler whose workers do it, such as tcp://host:8786.")
+        str | None, typer.Option(help="Address of a dask scheduler whose workers compute, such as tcp://host:8786.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes of this machine; as many as it has cores when not given.")
+        int | None, typer.Option(min=1, help="Number of processes on this computer; by default one per processor core.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Compare or repair for a lab's thousand logs: one row each, and what changed on which day."""
-    from pipeline.batch.history import history
-    from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
+    """Compare or repair models with many recordings, and find out which parameter changed on which day."""
+    from pipeline.batch.history import parameter_history
+    from pipeline.batch.run import JOURNAL_FILE, PARQUET_FILE, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
-    from pipeline.interrupts import Interrupt, noted_signals
+    from pipeline.interrupts import Interrupt, deferred_signals
     from pipeline.report.batch import batch_report
     from pipeline.trial.folder import locked_folder
 
     check_parquet()
     asked = read_spec(spec)
     given = {file for item in asked.items for file in (item.model, item.run, item.run.with_suffix(".toml"))}
-    own = (JOURNAL, ROWS, "report.html")
+    own = (JOURNAL_FILE, PARQUET_FILE, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
-    with locked_folder(output, output, "batch", own) as folder, noted_signals(signals.append), spinner() as say:
+    with locked_folder(output, output, "batch", own) as folder, deferred_signals(signals.append), progress_display() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
-        write_parquet(folder / ROWS, asked, done.rows)
+        write_parquet(folder / PARQUET_FILE, asked, done.rows)
         if not signals:
             say("looking for changes")
-            found = history(asked, done.rows)
+            found = parameter_history(asked, done.rows)
     if signals:
         again = command_text("batch", spec, "--output", output)
         typer.echo(
@@ -60,13 +62,13 @@ def batch(
         raise Interrupt(signals[0])
     document = batch_report(asked, done, found)
     report = output / "report.html"
-    written = [f"rows: {output / ROWS}"]
-    finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
+    written = [f"rows: {output / PARQUET_FILE}"]
+    finish_command(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
-def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
-    from pipeline.batch.history import moment
-    from pipeline.fields import fields
+def _answer(spec: "BatchSpec", done: "BatchResult", found: "ParameterHistory") -> dict[str, Any]:
+    from pipeline.batch.history import utc_datetime
+    from pipeline.fields import attributes_as_json
     from pipeline.report.batch import verdict_counts
 
     return {
@@ -82,17 +84,19 @@ def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, 
         ],
         "false_alarms": found.found.false_alarms,
         "changes": [
-            fields(
+            attributes_as_json(
                 step, "robot parameter unit= last_before= first_after= before after chance",
                 unit=found.units[step.parameter],
-                last_before=moment(step.last_before).isoformat(),
-                first_after=moment(step.first_after).isoformat(),
+                last_before=utc_datetime(step.last_before).isoformat(),
+                first_after=utc_datetime(step.first_after).isoformat(),
             )
             for event in found.events
             for step in event
         ],
         "drifts": [
-            fields(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])
+            attributes_as_json(
+                d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter]
+            )
             for d in found.found.drifts
         ],
     }  # fmt: skip

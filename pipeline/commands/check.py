@@ -1,4 +1,4 @@
-"""`armdyn check`: is a trajectory feasible on the arm; if not, which limit, which joint, when."""
+"""The command `armdyn check`: check whether a trajectory is feasible; if not, which limit, which joint, and when."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,44 +7,56 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, quantity
+from pipeline.console.options import (
+    JsonOption,
+    ReportOption,
+    RobotChoice,
+    missing_mesh_sentences,
+    parse_number_list,
+    parse_option_quantity,
+)
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     import urdf
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 def check(
     trajectory: Annotated[
-        Path, typer.Argument(help="CSV or recording: 'time [s]' and 'q.<joint> [rad]' per joint, or 's [m]'.")
+        Path,
+        typer.Argument(help="CSV or recording with 'time [s]' and 'q.<joint> [rad]' for each joint, or with 's [m]'."),
     ],
     choice: RobotChoice,
-    load_mass: Annotated[str, typer.Option(help="Mass that hangs from the tool, such as '80 g'.")] = "0 kg",
+    load_mass: Annotated[str, typer.Option(help="Mass of the load at the tool, such as '80 g'.")] = "0 kg",
     springs: Annotated[
         bool | None,
-        typer.Option("--springs/--no-springs", help="Count the robot's gravity springs; its settings decide."),
+        typer.Option(
+            "--springs/--no-springs", help="Whether the robot's gravity springs help; by default as in its settings."
+        ),
     ] = None,
     box: Annotated[
         bool | None,
         typer.Option(
-            "--box/--no-box", help="Keep clear of the task's box and table; where the tool starts on the robot's line."
+            "--box/--no-box",
+            help="Whether the box and table of the task are obstacles; by default if the tool starts on the line.",
         ),
     ] = None,
     on_line: Annotated[bool, typer.Option("--on-line", help="The tool must stay on the robot's line.")] = False,
     start: Annotated[
-        str | None, typer.Option(help="Where the arm is: joint positions in rad, separated by commas.")
+        str | None, typer.Option(help="Present joint positions of the arm [rad], separated by commas.")
     ] = None,
     ros: Annotated[
-        str | None, typer.Option("--ros", help="Start from where the arm is: its rosbridge, ws://HOST:9090.")
+        str | None,
+        typer.Option("--ros", help="Address of the arm's rosbridge, ws://HOST:9090, to read its present position."),
     ] = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
-    """Say whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
+    """Check whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
     import urdf
     from ik import default_table
     from pipeline.box import Box
@@ -53,11 +65,11 @@ def check(
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_report
 
-    mass = quantity(load_mass, "kg", "--load-mass").value
+    mass = parse_option_quantity(load_mass, "kg", "--load-mass").value
     if mass < 0.0:
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
     check_outputs(report, json_file, inputs=[trajectory])
-    with spinner() as say:
+    with progress_display() as say:
         say("reading the robot")
         known = choice.robot or "baxter"
         arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)
@@ -72,7 +84,7 @@ def check(
         if not (near or isinstance(motion, LineTrajectory)):
             settings = replace(settings, singular_value=0.0)  # joint motions may pass singularities
         at = (
-            (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
+            (None if start is None else parse_number_list(len(arm.joint_names), start, "--start", arm.joint_names))
             if ros is None
             else _where(ros, known, start, arm)
         )
@@ -82,8 +94,8 @@ def check(
         else:
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     title = f"Feasibility of {trajectory.name}"
-    finish(
-        replace(feasibility_document(result, title), notes=missing_meshes(arm)),
+    finish_command(
+        replace(feasibility_document(result, title), notes=missing_mesh_sentences(arm)),
         result.to_json,
         json_file,
         report,
@@ -93,7 +105,7 @@ def check(
 
 
 ON_LINE_DISTANCE = 0.05
-"""m from the robot's line, at which its tool is taken to be on it."""
+"""Largest distance from the robot's line at which the tool counts as being on the line [m]."""
 
 
 def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", arm: "urdf.Robot") -> bool:
@@ -110,7 +122,7 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
 
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
-    """Present joint positions of the arm behind a rosbridge; no command is sent."""
+    """Read the present joint positions of an arm from its rosbridge."""
     from pipeline.ros.states import present_joint_state
     from pipeline.ros.topics import read_topics, settings_file
 

@@ -1,23 +1,23 @@
-"""`armdyn compare`: a model compared with recordings."""
+"""The command `armdyn compare`: compare a model with recordings."""
 
 from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repaired import REPAIRED
+from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def compare(inputs: StudyInputs) -> None:
-    """Fit what is free, and say how well the model does and where it fails."""
+    """Fit a model's free parameters to recordings, and report how well it predicts them and where it fails."""
     from pipeline.answers import comparison_answer
     from pipeline.report.repair import comparison_report
 
     with inputs.begin(choosing=False) as (given, say):
         say("fitting")
         found = given.compare()
-    steps = [] if found.explained else [NextStep("what is missing", inputs.command("repair", *REPAIRED))]
+    steps = [] if found.explained else [NextStep("what is missing", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS))]
     inputs.finish(
         given,
         replace(found.document(), next_steps=steps),

@@ -1,16 +1,16 @@
-"""`armdyn diagnose`: which effect a model lacks."""
+"""The command `armdyn diagnose`: find which physical effect a model lacks."""
 
 from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repaired import REPAIRED
+from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def diagnose(inputs: StudyInputs) -> None:
-    """Find out which physical effect is missing, with an honest verdict."""
+    """Find out which physical effect a model lacks, or report that the recordings cannot decide."""
     from armdyn.identify.sentence import Verdict
     from pipeline.answers import diagnosis_answer
     from pipeline.report.repair import diagnosis_report
@@ -23,7 +23,7 @@ def diagnose(inputs: StudyInputs) -> None:
         command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.suspects:
-        steps.append(NextStep("add it", inputs.command("repair", *REPAIRED)))
+        steps.append(NextStep("add it", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS)))
     inputs.finish(
         given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),

@@ -1,4 +1,4 @@
-"""`armdyn discover`: a formula for the force that a model lacks, as a file of effects."""
+"""The command `armdyn discover`: find a formula for the force that a model lacks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,18 +8,18 @@ import typer
 
 from armdyn.document import Document, NextStep
 from armdyn.quoting import command_text
-from pipeline.console.inputs import Inputs, UnexaminedInputs
+from pipeline.console.inputs import ModelAndRunInputs, StudyInputsWithoutExam
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def discover(
-    inputs: UnexaminedInputs,
+    inputs: StudyInputsWithoutExam,
     output: Annotated[
-        Path | None, typer.Option("--output", "--out", help="Python file of effects that holds what was discovered.")
+        Path | None, typer.Option("--output", "--out", help="Python file to write, with the formula as an effect.")
     ] = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""
@@ -41,7 +41,7 @@ def discover(
     inputs.finish(given, document, lambda: _answer(found, output), page, written)
 
 
-def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
+def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | None) -> list[NextStep]:
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.has_unfitted_run else []
     if not found.findings:
@@ -65,18 +65,18 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
     from pipeline.answers import missing_force_answer, parameters_answer
-    from pipeline.fields import fields, plain
+    from pipeline.fields import attributes_as_json, json_value
 
     return {
         "schema": "armdyn.discover/1",
         "sentence": found.sentence,
         "found": [
             {
-                **fields(one, "effect joint acts_on kind formula depends_on"),
+                **attributes_as_json(one, "effect joint acts_on kind formula depends_on"),
                 "values": parameters_answer(one.values),
                 "explains": one.explains,
-                "held_out_rmse": plain(found.held_out_rmse),
-                **fields(one, "known_as rivals"),
+                "held_out_rmse": json_value(found.held_out_rmse),
+                **attributes_as_json(one, "known_as rivals"),
                 "output": str(output) if output is not None and one.term is not None else None,
             }
             for one in found.findings

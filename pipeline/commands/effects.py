@@ -1,34 +1,34 @@
-"""`armdyn effects`: the effects that a model can have."""
+"""The command `armdyn effects`: list the effects that a model can have."""
 
 from typing import Any
 
 from pipeline.console.options import EffectsOption, JsonOption
-from pipeline.console.screen import to_screen, write_answer
+from pipeline.console.screen import screen_console, write_answer
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
-    """Show the physical effects that a model can have, with their parameters."""
+    """List the physical effects that a model can have, with their parameters."""
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     known = (*CATALOGUE.values(), *load_effects(effects_file))
 
     def answer(effect: Effect) -> dict[str, Any]:
         names = "unit null typical meaning=summary scope lower upper"
-        quantities = {f"{effect.name}.{short}": fields(q, names) for short, q in effect.quantities.items()}
-        columns = {name: fields(c, "name unit usual") for name, c in effect.columns.items()}
+        quantities = {f"{effect.name}.{short}": attributes_as_json(q, names) for short, q in effect.quantities.items()}
+        columns = {name: attributes_as_json(c, "name unit usual") for name, c in effect.columns.items()}
         reads = {"columns": columns} if columns else {}
-        return fields(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
+        return attributes_as_json(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
 
     if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
         return
     from rich.text import Text
 
-    console = to_screen()
+    console = screen_console()
     for stage in dict.fromkeys(effect.acts_on for effect in known):
         console.print(stage, style="bold")
         for effect in (e for e in known if e.acts_on == stage):

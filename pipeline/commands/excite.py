@@ -1,4 +1,4 @@
-"""`armdyn excite`: design a motion of an arm that determines or distinguishes chosen effects."""
+"""The command `armdyn excite`: design a motion of an arm that determines or distinguishes chosen effects."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,30 +16,33 @@ from pipeline.console.options import (
     ReportOption,
     RobotChoice,
     ToolOption,
-    missing_meshes,
-    names_in,
+    missing_mesh_sentences,
+    split_names,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
     from armdyn.experiments.goal import MotionGoal
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0
-"""s; a shorter motion excites little, a longer one repeats a period of 20 s and adds no information per second."""
+"""Shortest and longest designed motion [s]; a motion above 20 s repeats a period of 20 s."""
 MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
-"""Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
+"""Lowest and highest rate of samples of a designed motion [Hz]; torques are compared below 10 Hz."""
 MAX_RANDOM_MOTIONS = 1000
 
 
 def excite(
     output: Annotated[
-        Path, typer.Option("--output", "--out", help="Where the motion goes: CSV with q, v and a of every joint.")
+        Path,
+        typer.Option(
+            "--output", "--out", help="CSV file to write, with position, velocity and acceleration of every joint."
+        ),
     ],
     choice: RobotChoice,
     joints: JointsOption = None,
@@ -49,54 +52,63 @@ def excite(
         typer.Option(
             "--for",
             metavar="EFFECT[:JOINT,...],...",
-            help="Effects to determine, on some joints or on all; friction, offsets and inertias when not given.",
+            help="Effects to determine, on some joints or on all; by default friction, offsets and inertias.",
         ),
     ] = None,
     rivals: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Two effects to tell apart, in place of --for; joints as there.")
+        str | None,
+        typer.Option(metavar="A,B", help="Two effects to distinguish, in place of --for; joints are written as there."),
     ] = None,
     effects_file: EffectsOption = None,
     seconds: Annotated[
         float,
-        typer.Option(min=MIN_EXCITE_SECONDS, max=MAX_EXCITE_SECONDS, help="How long the motion takes [s]."),
+        typer.Option(min=MIN_EXCITE_SECONDS, max=MAX_EXCITE_SECONDS, help="Duration of the motion [s]."),
     ] = 20.0,
     rate: Annotated[float, typer.Option(min=MIN_SAMPLE_RATE, max=MAX_SAMPLE_RATE, help="Samples per second.")] = 100.0,
     random: Annotated[
-        int, typer.Option(min=1, max=MAX_RANDOM_MOTIONS, help="Random motions to start from and to compare with.")
+        int,
+        typer.Option(
+            min=1,
+            max=MAX_RANDOM_MOTIONS,
+            help="Number of random motions; the design starts from the best and is compared with it.",
+        ),
     ] = 100,
     compare: Annotated[
-        bool, typer.Option("--compare/--no-compare", help="Compare with the motion of the least condition number.")
+        bool,
+        typer.Option(
+            "--compare/--no-compare", help="Compare the design with the motion of the smallest condition number."
+        ),
     ] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random motions.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random motions.")] = 0,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
-    """Design the motion of an arm that determines chosen effects best, or tells two of them apart."""
+    """Design the motion of an arm that determines chosen effects best, or distinguishes two effects."""
     choice.needed()
     if wanted is not None and rivals is not None:
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
     inputs = [file for file in (choice.urdf_file, effects_file) if file is not None]
     check_outputs(output, report, json_file, inputs=inputs)
-    with spinner() as say:
+    with progress_display() as say:
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
         from armdyn.recording.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
-        from pipeline.motion.excitation import excitation
+        from pipeline.motion.excitation import design_excitation
         from pipeline.report.excitation import excitation_document, excitation_report
 
         say("reading the robot")
-        model = arm_model(choice.urdf_file, choice.robot, names_in(joints), tool=tool)
+        model = arm_model(choice.urdf_file, choice.robot, split_names(joints), tool=tool)
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
-        found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
+        found = design_excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
     # `check` reads the arm from its description again.
     known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]
     again = [NextStep("check it again", command_text("check", output, *known))]
-    notes = missing_meshes(found.goal.columns.arm.robot)
+    notes = missing_mesh_sentences(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
-    finish(
+    finish_command(
         replace(document, next_steps=again if joints is None and tool is None else []),
         lambda: excitation_answer(found, output),
         json_file,
@@ -123,12 +135,7 @@ def _goal(
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":
-    """Effects from a list such as ``"payload,rotor_inertia:elbow,wrist"``; joints belong to the effect before them.
-
-    Raises:
-        InputError: the list names no effect, an effect twice, or one that this arm cannot have.
-        UnknownNameError: no effect and no joint has a name.
-    """
+    """Effects in a list such as ``"payload,rotor_inertia:elbow,wrist"``; joints belong to the effect before them."""
     from armdyn.effects.catalogue import find
 
     listed: list[str] = []

@@ -1,4 +1,4 @@
-"""`armdyn export`: a model for other tools."""
+"""The command `armdyn export`: write a model to a file for another program."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +8,10 @@ import typer
 
 from armdyn.errors import error_location
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
-from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import spinner, write_answer
+from pipeline.console.outputs import check_outputs, check_overwrite
+from pipeline.console.screen import progress_display, write_answer
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 def export(
@@ -19,26 +19,29 @@ def export(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "--out", help="FILE.urdf, .xml (MuJoCo's), .c, .py or .json: its ending says what it is."
+            "--output", "--out", help="FILE.urdf, .xml (MuJoCo), .c, .py or .json: the ending selects the format."
         ),
     ],
     effects: EffectsOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,
     incomplete: Annotated[
-        bool, typer.Option("--incomplete", help="Write it although it lacks much of what a repair found.")
+        bool,
+        typer.Option(
+            "--incomplete", help="Write the file even if its format cannot contain much of what a repair found."
+        ),
     ] = False,
     named_only: NamedOnlyOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
+    """Write a model for another program, and list what the format cannot contain; exit status 1 if that is much."""
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model_file
     from pipeline.exports import format_of_file, write_export
 
     made = format_of_file(output)
     check_outputs(output, json_file, inputs=[model])
-    free_to_write(output, force)
-    with spinner() as say:
+    check_overwrite(output, force)
+    with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         file = replace(file, model=file.model.without_background()) if named_only else file
         say(f"writing {output}")

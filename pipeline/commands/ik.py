@@ -1,4 +1,4 @@
-"""`armdyn ik`: find a line, build and show SE(3) IK and Jacobian tables of paths and volumes."""
+"""The command `armdyn ik`: compute the inverse kinematics of paths and volumes, and search for a line."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,53 +7,55 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
-from pipeline.console.screen import finish, write_answer
-from pipeline.fields import fields
+from pipeline.console.options import ArmChoice, JsonOption, parse_number_list, tool_rotation
+from pipeline.console.screen import finish_command, write_answer
+from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
     from ik import PathTable
-    from ik.search import Demand, Found
+    from ik.search import LineCandidate, LineRequirements
 
-PANEL = "Motions of an arm"
+HELP_PANEL = "Motions of an arm"
 
 
 def volume(
-    low: Annotated[str, typer.Option(help="Lowest corner x,y,z in the base frame [m].")],
-    high: Annotated[str, typer.Option(help="Highest corner x,y,z [m].")],
+    low: Annotated[str, typer.Option(help="Lowest corner x,y,z of the volume in the base frame [m].")],
+    high: Annotated[str, typer.Option(help="Highest corner x,y,z of the volume in the base frame [m].")],
     out: Annotated[
-        Path, typer.Option("--out", "--output", help="The zarr directory; an interrupted build in it is continued.")
+        Path,
+        typer.Option("--out", "--output", help="The zarr directory to write; an interrupted build in it is continued."),
     ],
     choice: ArmChoice,
-    counts: Annotated[str, typer.Option(help="Targets along x, y and z.")] = "100,100,100",
+    counts: Annotated[str, typer.Option(help="Number of targets along x, y and z.")] = "100,100,100",
     tool_rpy: Annotated[
         list[str] | None,
         typer.Option(
-            help="The tool's roll, pitch, yaw [rad], several times for several; that of the line if not given."
+            help="The tool's roll, pitch, yaw [rad]; may be repeated for several orientations; by default that of the "
+            "robot's line."
         ),
     ] = None,
-    processes: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 2,
+    processes: Annotated[int, typer.Option(min=1, help="Number of processes on this computer.")] = 2,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask scheduler, tcp://host:port, whose workers do it instead.")
+        str | None, typer.Option(help="Address of a dask scheduler, tcp://host:port, whose workers compute instead.")
     ] = None,
     collisions: Annotated[bool, typer.Option("--collisions", help="Check every posture for collisions.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Solve a grid of positions on one consistent branch, into a zarr directory."""
+    """Compute the inverse kinematics on a 3-D grid, with postures that vary smoothly, into a zarr directory."""
     import numpy as np
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from ik.volume import Grid, build_volume
+    from ik.volume import TargetGrid, build_volume
 
     arm = choice.load()
-    sides = [round(count) for count in exactly(3, counts, "--counts")]
+    sides = [round(count) for count in parse_number_list(3, counts, "--counts")]
     if not tool_rpy and arm.given_line is None:
         raise InputError(f"--tool-rpy: robot '{arm.name}' has no line to take the tool's orientation from; give one")
     rotations = [tool_rotation(rpy) for rpy in tool_rpy] if tool_rpy else [arm.line.rotation]
-    grid = Grid(
-        np.array(exactly(3, low, "--low")),
-        np.array(exactly(3, high, "--high")),
+    grid = TargetGrid(
+        np.array(parse_number_list(3, low, "--low")),
+        np.array(parse_number_list(3, high, "--high")),
         (sides[0], sides[1], sides[2]),
         np.array(rotations),
     )
@@ -78,20 +80,23 @@ def volume(
         "resumed": done.resumed,
         "seconds": done.seconds,
         "targets_per_second": done.solved / max(done.seconds, 1e-9),
-        "reached": done.table.reached(),
-        "neighbours_apart": done.table.apart(),
+        "reached": done.table.reached_share(),
+        "neighbours_apart": done.table.discontinuity_share(),
     }
     if write_answer(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
-            f"({answer['targets_per_second']:.0f} per second), {done.resumed} were there\n"
-            f"reached      {100 * done.table.reached():.2f} %\n"
-            f"neighbours   {100 * done.table.apart():.4f} % of pairs are more than 0.2 rad apart\n"
+            f"({answer['targets_per_second']:.0f} per second), {done.resumed} solved before\n"
+            f"reached      {100 * done.table.reached_share():.2f} %\n"
+            f"neighbours   {100 * done.table.discontinuity_share():.4f} % of pairs are more than 0.2 rad apart\n"
             f"written to {out}"
         )
 
 
-group = typer.Typer(help="SE(3) IK and Jacobian tables of lines, paths and volumes.", no_args_is_help=True)
+group = typer.Typer(
+    help="Compute tables of inverse kinematics and Jacobians along lines and paths and in volumes.",
+    no_args_is_help=True,
+)
 group.command()(volume)
 
 
@@ -99,30 +104,35 @@ group.command()(volume)
 def build(
     choice: ArmChoice,
     path: Annotated[
-        Path | None, typer.Option(help="A path file (TOML: line, circle or spline) in place of the robot's own line.")
+        Path | None,
+        typer.Option(help="A path file (TOML: line, circle or spline), in place of the line in the robot's settings."),
     ] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Find a line first: fast, far from joint limits, free of collision.")
+        bool,
+        typer.Option("--search", help="First search for a line: fast, far from joint limits, without collisions."),
     ] = False,
     extent: Annotated[str, typer.Option(help="With --search: first and last line coordinate [m].")] = "-0.25,0.25",
-    core: Annotated[str, typer.Option(help="With --search: where speed matters most [m].")] = "-0.15,0.15",
+    core: Annotated[
+        str, typer.Option(help="With --search: first and last coordinate of the part where speed matters most [m].")
+    ] = "-0.15,0.15",
     direction: Annotated[str, typer.Option(help="With --search: direction of the line in the base frame.")] = "0,1,0",
     tool_rpy: Annotated[
         str | None,
         typer.Option(
-            help="With --search: the tool's roll, pitch, yaw [rad]; the right angles nearest to home if not given."
+            help="With --search: the tool's roll, pitch, yaw [rad]; by default parallel to the base's axes, nearest to "
+            "the tool's at home."
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "--output", help="Where to write the table; the cache if not given, for a robot's own line."
+            "--out", "--output", help="File of the table; by default, for the line in a robot's settings, the cache."
         ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Build the table of a robot's line, of a path, or of a line that is searched for."""
-    from ik.build import build_line_table, build_path_table, default_path
+    """Build the IK table of the line in a robot's settings, of a path, or of a line that is searched for."""
+    from ik.build import build_line_table, build_path_table, default_table_path
     from ik.pathfile import read_path
     from ik.search import search_line
     from pipeline.report.ik import ik_document
@@ -133,7 +143,7 @@ def build(
     target, found = out, None
     table: PathTable
     if search:
-        found = search_line(arm, _demand(extent, core, direction, tool_rpy), progress=_say)
+        found = search_line(arm, _requirements(extent, core, direction, tool_rpy), progress=_say)
         arm = replace(arm, home=found.home, given_line=found.line)
         table = build_line_table(arm, progress=_say)
     elif path is not None:
@@ -142,25 +152,27 @@ def build(
         table = build_path_table(arm, read_path(path), progress=_say)
     else:
         table = build_line_table(arm, progress=_say)
-        target = target or default_path(arm)
+        target = target or default_table_path(arm)
     if target is not None:
         table.save(target)
     extra: dict[str, Any] = {} if target is None else {"file": str(target)}
-    written = [] if found is None else [as_settings(found)]
+    written = [] if found is None else [line_settings_text(found)]
     written += [] if target is None else [f"written to {target}"]
     if found is not None:
-        quality = fields(found, "home core_speed whole_speed joint_margin clearance torque")
+        quality = attributes_as_json(found, "home core_speed whole_speed joint_margin clearance torque")
         extra["found"] = {"line": found.line.describe(), **quality}
-    finish(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
+    finish_command(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
 
 
 @group.command()
 def show(
     file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
     json_file: JsonOption = None,
-    report: Annotated[Path | None, typer.Option(help="Joint curves, margins and limits as one HTML page.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML file to write, with curves of the joints, their margins and limits.")
+    ] = None,
 ) -> None:
-    """Print what a table holds, and plot it."""
+    """Show the content of an IK table."""
     from ik import PathTable
     from pipeline.report.ik import ik_document, ik_report
     from urdf import known_robots, load
@@ -169,36 +181,36 @@ def show(
     if table.robot_name in known_robots():
         arm = load(table.robot_name)
         table = PathTable.load(file, arm)
-    finish(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
+    finish_command(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
 
 
 def _say(stage: str) -> None:
     typer.echo(f"{stage} ...", err=True)
 
 
-def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
-    from ik.search import Demand
+def _requirements(extent: str, core: str, direction: str, tool_rpy: str | None) -> "LineRequirements":
+    from ik.search import LineRequirements
 
-    first, last = exactly(2, extent, "--extent")
-    low, high = exactly(2, core, "--core")
-    x, y, z = exactly(3, direction, "--direction")
+    first, last = parse_number_list(2, extent, "--extent")
+    low, high = parse_number_list(2, core, "--core")
+    x, y, z = parse_number_list(3, direction, "--direction")
     if not first <= low < high <= last:
         raise InputError(f"--core: {core} m does not lie within --extent {extent} m; give low,high inside it")
     if not abs(x) + abs(y) + abs(z) > 0:
         raise InputError("--direction: 0,0,0 points nowhere; give another")
     rotation = None if tool_rpy is None else tool_rotation(tool_rpy)
-    return Demand(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))
+    return LineRequirements(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))
 
 
 def table_json(table: "PathTable") -> dict[str, Any]:
-    """JSON ``armdyn.ik/1`` of an IK table; tool poses are the targets of the tool point."""
+    """JSON output ``armdyn.ik/1`` of an IK table; the tool's poses in it are those of the path."""
     import numpy as np
     from scipy.spatial.transform import Rotation
 
     rotation, position = table.path.pose(table.s)
     return {
         "schema": "armdyn.ik/1",
-        **fields(
+        **attributes_as_json(
             table,
             "robot=robot_name joints=joint_names tool_link=tool_frame tool_offset s q dq_ds tool_position= "
             "tool_quaternion= speed_limit joint_margin path= acceleration_limit torque_acceleration_range= "
@@ -212,8 +224,8 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     }
 
 
-def as_settings(found: "Found") -> str:
-    """A found line as entries of a robot's settings file."""
+def line_settings_text(found: "LineCandidate") -> str:
+    """Text of a line that was searched for, as the tables ``[line]`` and ``[arm]`` of a robot's settings file."""
     import pinocchio as pin
 
     line = found.line

@@ -1,4 +1,4 @@
-"""`armdyn import`: runs from bags, data sets and tables of others."""
+"""The command `armdyn import`: convert recordings in other formats to runs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,10 +10,10 @@ import typer
 from armdyn import atomic
 from armdyn.errors import InputError, collect_errors
 from armdyn.quoting import command_text
-from pipeline.console.inputs import stopped_if_wrong
+from pipeline.console.inputs import exit_on_wrong_recording
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
-from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
+from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
+from pipeline.console.screen import borderless_table, print_document, progress_display, screen_console, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from pipeline.imports.joints import RobotJoints
     from pipeline.imports.mapping import ColumnMap
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 MAX_NAMED_COLUMNS = 8
-"""Columns that are named on the screen where there are more."""
+"""Largest number of columns that a printed list names."""
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options that say what is made of which files."""
+    """Arguments and options of the command `import`."""
 
     files: Annotated[
         list[Path],
@@ -37,26 +37,29 @@ class ImportOptions:
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
     ]
-    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")]
-    mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None
+    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is created.")]
+    mapping: Annotated[
+        Path | None, typer.Option("--map", help="TOML file that says which column is which channel.")
+    ] = None
     guess: Annotated[
-        bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
+        bool,
+        typer.Option("--guess", help="Propose such a file from names, units and ranges; nothing is imported."),
     ] = False
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
     ] = None
-    force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False
+    force: Annotated[bool, typer.Option("--force", help="Overwrite runs that exist.")] = False
 
     @property
     def rate_text(self) -> str:
-        """The rate as a mapping has it; empty where it is not given."""
+        """The rate with its unit, as a mapping file contains it; empty if it is not given."""
         return "" if self.rate is None else f"{self.rate:.12g} Hz"
 
 
 def import_(
     wanted: ImportOptions, choice: RobotChoice, trust_data: TrustOption = False, json_file: JsonOption = None
 ) -> None:
-    """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
+    """Convert recordings in other formats to runs, and inspect them; a robot gives the names of the joints."""
     from pipeline.imports import read_foreign
     from pipeline.imports.mapping import check_rate
 
@@ -64,7 +67,7 @@ def import_(
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
     check_rate(wanted.rate_text)
     check_outputs(json_file)
-    with stopped_if_wrong(json_file), spinner() as say:
+    with exit_on_wrong_recording(json_file), progress_display() as say:
         recordings: list[ForeignRecording] = []
         for file in wanted.files:
             say(f"reading {file}")
@@ -113,7 +116,7 @@ def _import(
     written = _write([each.run for each in found], wanted)
     if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(checks)}):
         if checks:
-            show(inspection_document(Inspection(looked.runs, checks)))
+            print_document(inspection_document(Inspection(looked.runs, checks)))
         _say(found, written, choice)
 
 
@@ -140,13 +143,13 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
 def _propose(
     wanted: ImportOptions, recordings: "list[ForeignRecording]", choice: RobotChoice, json_file: Path | None
 ) -> None:
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
 
     joints = _joints(choice)
     found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
-    free_to_write(target, wanted.force)
+    check_overwrite(target, wanted.force)
     atomic.make_directory(wanted.output)
     comment = (
         f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "
@@ -157,7 +160,7 @@ def _propose(
         "schema": "armdyn.map/1",
         "file": str(target),
         "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
-        "columns": {name: fields(entry, "channel unit why check") for name, entry in found.entries.items()},
+        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
     }
     if write_answer(json_file, lambda: answer):
         _say_guess(found, recordings, target)
@@ -172,12 +175,12 @@ def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target:
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
     from pipeline.imports.mapping import reason_comment
 
-    table = plain_table("column", "channel", "unit", "why")
+    table = borderless_table("column", "channel", "unit", "why")
     if found.time:
         table.add_row(found.time, "time", found.time_unit, reason_comment(found.why, found.check))
     for column, entry in found.entries.items():
         table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason_comment(entry.why, entry.check))
-    to_screen().print(table)
+    screen_console().print(table)
     asked = [column for column, entry in found.entries.items() if entry.check]
     asked += [found.time] if found.check else []
     for what, names in (
@@ -191,7 +194,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target:
 
 
 def _words(choice: RobotChoice) -> list[str]:
-    """Text of the options that name the robot; a placeholder for its file where none was named."""
+    """Options of a command that name the robot; with a placeholder for its file if the user named none."""
     if choice.robot is not None:
         return ["--robot", choice.robot]
     return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]
@@ -219,7 +222,7 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -
 
 
 def _answer(found: "list[ImportedRun]", written: list[Path]) -> dict[str, object]:
-    from pipeline.fields import fields
+    from pipeline.fields import attributes_as_json
 
     return {
         "schema": "armdyn.import/1",
@@ -230,7 +233,7 @@ def _answer(found: "list[ImportedRun]", written: list[Path]) -> dict[str, object
                     name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
                     for name, c in each.run.all_channels.items()
                 },
-                "samples": [fields(a, "source came kept left_out steps stamped") for a in each.accounts],
+                "samples": [attributes_as_json(a, "source came kept left_out steps stamped") for a in each.accounts],
                 "notes": list(each.run.warnings),
             }
             for each, path in zip(found, written, strict=True)

@@ -1,4 +1,4 @@
-"""`armdyn inspect`: are recordings what they say they are?"""
+"""The command `armdyn inspect`: search recordings for mistakes such as wrong units and signs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,30 +10,34 @@ from armdyn.document import NextStep
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs, free_to_write, write_runs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
+from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.inspection.check import Inspection
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 
 
 def inspect(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="[M.toml] RUN...", help="Recordings, and before them the model of what was recorded."),
+        typer.Argument(
+            metavar="[M.toml] RUN...", help="Recordings, and before them, optionally, the model that they belong to."
+        ),
     ],
     fix: Annotated[
         Path | None,
-        typer.Option("--fix", help="Directory for corrected copies, and for maps that do the same at import."),
+        typer.Option(
+            "--fix", help="Directory for corrected copies, and for mapping files that correct the data at import."
+        ),
     ] = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over corrected copies that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite corrected copies that exist.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
+    """Search recordings for mistakes: gaps, wrong units or signs, swapped columns, shifted clocks, tilted mountings."""
     from armdyn.checked_study import ModelWithCatalogue
     from armdyn.inspection.inspect import inspect_runs
     from armdyn.run import read_run
@@ -45,12 +49,12 @@ def inspect(
     if not run_files:
         raise InputError("no recording: give at least one, 'armdyn inspect M.toml RUN.csv'")
     check_outputs(report, json_file, inputs=files)
-    with spinner() as say:
+    with progress_display() as say:
         runs = [read_run(path) for path in run_files]
         known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")
         found = inspect_runs(runs) if known is None else known.inspect(runs)
-        written = write_fixed(found, fix, force) if fix is not None else []
+        written = write_corrected_copies(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
         copies = [path for path in written if path.suffix == ".csv"]
@@ -59,7 +63,7 @@ def inspect(
         lines.append("nothing to correct in the files")
     elif found.corrected():
         steps.append(NextStep("write corrected copies", command_text("inspect", *files, "--fix", "fixed")))
-    finish(
+    finish_command(
         replace(inspection_document(found), next_steps=steps),
         lambda: inspection_answer(found),
         json_file,
@@ -71,8 +75,16 @@ def inspect(
         raise typer.Exit(1)
 
 
-def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
-    """Write corrected copies of recordings with a mistake that can be undone, each with its map for `import`.
+def write_corrected_copies(found: "Inspection", folder: Path, force: bool) -> list[Path]:
+    """Write corrected copies of the recordings with mistakes, each with a mapping file that corrects it at import.
+
+    Args:
+        found: result of inspecting the recordings.
+        folder: folder of the copies.
+        force: whether existing files may be overwritten.
+
+    Returns:
+        The files that were written.
 
     Raises:
         InputError: a file exists already or cannot be written.
@@ -85,7 +97,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
             for run in found.runs if run.name in corrected}  # fmt: skip
     maps = {path.with_suffix(".map.toml"): run for path, run in runs.items()}
     for file in maps:
-        free_to_write(file, force)
+        check_overwrite(file, force)
     write_runs({path: corrected[run.name].applied_to(run) for path, run in runs.items()}, force)
     for file, run in maps.items():
         atomic.write_text(file, correction_text(run, corrected[run.name]))

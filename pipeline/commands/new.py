@@ -1,4 +1,4 @@
-"""`armdyn new`: a base model."""
+"""The command `armdyn new`: write the file of a new model without effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ import typer.core
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from armdyn.read_files import allow_overwrite
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, split_names
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
 
 if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
 
-PANEL = "Models"
+HELP_PANEL = "Models"
 
 
 class _Bases(typer.core.TyperGroup):
-    """The group of bases, in which ``--base FILE.py`` means a base from the user's file."""
+    """The subcommands of `new`; ``--base FILE.py`` without a subcommand is a base model from the user's file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own = args[:1] != ["own"] and any(arg.partition("=")[0] == "--base" for arg in args)
@@ -30,34 +30,39 @@ class _Bases(typer.core.TyperGroup):
 
 
 group = typer.Typer(
-    help="Make a base model; --base FILE.py M.toml for a base of your own.", no_args_is_help=True, cls=_Bases
+    help="Write a new model; --base FILE.py M.toml for a base model of your own.", no_args_is_help=True, cls=_Bases
 )
 
 
 DriveOption = Annotated[
     list[str] | None,
-    typer.Option("--drive", help="Servos that record no torque: sts3215=all, or KIND=joint,joint; may be repeated."),
+    typer.Option(
+        "--drive", help="Joints whose servos record no torque: sts3215=all, or KIND=joint,joint; may be repeated."
+    ),
 ]
 
 
 @dataclass(frozen=True)
-class Target:
-    """The file that is written, and how the answer is given."""
+class NewModelOptions:
+    """Arguments and options of `new`: the model file to write, and where the JSON output goes."""
 
-    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")]
-    force: Annotated[bool, typer.Option("--force", help="Write over a model that is there and was repaired.")] = False
+    model: Annotated[Path, typer.Argument(metavar="M.toml", help="Model file to write.")]
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing model that was repaired.")] = False
     json_file: JsonOption = None
 
 
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess, gravity exact.'),
+    typer.Option(
+        "--set",
+        help='Value of a parameter: mass="80 g +/- 0.4 g"; without +/- it is a first guess, for gravity exact.',
+    ),
 ]
 
 
 @group.command()
-def pendulum(target: Target, settings: SetOption = None) -> None:
-    """A load on a string below a moving gripper: length, mass and gravity."""
+def pendulum(target: NewModelOptions, settings: SetOption = None) -> None:
+    """Write the model of a load on a string below a moving gripper, with length, mass and gravity."""
     from armdyn.model_file import ModelFile, base_pendulum
 
     _write(target, ModelFile(base_pendulum(_known(settings)), {}))
@@ -65,11 +70,11 @@ def pendulum(target: Target, settings: SetOption = None) -> None:
 
 @group.command(name="own", hidden=True)
 def own_base(
-    target: Target,
+    target: NewModelOptions,
     base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
     settings: SetOption = None,
 ) -> None:
-    """A base of your own, from a Python file that defines it with @physics."""
+    """Write a model from a base model of your own, which a Python file defines with @physics."""
     from armdyn.model_file import ModelFile, with_known_values
     from armdyn.physics.user import load_base
 
@@ -78,15 +83,15 @@ def own_base(
 
 @group.command()
 def arm(
-    target: Target,
-    urdf: Annotated[str | None, typer.Option(help="Description of the robot.")] = None,
-    mjcf: Annotated[str | None, typer.Option(help="The same in MuJoCo's XML, in place of --urdf.")] = None,
+    target: NewModelOptions,
+    urdf: Annotated[str | None, typer.Option(help="URDF file of the robot.")] = None,
+    mjcf: Annotated[str | None, typer.Option(help="MJCF file of the robot (MuJoCo's XML), in place of --urdf.")] = None,
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     joints: JointsOption = None,
     tool: ToolOption = None,
     drive: DriveOption = None,
 ) -> None:
-    """The rigid bodies of any URDF or MJCF, held against joint torques; the longest chain where no joints are given."""
+    """Write the rigid-body model of an arm from a URDF or MJCF; by default the arm is the longest chain of joints."""
     from armdyn.arm.described import with_described_effects
     from armdyn.arm.drives import known_drives
     from armdyn.arm.model import arm_model
@@ -94,7 +99,7 @@ def arm(
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
-    made = with_described_effects(arm_model(urdf or mjcf, robot, names_in(joints), tool=tool))
+    made = with_described_effects(arm_model(urdf or mjcf, robot, split_names(joints), tool=tool))
     made = made.with_drives(known_drives(drive or (), made.joints))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
@@ -107,11 +112,7 @@ def arm(
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
-    """Parameters' values from ``--set``, by name.
-
-    Raises:
-        InputError: a value cannot be read.
-    """
+    """Values of parameters from the option ``--set``, as texts by name."""
     known: dict[str, str] = {}
     for setting in settings or ():
         name, equals, text = setting.partition("=")
@@ -123,7 +124,7 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None:
+def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()) -> None:
     from armdyn.model_file import write_model_file
 
     check_outputs(target.model, target.json_file)
@@ -147,12 +148,8 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
         typer.echo(f"next: {command_text('compare', path)} RUN... --report compare.html")
 
 
-def _check_replaced(target: Target) -> None:
-    """Check that a new model replaces only a model without found effects, and never a recording.
-
-    Raises:
-        InputError: the file exists and is no model file, or is a model that was repaired or cannot be read.
-    """
+def _check_replaced(target: NewModelOptions) -> None:
+    """Check that an existing file is a model without effects, which a new model may replace."""
     import tomllib
 
     model = target.model

@@ -1,4 +1,4 @@
-"""`armdyn next`: plan the experiment that distinguishes effects which the present runs cannot."""
+"""The command `armdyn next`: plan an experiment that distinguishes effects between which recordings cannot decide."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,33 +6,42 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.inputs import UnexaminedInputs
-from pipeline.console.options import names_in
-from pipeline.console.screen import finish
+from pipeline.console.inputs import StudyInputsWithoutExam
+from pipeline.console.options import split_names
+from pipeline.console.screen import finish_command
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def next_(
-    inputs: UnexaminedInputs,
+    inputs: StudyInputsWithoutExam,
     rivals: Annotated[
         str | None,
-        typer.Option(help="Effects to tell apart, separated by commas; those that the diagnosis leaves, if not given."),
+        typer.Option(
+            help="Effects to distinguish, separated by commas; by default those that the diagnosis cannot distinguish."
+        ),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Duration of the designed motion.")] = 8.0,
+    seconds: Annotated[float, typer.Option(help="Duration of the designed motion [s].")] = 8.0,
     output: Annotated[
-        Path | None, typer.Option("--output", "--out", help="Where the designed motion goes: CSV along the line.")
+        Path | None,
+        typer.Option("--output", "--out", help="CSV file for the designed motion, the gripper's position on the line."),
     ] = None,
     travel: Annotated[
         float | None,
-        typer.Option(help="Of a rig of your own, in place of Baxter: how far its gripper moves to either side [m]."),
+        typer.Option(help="If the robot is not Baxter: largest distance of the gripper from the line's middle [m]."),
     ] = None,
-    speed: Annotated[float | None, typer.Option(help="Of such a rig: the largest speed of its gripper [m/s].")] = None,
-    acceleration: Annotated[float | None, typer.Option(help="Of such a rig: the largest acceleration [m/s^2].")] = None,
-    swing: Annotated[float | None, typer.Option(help="Of such a rig: the largest angle of the load [rad].")] = None,
-    seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
+    speed: Annotated[
+        float | None, typer.Option(help="If the robot is not Baxter: largest speed of the gripper [m/s].")
+    ] = None,
+    acceleration: Annotated[
+        float | None, typer.Option(help="If the robot is not Baxter: largest acceleration of the gripper [m/s^2].")
+    ] = None,
+    swing: Annotated[
+        float | None, typer.Option(help="If the robot is not Baxter: largest angle of the load [rad].")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random motions from which the design starts.")] = 0,
 ) -> None:
-    """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
+    """Plan the experiment, and the motion of the gripper, that best distinguishes effects which may be missing."""
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import rivals_of_study
     from pipeline.answers_motion import next_answer
@@ -43,7 +52,7 @@ def next_(
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
-        verdict, sentence, found = rivals_of_study(given.study, names_in(rivals), say)
+        verdict, sentence, found = rivals_of_study(given.study, split_names(rivals), say)
         made, offer = None, None
         if found is not None:
             made, offer = plan_experiment(found, seconds, limits, seed, say)
@@ -53,7 +62,7 @@ def next_(
         write_motion(offer, output)
     document = next_experiment_document(made, sentence, written if limits is None else None)
     document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
-    finish(
+    finish_command(
         document,
         lambda: next_answer(made, verdict, sentence, written),
         inputs.json_file,

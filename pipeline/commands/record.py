@@ -1,4 +1,4 @@
-"""`armdyn record`: joint states and load cell of a ROS robot as a run."""
+"""The command `armdyn record`: record joint states and load cell of a ROS robot as a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,27 +7,29 @@ import typer
 
 from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, RosOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, to_screen, write_answer
+from pipeline.console.screen import progress_display, screen_console, write_answer
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 def record(
     ros: RosOption,
-    output: Annotated[Path, typer.Option("--output", "--out", help="The run to write (CSV, and TOML beside it).")],
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
+    output: Annotated[Path, typer.Option("--output", "--out", help="CSV file to write; a TOML file is written too.")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="Duration of the recording [s].")] = 30.0,
     arm: ArmOption = "baxter",
-    loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,
+    loadcell: Annotated[
+        str | None, typer.Option(help="Serial port of the load cell; by default no load cell is recorded.")
+    ] = None,
     calibration: CalibrationOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Record joint states and load cell of a ROS robot as a run for 'compare' and 'repair'; nothing is commanded."""
+    """Record joint states and load cell of a ROS robot for 'compare' and 'repair'; the robot is not moved."""
     import urdf
     from pipeline.ros.record import record_run
     from pipeline.ros.topics import read_topics, settings_file
 
     check_outputs(output, json_file)
-    with spinner() as progress:
+    with progress_display() as progress:
         run, said = record_run(
             ros,
             urdf.load(arm),
@@ -45,7 +47,7 @@ def record(
         "notes": list(said),
     }
     if write_answer(json_file, lambda: answer):
-        say = to_screen().print
+        say = screen_console().print
         say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
         for note in said:
             say(note, soft_wrap=True, markup=False)

@@ -1,4 +1,4 @@
-"""`armdyn trial`: one whole experiment."""
+"""The command `armdyn trial`: one whole experiment, in which the robot swings a load into a box."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
+from pipeline.console.options import EffectsOption, JsonOption, parse_hidden_effects, parse_option_quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import ProgressDisplay, spinner
+from pipeline.console.screen import ProgressDisplay, progress_display
 from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
 
 if TYPE_CHECKING:
@@ -17,39 +17,42 @@ if TYPE_CHECKING:
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.trial import SimulatedTrial
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
 def trial(
     length_guess: Annotated[
-        float | None, typer.Option(help="What the robot believes at first [m]; 0.328, or the model's length.")
+        float | None,
+        typer.Option(help="First guess of the string's length [m]; by default 0.328, or the length in the model."),
     ] = None,
     length: Annotated[
-        float, typer.Option(help="The true length in the simulation, pivot to the load's centre [m].")
+        float, typer.Option(help="True length in the simulation, from the pivot to the load's centre [m].")
     ] = 0.368,
-    no_estimation: Annotated[bool, typer.Option("--no-estimation", help="Plan with the guess, learn nothing.")] = False,
+    no_estimation: Annotated[
+        bool, typer.Option("--no-estimation", help="Plan with the guess, without estimating the length.")
+    ] = False,
     hidden: Annotated[
         list[str] | None,
         typer.Option(
-            help="EFFECT or EFFECT=VALUE that the simulated robot has and the model does not know; FILE.py:EFFECT of "
-            "your own."
+            help="EFFECT or EFFECT=VALUE that the simulated robot has and the model lacks; FILE.py:EFFECT for your own "
+            "effect."
         ),
     ] = None,
     model: Annotated[
         Path | None, typer.Option(help="Model file for estimator, control and planner, such as a repaired one.")
     ] = None,
     effects: EffectsOption = None,
-    seed: Annotated[int, typer.Option(help="Of everything random in the simulation.")] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed of the simulation.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             "--output",
-            help="Directory for the recording and the report; out/trial, or out/trial-2 where one is running.",
+            help="Directory for recording and report; by default out/trial, or out/trial-2 if a trial is running.",
         ),
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
-    mass: Annotated[str, typer.Option(help="Of the load, as weighed.")] = "80 g +/- 0.8 g",
+    mass: Annotated[str, typer.Option(help="Measured mass of the load.")] = "80 g +/- 0.8 g",
     *,
     link: RobotOptions,
     investigate: Annotated[
@@ -57,15 +60,16 @@ def trial(
         typer.Option(
             "--investigate",
             metavar="N",
-            help="First find out what the model lacks, by at most so many experiments, each designed from the last.",
+            help="First find out what the model lacks, by at most N experiments, each designed from those before.",
         ),
     ] = 0,
     motion: Annotated[
-        Path | None, typer.Option(help="Learn along this motion, of 'armdyn next', in place of the one SAC chooses.")
+        Path | None,
+        typer.Option(help="Motion to estimate the length, from 'armdyn next', in place of the one that SAC chooses."),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Learn the string's length, plan the swing, put the load into the box."""
+    """Estimate the string's length, plan the swing, and put the load into the box."""
     from pipeline.trial import TrialSettings, simulate_trial
     from pipeline.trial.folder import locked_folder
 
@@ -75,7 +79,7 @@ def trial(
     held = given is not None and not given.parameters["length"].fitted
     estimate = not (no_estimation or held)
     note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
-    weighed = quantity(mass, "kg", "--mass")
+    weighed = parse_option_quantity(mass, "kg", "--mass")
     if investigate < 0:
         raise InputError(f"--investigate {investigate}: give the number of experiments, such as 4")
     if (investigate or motion) and not estimate:
@@ -85,13 +89,13 @@ def trial(
     settings = TrialSettings(
         length_guess=guess, true_length=length, estimate=estimate, model=given, mass=weighed.value,
         mass_std=weighed.std or 0.01 * weighed.value, motion=along, investigate=investigate,
-        hidden=parse_hidden(hidden or []), seed=seed,
+        hidden=parse_hidden_effects(hidden or []), seed=seed,
     )  # fmt: skip
     with locked_folder(out, Path("out/trial")) as folder:
         if link.robot != "simulated":
             real_trial(settings, link, folder, json_file, note)
             return
-        with spinner() as progress:
+        with progress_display() as progress:
             done = simulate_trial(replace(settings, out=folder), progress)
         conclude_trial(
             done,

@@ -1,4 +1,4 @@
-"""`armdyn twin`: the simulated Baxter behind Baxter's own topics."""
+"""The command `armdyn twin`: run a simulated Baxter that uses the ROS topics of the real one."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,35 +6,40 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption, RosOption, SecondsOption, exactly, parse_hidden
+from pipeline.console.options import JsonOption, RosOption, SecondsOption, parse_hidden_effects, parse_number_list
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 
-PANEL = "Experiments"
+HELP_PANEL = "Experiments"
 
 
-TWIN_LENGTH = 0.368
-"""m, pivot to the load's centre."""
+DEFAULT_TWIN_LENGTH = 0.368
+"""Default of the true length in the simulation, from the pivot to the load's centre [m]."""
 
 
 def twin(
     ros: RosOption,
     hidden: Annotated[
         list[str] | None,
-        typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows; FILE.py:EFFECT of your own."),
+        typer.Option(
+            help="EFFECT or EFFECT=VALUE that the simulated robot has and models lack; FILE.py:EFFECT for your own."
+        ),
     ] = None,
-    length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    length: Annotated[
+        float, typer.Option(help="True length of the string, from the pivot to the load's centre [m].")
+    ] = DEFAULT_TWIN_LENGTH,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the simulation.")] = 0,
     start: Annotated[
-        str | None, typer.Option(help="Joint positions at the start in rad, separated by commas; else s = 0.")
+        str | None,
+        typer.Option(help="Joint positions at the start [rad], separated by commas; by default the line's middle."),
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Where to write the calibration of its load cell (TOML), for 'armdyn trial'.")
+        Path | None, typer.Option(help="File to write, the calibration of the simulated load cell for 'armdyn trial'.")
     ] = None,
     seconds: SecondsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """The simulated Baxter behind Baxter's own topics, in real time, its load cell on a pseudo-terminal."""
+    """Run a simulated Baxter in real time, with the ROS topics of the real one and a load cell on a pseudo-terminal."""
     import time
     from dataclasses import replace
 
@@ -42,7 +47,7 @@ def twin(
 
     import ik
     import urdf
-    from pipeline.interrupts import noted_signals
+    from pipeline.interrupts import deferred_signals
     from pipeline.robot.settings import PlantSettings
     from pipeline.ros.topics import read_topics, settings_file
     from pipeline.ros.twin import Twin
@@ -51,17 +56,17 @@ def twin(
     arm = urdf.load("baxter")
     posture = ik.default_table(arm).posture(0.0).q
     if start is not None:
-        posture = np.array(exactly(len(arm.joint_names), start, "--start"))
+        posture = np.array(parse_number_list(len(arm.joint_names), start, "--start"))
     plant = replace(PlantSettings(), length=length)
     ends: list[int] = []
     topics = read_topics(settings_file("baxter"))
-    with Twin(ros, arm, topics, posture, plant, parse_hidden(hidden or []), seed) as robot:
+    with Twin(ros, arm, topics, posture, plant, parse_hidden_effects(hidden or []), seed) as robot:
         if calibration is not None:
             robot.calibration.save(calibration)
         typer.echo(f"loadcell {robot.port.port}")
         typer.echo("READY")
         end = None if seconds is None else time.monotonic() + seconds
-        with noted_signals(ends.append):
+        with deferred_signals(ends.append):
             robot.run(
                 lambda: bool(ends) or robot.bridge.failure is not None or (end is not None and time.monotonic() >= end)
             )

@@ -1,4 +1,4 @@
-"""`armdyn view`: a motion in three dimensions, as one offline page."""
+"""The command `armdyn view`: show a motion in three dimensions, as an HTML file."""
 
 import sys
 from pathlib import Path
@@ -8,10 +8,10 @@ import typer
 
 from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, RobotChoice
-from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import spinner, write_answer
+from pipeline.console.outputs import check_outputs, check_overwrite
+from pipeline.console.screen import progress_display, write_answer
 
-PANEL = "Recordings"
+HELP_PANEL = "Recordings"
 
 
 def view(
@@ -20,16 +20,17 @@ def view(
     ],
     choice: RobotChoice,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Model of the load or the arm; a trial's own where it has one.")
+        Path | None, typer.Option("--model", help="Model of the load or the arm; by default that in a trial's folder.")
     ] = None,
     effects: EffectsOption = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "--out", help="The HTML file to write; <name>_view.html here, if not given."),
+        typer.Option("--output", "--out", help="HTML file to write; by default <name>_view.html in this folder."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Only write the file; with --output that is so in any case.")
+        bool,
+        typer.Option("--no-browser", help="Do not open the file in a browser; with --output it is never opened."),
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -42,8 +43,8 @@ def view(
 
     page = output or Path(f"{file.resolve().stem}_view.html")
     check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
-    free_to_write(page, force or output is None)
-    with spinner() as say:
+    check_overwrite(page, force or output is None)
+    with progress_display() as say:
         say("reading")
         given = None if model is None else read_model(model, load_effects(effects, stages=None))
         chosen = urdf.load(choice.robot or str(choice.urdf_file), meshes=False) if choice else None

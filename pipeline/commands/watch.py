@@ -1,4 +1,4 @@
-"""`armdyn watch`: online comparison of a model with its robot."""
+"""The command `armdyn watch`: compare a model with its robot while the robot works, and report events."""
 
 import json
 import sys
@@ -13,7 +13,7 @@ from armdyn.errors import InputError
 from armdyn.quoting import command_text
 from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner
+from pipeline.console.screen import progress_display
 
 if TYPE_CHECKING:
     from armdyn.watch.event import WatchEvent
@@ -21,41 +21,44 @@ if TYPE_CHECKING:
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import SampleLog
 
-PANEL = "Recordings"
-STANDARD = Path("-")
+HELP_PANEL = "Recordings"
+STANDARD_STREAM = Path("-")
 
 
 def watch(
     model: ModelArgument,
     runs: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[RUN...]", help="Recordings, or a folder of them; '-' for lines of CSV as they come."),
+        typer.Argument(metavar="[RUN...]", help="Recordings or a folder of them; '-' for CSV lines on standard input."),
     ] = None,
     ros: Annotated[str | None, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")] = None,
     arm: ArmOption = "baxter",
     calibrate: Annotated[
         list[Path] | None,
         typer.Option(
-            "--calibrate", help="A recording of sound work, from which false alarms are known; once for each."
+            "--calibrate",
+            help="A recording of the robot in good condition, from which the thresholds are computed; may be repeated.",
         ),
     ] = None,
     false_alarms_per_hour: Annotated[
-        float, typer.Option(min=1e-6, max=100.0, help="How often a sound robot may be told to have changed.")
+        float, typer.Option(min=1e-6, max=100.0, help="Accepted rate of false alarms for a robot in good condition.")
     ] = 0.01,
     log: Annotated[
-        Path | None, typer.Option(help="Keep what comes as a recording; a change begins another one.")
+        Path | None, typer.Option(help="File for a recording of the samples; after a change a new file is begun.")
     ] = None,
-    page: Annotated[bool, typer.Option("--page", help="Show residuals, bands and events on a live page.")] = False,
+    page: Annotated[
+        bool, typer.Option("--page", help="Show residuals, tolerance bands and events on a web page.")
+    ] = False,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Of the page; any that is free, if not given.")
+        int | None, typer.Option(min=1, max=65535, help="Port of the web page; by default any free port.")
     ] = None,
     no_browser: NoBrowserOption = False,
     effects: EffectsOption = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="One JSON object a line for each event; '-' is standard output.")
+        Path | None, typer.Option("--json", help="File with one line of JSON per event; '-' is standard output.")
     ] = None,
 ) -> None:
-    """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Sends nothing."""
+    """Compare a repaired model with its arm at work, and report contacts, loads and changes. The arm is not moved."""
     from armdyn.arm.model import required_arm
     from armdyn.effects.user import load_effects
     from armdyn.errors import error_location
@@ -66,12 +69,12 @@ def watch(
     from pipeline.watch.sources import read_arm_runs, recordings_in, sample_sources
 
     runs, calibrate = runs or [], recordings_in(calibrate or [])
-    if (ros is None) == (not runs) or (STANDARD in runs and len(runs) > 1):
+    if (ros is None) == (not runs) or (STANDARD_STREAM in runs and len(runs) > 1):
         raise InputError("a watch needs one source: recordings, '-' for standard input, or --ros ws://HOST:9090")
-    live = ros is not None or runs == [STANDARD]
+    live = ros is not None or runs == [STANDARD_STREAM]
     files = [] if live else recordings_in(runs)
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
-    with spinner() as say:
+    with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
@@ -114,7 +117,7 @@ def watch(
 def _sources(
     watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]"
 ) -> "Iterator[tuple[Path | None, Iterator[JointSample]]]":
-    """The sources in order: file of the recording, or None if live; its samples."""
+    """Yield each source of samples: the recording's file, or None for a live source, and its samples."""
     from pipeline.watch.sources import RosSampleSource, samples_from_lines
 
     if ros is not None:
@@ -136,7 +139,7 @@ class _Out:
         self, model: Path, effects: Path | None, json_file: Path | None, sound: "FaultFreeStatistics", stack: ExitStack
     ) -> None:
         self._model, self._effects, self._sound = model, effects, sound
-        self._quiet = json_file == STANDARD
+        self._quiet = json_file == STANDARD_STREAM
         self._stream = None
         if json_file is not None:
             self._stream = sys.stdout if self._quiet else stack.enter_context(json_file.open("w", encoding="utf-8"))
@@ -178,7 +181,7 @@ class _Out:
 
     def _rate(self) -> str:
         extrapolated = "" if self._sound.seconds is None else ", extrapolated from the sound recordings"
-        return f"the rate of false alarms that was asked for{extrapolated}"
+        return f"the rate of false alarms that was requested{extrapolated}"
 
     def _repair(self, files: list[Path]) -> str:
         own = ["--effects", self._effects] if self._effects is not None else []

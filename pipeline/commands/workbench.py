@@ -1,4 +1,4 @@
-"""`armdyn workbench`: a local web page on which a user ticks effects and sees the error fall."""
+"""The command `armdyn workbench`: open a local web page on which a user adds effects and sees the error fall."""
 
 import sys
 from pathlib import Path
@@ -7,41 +7,45 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.console.options import EffectsOption, JsonOption, NoBrowserOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, write_json
+from pipeline.console.screen import progress_display, write_json
 
-PANEL = "What a model lacks"
+HELP_PANEL = "What a model lacks"
 
 
 def workbench(
     model: Annotated[
-        Path | None, typer.Argument(metavar="[M.toml]", help="Model file; without one, start or drop it on the page.")
+        Path | None,
+        typer.Argument(metavar="[M.toml]", help="Model file; without it, a model is created or uploaded on the page."),
     ] = None,
     runs: Annotated[list[Path] | None, typer.Argument(metavar="[RUN...]", help="Recordings: CSV or MCAP.")] = None,
     held_out: Annotated[
         list[Path] | None,
-        typer.Option("--held-out", help="A recording that is predicted and never fitted; once for each."),
+        typer.Option("--held-out", help="A recording that is predicted and never fitted; may be repeated."),
     ] = None,
     effects: EffectsOption = None,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="On this computer; 8080 or a free one, if not given.")
+        int | None, typer.Option(min=1, max=65535, help="Port of the web page; by default 8080, or another free port.")
     ] = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where to listen; another computer reaches it at any but this one.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Network address of the page; with the default only this computer can open it."
+        ),
     ] = "127.0.0.1",
     no_browser: NoBrowserOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Open the page: tick an effect and watch the error fall, turn parameters, keep the model. Ctrl-C ends it."""
+    """Open a web page to add effects, change parameters, see the error fall and save the model. Ctrl-C ends it."""
     check_outputs(json_file)
     if model is not None and not model.is_file():
         raise InputError(f"{model}: no such file: make a model with 'armdyn new', or start one on the page")
     for run in (*(runs or ()), *(held_out or ())):
         if not run.is_file():
             raise InputError(f"{run}: no such file")
-    with spinner() as say:
+    with progress_display() as say:
         say("starting")
         try:
             from pipeline.workbench.server import is_loopback, listening_socket, serve_workbench
@@ -75,5 +79,5 @@ def workbench(
         if json_file != Path("-"):
             print("workbench closed", flush=True)
 
-    inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
+    inputs = None if model is None else ModelAndRunInputs(model, runs or [], held_out, None, effects)
     serve_workbench(inputs, listen, host, started, closed)

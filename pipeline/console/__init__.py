@@ -1,1 +1,1 @@
-"""The terminal side of every command: options, input files, printed output and exit status."""
+"""The command line: options, input files, printed output and exit status of every command."""

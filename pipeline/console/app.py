@@ -1,4 +1,4 @@
-"""Collect the commands; print their errors as one line and return an exit status."""
+"""Build the command line from the commands, run a command, and convert its errors to one line and an exit status."""
 
 import os
 import sys
@@ -17,23 +17,23 @@ from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from armdyn.read_files import protect_inputs
 from pipeline import commands
-from pipeline.console.groups import with_groups
-from pipeline.console.noticed import noticed, noticing
-from pipeline.console.streams import report_unforeseen, tolerant_streams
-from pipeline.interrupts import Interrupt, Interrupts
-from urdf.bounds import LARGEST_SIZE, is_sane, shown
+from pipeline.console.groups import with_flattened_options
+from pipeline.console.noticed import collected_warnings, collecting_warnings
+from pipeline.console.streams import non_raising_streams, report_unexpected_error
+from pipeline.interrupts import Interrupt, SignalHandler
+from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
 
-def command_files() -> dict[str, str]:
-    """File of every command in `pipeline.commands`, by name; names such as `import_` lose their underscore."""
+def command_modules() -> dict[str, str]:
+    """Module of every command in `pipeline.commands`, by the command's name; ``import`` is in module ``import_``."""
     return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
 
 
-def application(files: Iterable[str]) -> typer.Typer:
-    """The command line with the commands of some files; no other command is loaded.
+def build_application(files: Iterable[str]) -> typer.Typer:
+    """Build the command line from some modules of `pipeline.commands`; other commands are not imported.
 
-    A file holds a function of its own name, or `group`, several commands behind that name, and `PANEL`, the heading
-    under which `armdyn --help` lists it.
+    Each module defines a function of its own name, or `group`, a Typer application with several subcommands. Its
+    constant `HELP_PANEL` is the heading under which `armdyn --help` lists the command.
     """
     app = typer.Typer(
         name="armdyn",
@@ -45,12 +45,12 @@ def application(files: Iterable[str]) -> typer.Typer:
     app.callback()(_common)
     for file in files:
         module = import_module(f"{commands.__name__}.{file}")
-        place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
+        place = {"name": file.removesuffix("_"), "rich_help_panel": module.HELP_PANEL}
         if not hasattr(module, "group"):
-            app.command(**place)(_checked(with_groups(getattr(module, file))))
+            app.command(**place)(_checked(with_flattened_options(getattr(module, file))))
             continue
         for command in module.group.registered_commands:
-            command.callback = _checked(with_groups(command.callback))
+            command.callback = _checked(with_flattened_options(command.callback))
         app.add_typer(module.group, **place)
     return app
 
@@ -69,16 +69,20 @@ def _common(
     del version
 
 
-def run(interrupts: Interrupts) -> int:
-    """Run the command of this process's arguments.
+def run(interrupts: SignalHandler) -> int:
+    """Run the command that the arguments of this process name.
+
+    Args:
+        interrupts: handler of signals such as Ctrl-C.
 
     Returns:
-        The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
+        The exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself,
+        128 + n if signal n ended the command.
     """
-    with protect_inputs(), tolerant_streams() as problem_of_output, noticing():
+    with protect_inputs(), non_raising_streams() as problem_of_output, collecting_warnings():
         try:
             status = _run_command(interrupts)
-            for sentence in noticed():
+            for sentence in collected_warnings():
                 _say(f"CHECK: {sentence}", status)
         except BaseException as error:
             status = _say_why(error, interrupts)
@@ -88,10 +92,10 @@ def run(interrupts: Interrupts) -> int:
     return status
 
 
-def _run_command(interrupts: Interrupts) -> int:
-    known = command_files()
+def _run_command(interrupts: SignalHandler) -> int:
+    known = command_modules()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-    app = application([known[asked]] if asked in known else known.values())
+    app = build_application([known[asked]] if asked in known else known.values())
     interrupts.check()
     status = app(standalone_mode=False)
     interrupts.check(ended=True)
@@ -99,7 +103,7 @@ def _run_command(interrupts: Interrupts) -> int:
 
 
 def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that refuses unusable numbers in its options: ``nan``, ``1e300``, and ``1_000``, which Python reads."""
+    """Wrap a command so that it refuses numbers such as ``nan``, ``1e300`` and ``1_000`` in its options."""
 
     @wraps(command)
     def checked(*arguments: Any, **options: Any) -> Any:
@@ -107,10 +111,11 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
             for each in value if isinstance(value, list | tuple) else [value]:
                 if isinstance(each, Path):
                     _check_leads_somewhere(each)
-                if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
+                if isinstance(each, int | float) and not (has_plausible_magnitude(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
-                        f"{option} {each:g}: give a number between {-LARGEST_SIZE:g} and {LARGEST_SIZE:g}, such as 1000"
+                        f"{option} {each:g}: give a number between {-MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}, "
+                        "such as 1000"
                     )
         return command(*arguments, **options)
 
@@ -118,12 +123,12 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _check_leads_somewhere(path: Path) -> None:
-    """Refuse symbolic links in a circle and impossible file names, before a path is resolved."""
+    """Refuse circular symbolic links and impossible file names."""
     try:
         path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
         why = "its links lead in a circle" if isinstance(error, RuntimeError) else f"no file has such a name ({error})"
-        raise InputError(f"{shown(str(path))}: {why}: give another file") from error
+        raise InputError(f"{printable_excerpt(str(path))}: {why}: give another file") from error
 
 
 def _is_written_plainly(value: float) -> bool:
@@ -134,7 +139,7 @@ def _is_written_plainly(value: float) -> bool:
     return True
 
 
-def _say_why(error: BaseException, interrupts: Interrupts) -> int:
+def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
     if interrupts.received is not None and not isinstance(error, Interrupt):
         error = Interrupt(interrupts.received)  # libraries turn an interruption into errors of their own
     if isinstance(error, Interrupt):
@@ -148,18 +153,18 @@ def _say_why(error: BaseException, interrupts: Interrupts) -> int:
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
         return _say(str(error), 2)
     if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is full or gone
-        return _say(f"{shown(str(error.filename))}: {error.strerror}: choose another file or place", 2)
-    return _say(report_unforeseen(error), 3)
+        return _say(f"{printable_excerpt(str(error.filename))}: {error.strerror}: choose another file or place", 2)
+    return _say(report_unexpected_error(error), 3)
 
 
 def _is_urdf_error(error: BaseException) -> bool:
-    """Whether `urdf` raised an error; `urdf` is not loaded for this question, since that takes half a second."""
+    """Whether an error is a `urdf.UrdfError`; found without importing `urdf`, which takes half a second."""
     module = sys.modules.get("urdf.robot")
     return module is not None and isinstance(error, module.UrdfError)
 
 
 MAX_WORD_LENGTH = 300
-"""Letters; a path of a deep folder has 100."""
+"""Largest number of characters of a word in an error message; longer words are cut."""
 
 
 def _say(message: str, status: int) -> int:

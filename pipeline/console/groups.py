@@ -1,4 +1,4 @@
-"""Declare shared options once: a command's parameter that is a dataclass becomes one option per field."""
+"""Declare options that commands share in a dataclass: each field becomes an option of the command."""
 
 import inspect
 from collections.abc import Callable
@@ -8,11 +8,12 @@ from typing import Any, get_args, get_origin, get_type_hints
 from typer.models import ArgumentInfo
 
 
-def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command for Typer, in which each parameter that is a dataclass is replaced by that class's fields.
+def with_flattened_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Convert a function to a command for Typer: each parameter that is a dataclass is replaced by the class's fields.
 
-    ``def repair(inputs: StudyInputs, output: OutputOption = None)`` gets the arguments and options that `StudyInputs`
-    declares, and is called with a `StudyInputs` made of them. An argument that takes all further words comes last.
+    For example, ``def repair(inputs: StudyInputs, output: OutputOption = None)`` becomes a command with the arguments
+    and options that `StudyInputs` declares; the function is called with a `StudyInputs` made from their values. An
+    argument that takes any number of words comes last.
     """
     groups: dict[str, tuple[Any, list[str]]] = {}
     flat: list[inspect.Parameter] = []

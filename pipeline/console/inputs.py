@@ -1,4 +1,4 @@
-"""The model and the recordings of a command, read together, and inspected for mistakes."""
+"""Read the model and the recordings of a command, and inspect the recordings for mistakes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import ProgressDisplay, finish, spinner
+from pipeline.console.screen import ProgressDisplay, finish_command, progress_display
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class ModelAndRunInputs:
     """Arguments and options of a command that compares a model with recordings."""
 
     model: ModelArgument
@@ -41,11 +41,16 @@ class Inputs:
 
     @property
     def recordings(self) -> list[Path]:
-        """All recordings of a command: training, held-out and exam runs."""
+        """Files of all recordings of the command: training, held-out and exam runs."""
         return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
 
     def command(self, name: str, *options: str) -> str:
-        """Text of another command on the same files, for advice."""
+        """Text of a command with these input files, to be proposed to the user as a next step.
+
+        Args:
+            name: name of the command.
+            options: further words of the command.
+        """
         words: list[object] = [self.model, *self.runs]
         for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
             words += [word for path in paths or () for word in (option, path)]
@@ -57,12 +62,12 @@ class Inputs:
         """Read the model and the recordings of a study, and check the recordings for mistakes.
 
         Args:
-            adding: effects that the model is about to get.
-            choosing: whether effects are chosen from the catalogue; a study without it is faster.
+            adding: names of effects that will be added to the model.
+            choosing: whether effects will be chosen from the catalogue; False is faster.
 
         Raises:
             InputError: the model or a recording cannot be used.
-            WrongRecordingError: a recording is not what it says it is, and is not trusted.
+            WrongRecordingError: a mistake was found in a recording, and ``--trust-data`` was not given.
         """
         from armdyn.checked_study import CheckedStudy, ModelWithCatalogue
 
@@ -73,8 +78,8 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class StudyInputs(Inputs):
-    """Arguments and options of a command that answers a question to a model and recordings."""
+class StudyInputs(ModelAndRunInputs):
+    """Arguments and options of a command that compares a model with recordings and writes a report and JSON."""
 
     report: ReportOption = None
     json_file: JsonOption = None
@@ -83,17 +88,20 @@ class StudyInputs(Inputs):
     def begin(
         self, output: Path | None = None, *, over_model: bool = False, adding: str = "", choosing: bool = True
     ) -> "Iterator[tuple[CheckedStudy, ProgressDisplay]]":
-        """Check the outputs, read all inputs, then run the block with a progress display; a wrong recording ends all.
+        """Check the output files, read the inputs, and run the ``with`` block with a progress display.
 
         Args:
-            output: file to write.
-            over_model: whether the output may be the model's own file.
-            adding: effects that the model is about to get.
-            choosing: whether effects are chosen from the catalogue.
+            output: file that the command writes.
+            over_model: whether the output may replace the model's own file.
+            adding: names of effects that will be added to the model.
+            choosing: whether effects will be chosen from the catalogue.
+
+        Yields:
+            The study, and the function that shows the progress.
 
         Raises:
             InputError: an output cannot be written or would replace an input, or an input cannot be used.
-            typer.Exit: a recording is not what it says it is; this was printed, and no effect is named.
+            typer.Exit: a mistake was found in a recording; it was printed.
         """
         over = over_model and (output is None or output.resolve() == self.model.resolve())
         kept = [] if over and output is not None else [self.model]
@@ -101,7 +109,7 @@ class StudyInputs(Inputs):
         check_outputs(output, self.report, self.json_file, inputs=[*kept, *self.recordings, *own])
         if over:
             allow_overwrite(self.model)
-        with stopped_if_wrong(self.json_file), spinner() as say:
+        with exit_on_wrong_recording(self.json_file), progress_display() as say:
             given = self.read(adding, choosing=choosing)
             check_outputs(output, self.report, self.json_file)  # the names in the inputs are known now
             yield given, say
@@ -116,25 +124,34 @@ class StudyInputs(Inputs):
         *,
         failed: bool = False,
     ) -> None:
-        """End the command as `finish` does; its JSON has the findings on the recordings too."""
+        """Print the answer and write report and JSON, to which the mistakes in the recordings are added.
+
+        Args:
+            given: the study of the command.
+            document: answer for the screen.
+            answer: function that returns the JSON output.
+            page: function that returns the document for the report.
+            written: a sentence for each other file that was written.
+            failed: whether the command ends with exit status 1.
+        """
         from pipeline.answers import checks_answer
 
         def whole() -> dict[str, Any]:
             return {**answer(), "recording_checks": checks_answer(given.inspection.checks)}
 
-        finish(document, whole, self.json_file, self.report, page, written, failed=failed)
+        finish_command(document, whole, self.json_file, self.report, page, written, failed=failed)
 
 
 @dataclass(frozen=True)
-class UnexaminedInputs(StudyInputs):
-    """Arguments and options, without ``--exam``, of a command that reads recordings but prints no error of a model."""
+class StudyInputsWithoutExam(StudyInputs):
+    """Arguments and options of a command that compares a model with recordings, without the option ``--exam``."""
 
     exam: list[Path] | None = field(default=None, init=False)
 
 
 @contextmanager
-def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
-    """End a command with exit status 1 where its recordings are not what they say they are; no effect is named."""
+def exit_on_wrong_recording(json_file: Path | None) -> "Iterator[None]":
+    """Print the mistakes and end the command with exit status 1 if the ``with`` block raises `WrongRecordingError`."""
     from armdyn.inspection.check import WrongRecordingError
 
     try:
@@ -145,5 +162,5 @@ def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
 
         note = "No effect is named while a recording is wrong; --trust-data goes on regardless."
         found = error.inspection
-        finish(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
+        finish_command(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
         raise typer.Exit(1) from error

@@ -1,7 +1,7 @@
-"""Warnings that arise while a command runs and that belong to its answer, for every command.
+"""Collect the warnings about robot descriptions that are raised while a command runs.
 
-The science warns of a robot whose torques are not those of its file as Python programs warn; here that becomes a line
-below the answer and an entry of its JSON.
+A robot whose torques differ from those of its file raises a Python warning. The command prints it below its answer, and
+adds it to its JSON output.
 """
 
 import warnings
@@ -13,14 +13,14 @@ from typing import Any
 _noticed: ContextVar[tuple[str, ...]] = ContextVar("_noticed", default=())
 
 
-def noticed() -> tuple[str, ...]:
-    """Warnings of this command so far."""
+def collected_warnings() -> tuple[str, ...]:
+    """The warnings about robot descriptions that were collected so far."""
     return _noticed.get()
 
 
 @contextmanager
-def noticing() -> Iterator[None]:
-    """Collect warnings about robots' descriptions, each once, until the block ends; others are shown as usual."""
+def collecting_warnings() -> Iterator[None]:
+    """Collect each different warning about a robot description in the ``with`` block; other warnings are shown."""
     token = _noticed.set(())
     with warnings.catch_warnings():
         show = warnings.showwarning
@@ -28,8 +28,8 @@ def noticing() -> Iterator[None]:
         def keep(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if category.__name__ != "DescriptionWarning":  # the warning's module is slow to load, and may not be needed
                 show(message, category, *where, **more)
-            elif str(message) not in noticed():
-                _noticed.set((*noticed(), str(message)))
+            elif str(message) not in collected_warnings():
+                _noticed.set((*collected_warnings(), str(message)))
 
         warnings.showwarning = keep
         try:

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, and functions that parse their texts."""
+"""Arguments and options that several commands share, and functions that parse their values."""
 
 import math
 from collections.abc import Sequence
@@ -14,45 +14,53 @@ if TYPE_CHECKING:
     from armdyn.recording.units import KnownQuantity
     from urdf import Robot
 
-JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="File for the answer as JSON; '-' is standard output.")]
 ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
 HeldOutOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--held-out",
-        help="A recording that takes part in choosing effects and never in a fit; give the option once for each.",
+        help="A recording that helps to choose effects and is never fitted; may be repeated.",
     ),
 ]
 ExamOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--exam",
-        help="A recording that takes part in nothing: its error is computed at the very end. Give the option once for "
-        "each.",
+        help="A recording that is neither fitted nor used to choose effects; its error is computed at the end. May be "
+        "repeated.",
     ),
 ]
 EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
-ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
+ReportOption = Annotated[
+    Path | None, typer.Option("--report", help="HTML file for a report, which works without a network.")
+]
 TrustOption = Annotated[
-    bool, typer.Option("--trust-data", help="Go on where 'armdyn inspect' finds a recording wrong.")
+    bool, typer.Option("--trust-data", help="Use recordings even if 'armdyn inspect' finds a mistake in them.")
 ]
 OutputOption = Annotated[
     Path | None,
-    typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
+    typer.Option("--output", "--out", help="File for the repaired model; by default it replaces the old model."),
 ]
 NamedOnlyOption = Annotated[
-    bool, typer.Option("--named-only", help="Leave the model's background out of what is written.")
+    bool,
+    typer.Option("--named-only", help="Leave the background, the force without a named effect, out of the file."),
 ]
 RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
 ArmOption = Annotated[
-    str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
+    str, typer.Option("--arm", help="The arm: name of a known robot, or a settings file with a table for ROS.")
 ]
 CalibrationOption = Annotated[
-    Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
+    Path | None,
+    typer.Option(help="File that 'armdyn loadcell calibrate' wrote; by default that in your settings directory."),
 ]
-SecondsOption = Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")]
-NoBrowserOption = Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")]
+SecondsOption = Annotated[
+    float | None, typer.Option(min=0.1, help="Time after which the command ends [s]; by default Ctrl-C ends it.")
+]
+NoBrowserOption = Annotated[
+    bool, typer.Option("--no-browser", help="Print the address of the page, without opening it in a browser.")
+]
 JointsOption = Annotated[str | None, typer.Option(help="The arm's joints from base to tool, separated by commas.")]
 ToolOption = Annotated[str | None, typer.Option(help="The link that carries the tool.")]
 
@@ -62,7 +70,7 @@ class ArmChoice:
     """Options that choose an arm and a chain of its joints."""
 
     robot: Annotated[
-        str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
+        str, typer.Option(help="Name of a known robot, or your own settings file (.toml), which names a URDF file.")
     ] = "baxter"
     urdf_file: Annotated[
         Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot; its longest chain is the arm.")
@@ -72,7 +80,7 @@ class ArmChoice:
     meshes: Annotated[
         bool,
         typer.Option(
-            "--meshes/--no-meshes", help="Whether every mesh must be there; without, missing shapes are left out."
+            "--meshes/--no-meshes", help="Whether every mesh file must exist; otherwise missing shapes are left out."
         ),
     ] = True
 
@@ -80,13 +88,13 @@ class ArmChoice:
         """Load the chosen arm.
 
         Raises:
-            InputError: its description is unknown or cannot be used.
+            InputError: the robot is unknown, or its description cannot be used.
         """
         from urdf import UrdfError, load
 
         try:
             chosen = self.robot if self.urdf_file is None else self.urdf_file
-            return load(chosen, joints=names_in(self.joints), tool=self.tool, meshes=self.meshes)
+            return load(chosen, joints=split_names(self.joints), tool=self.tool, meshes=self.meshes)
         except UrdfError as error:
             remedy = str(error).replace("load the robot without its missing meshes", "add --no-meshes")
             raise InputError(remedy) from error
@@ -94,10 +102,10 @@ class ArmChoice:
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """Options that choose a robot by its name or by its URDF; both may be absent.
+    """Options that choose a robot by its name or by its URDF file; it is False in a condition if neither is given.
 
     Raises:
-        InputError: both are given.
+        InputError: both options are given.
     """
 
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None
@@ -105,29 +113,34 @@ class RobotChoice:
 
     def __post_init__(self) -> None:
         if self.robot is not None and self.urdf_file is not None:
-            raise InputError(ONE_ROBOT)
+            raise InputError(ONE_ROBOT_MESSAGE)
 
     def __bool__(self) -> bool:
         return self.robot is not None or self.urdf_file is not None
 
     def needed(self) -> None:
-        """Refuse to continue without a robot.
+        """Check that a robot was given.
 
         Raises:
-            InputError: none is given.
+            InputError: no robot was given.
         """
         if not self:
-            raise InputError(ONE_ROBOT)
+            raise InputError(ONE_ROBOT_MESSAGE)
 
 
-ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
+ONE_ROBOT_MESSAGE = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
 
 
-def quantity(text: str, unit: str, option: str) -> "KnownQuantity":
-    """Value of an option with a unit, such as ``"80 g +/- 0.4 g"``, converted to `unit`.
+def parse_option_quantity(text: str, unit: str, option: str) -> "KnownQuantity":
+    """Parse the value of an option, such as ``"80 g +/- 0.4 g"``, and convert it to a unit.
+
+    Args:
+        text: the value.
+        unit: unit of the result.
+        option: name of the option, for the error message.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the text is not a number with a unit that can be converted.
     """
     from armdyn.recording.units import parse_quantity
 
@@ -135,44 +148,52 @@ def quantity(text: str, unit: str, option: str) -> "KnownQuantity":
         return parse_quantity(text, unit)
 
 
-def names_in(text: str | None) -> list[str] | None:
-    """Names from a text that separates them by commas; None where there is no text."""
+def split_names(text: str | None) -> list[str] | None:
+    """Split a text with names separated by commas; None for None."""
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def missing_meshes(robot: "Robot") -> list[str]:
-    """One line about the shapes whose files an arm lacks; empty where it has all of them."""
+def missing_mesh_sentences(robot: "Robot") -> list[str]:
+    """A list with one sentence about the missing mesh files of a robot; empty if none is missing."""
     missing = [defect for defect in robot.defects if defect.startswith("mesh ")]
     return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
 
 
-def numbers(text: str, option: str) -> list[float]:
-    """Numbers from a text that separates them by commas.
+def parse_numbers(text: str, option: str) -> list[float]:
+    """Parse a text with numbers separated by commas; `option` is the option's name for the error message.
 
     Raises:
-        InputError: one of them is not a number.
+        InputError: a part of the text is not a number, or has an impossible size.
     """
-    from urdf.bounds import is_sane, number, shown
+    from urdf.bounds import has_plausible_magnitude, parse_number, printable_excerpt
 
     values = []
     for part in text.split(","):
         try:
-            value = number(part)
+            value = parse_number(part)
         except ValueError as error:
             raise InputError(f"{option}: {error}; give numbers separated by commas") from error
-        if not is_sane(value):
-            raise InputError(f"{option}: {shown(part.strip())} is of no size that anything has; write SI units")
+        if not has_plausible_magnitude(value):
+            raise InputError(
+                f"{option}: {printable_excerpt(part.strip())} is of no size that anything has; write SI units"
+            )
         values.append(value)
     return values
 
 
-def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
-    """A given number of numbers from a text that separates them by commas; `names` are for the error's text.
+def parse_number_list(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
+    """Parse a text with `count` numbers separated by commas.
+
+    Args:
+        count: required number of numbers.
+        text: the text.
+        option: name of the option, for the error message.
+        names: what the numbers belong to, such as joints, for the error message.
 
     Raises:
-        InputError: one of them is not a number, or there are more or fewer.
+        InputError: a part of the text is not a number, or there are more or fewer numbers.
     """
-    values = numbers(text, option)
+    values = parse_numbers(text, option)
     if len(values) != count:
         whose = f", for {', '.join(names)}" if names else ""
         raise InputError(
@@ -182,19 +203,22 @@ def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> li
 
 
 def tool_rotation(rpy: str) -> Any:
-    """Orientation of the tool, (3, 3), from its roll, pitch and yaw [rad]."""
-    from urdf.robot import rotation_of
+    """Rotation matrix of the tool, (3, 3), from a text with its roll, pitch and yaw [rad], separated by commas."""
+    from urdf.robot import rotation_from_rpy
 
-    return rotation_of(*exactly(3, rpy, "--tool-rpy"))
+    return rotation_from_rpy(*parse_number_list(3, rpy, "--tool-rpy"))
 
 
-def parse_hidden(given: list[str]) -> dict[str, float | None]:
-    """Sizes of hidden effects by name; None means the typical size.
+def parse_hidden_effects(given: list[str]) -> dict[str, float | None]:
+    """Parse the values of ``--hidden``, effects that a simulated robot has: ``EFFECT`` or ``EFFECT=VALUE``.
+
+    Returns:
+        The value of each effect by name; None for the effect's typical value.
 
     Raises:
-        InputError: a value that is not a finite number, or an effect that is named twice.
+        InputError: a value is not a finite number, or an effect is named twice.
     """
-    from urdf.bounds import is_sane, number
+    from urdf.bounds import has_plausible_magnitude, parse_number
 
     hidden: dict[str, float | None] = {}
     for entry in given:
@@ -202,10 +226,10 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
         if name in hidden:
             raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
         try:
-            value = number(text) if equals else None
+            value = parse_number(text) if equals else None
         except ValueError:
             value = math.nan
-        if value is not None and not is_sane(value):
+        if value is not None and not has_plausible_magnitude(value):
             raise InputError(
                 f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
             )

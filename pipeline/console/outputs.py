@@ -1,4 +1,4 @@
-"""Checks of the files that a command will write, before anything is computed."""
+"""Check the output files of a command before anything is computed."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,14 +13,15 @@ if TYPE_CHECKING:
 
 
 def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
-    """Refuse, before computing, outputs that cannot be written or that would overwrite inputs.
+    """Check that the output files of a command can be written and do not overwrite its inputs.
 
     Args:
-        files: files to write, None for no file and ``-`` for standard output.
-        inputs: recordings and models that the command reads.
+        files: output files; None for no file, and ``-`` for standard output.
+        inputs: files that the command reads.
 
     Raises:
-        InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
+        InputError: a file's directory does not exist, a path is a directory, two outputs are the same file, or an
+            output is an input.
     """
     taken = {file.resolve(): "an input" for file in inputs}
     for file in files:
@@ -44,26 +45,30 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
 
 
 def write_runs(runs: "Mapping[Path, Run]", force: bool) -> None:
-    """Write runs as CSV with their sidecars, into directories that are made where they are missing.
+    """Write runs to CSV files, each with a TOML file of the same stem; missing directories are created.
+
+    Args:
+        runs: runs by the path of their CSV file.
+        force: whether existing files may be overwritten.
 
     Raises:
-        InputError: a file exists already, and `force` is not given, or it cannot be written.
+        InputError: a file exists already and `force` is False, or a file cannot be written.
     """
     from armdyn.run import write_run_csv
 
     for path in runs:
         for file in (path, path.with_suffix(".toml")):
-            free_to_write(file, force)
+            check_overwrite(file, force)
     for path, run in runs.items():
         make_directory(path.parent)
         write_run_csv(run, path)
 
 
-def free_to_write(file: Path, force: bool) -> None:
-    """Refuse to overwrite a file, unless the user requested it.
+def check_overwrite(file: Path, force: bool) -> None:
+    """Check that a file does not exist, or may be overwritten (`force`).
 
     Raises:
-        InputError: the file exists.
+        InputError: the file exists and `force` is False.
     """
     if file.exists() and not force and not is_stream(file):
         raise InputError(f"{file} is there already: choose another name, or write over it with --force")

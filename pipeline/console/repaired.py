@@ -1,4 +1,4 @@
-"""The end of `add` and `repair`: they write the model, report and answer, and print advice."""
+"""The last part of the commands `add` and `repair`: write model, report and JSON, and print the result."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +13,23 @@ if TYPE_CHECKING:
     from armdyn.identify.repair import Repair
     from armdyn.model import Model
 
-REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
-"""Where the files of a repair go that is proposed."""
+REPAIR_OUTPUT_OPTIONS = ("--output", "repaired.toml", "--report", "repair.html")
+"""Options for the output files in a proposed command `armdyn repair`."""
 
 
 def conclude_repair(
     inputs: StudyInputs, given: "CheckedStudy", found: "Repair", output: Path, *, named_only: bool = False
 ) -> None:
-    """Write the repaired model, its report and its answer, and print how the error fell.
+    """Write the repaired model, its report and JSON, and print how the error fell.
 
-    Where the fit failed, no model is written. With `named_only`, the written model has no background.
+    No model is written if the fit failed.
+
+    Args:
+        inputs: arguments and options of the command.
+        given: the study.
+        found: the repair.
+        output: file for the repaired model.
+        named_only: whether the background, the force without a named effect, is left out of the file.
     """
     from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
@@ -30,7 +37,7 @@ def conclude_repair(
     from pipeline.report.repair import repair_report
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
-    steps = [] if lost else next_steps(given.study.model, output, inputs.effects)
+    steps = [] if lost else repair_next_steps(given.study.model, output, inputs.effects)
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
         history = (*given.known.file.history, *history_entries(given.study, found))
@@ -46,8 +53,14 @@ def conclude_repair(
     )
 
 
-def next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
-    """Texts of commands that use a repaired model; the user's own effects are in the file `effects`."""
+def repair_next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
+    """Commands to propose after a repair: use the model in a trial, and export it.
+
+    Args:
+        model: the model before the repair.
+        output: file of the repaired model.
+        effects: file with effects that the user has written; None without one.
+    """
     own = ["--effects", effects] if effects is not None else []
     kind = ".py" if model.hangs_from_gripper else ".xml" if model.robot is not None else ".json"
     export = command_text("export", output, *own, "--output", f"{output.stem}{kind}")

@@ -1,4 +1,4 @@
-"""Output of every command: its answer on the screen and as JSON, and its progress."""
+"""Print the answer of a command on the screen, write it as JSON, and show the command's progress."""
 
 import json
 import os
@@ -16,7 +16,7 @@ import typer
 from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
-from pipeline.console.noticed import noticed
+from pipeline.console.noticed import collected_warnings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,35 +25,35 @@ if TYPE_CHECKING:
     from armdyn.document import Document
 
 
-PIPED_WIDTH = 140
-"""Columns of what is not written to a terminal: a table is then read by somebody else, or kept."""
+PIPED_OUTPUT_WIDTH = 140
+"""Width of the output in characters if it is not written to a terminal."""
 
 
-def to_screen() -> "Console":
-    """Console on standard output; colours are given as `style`, so that a unit such as ``[m]`` is text.
+def screen_console() -> "Console":
+    """Make a console on standard output, in which square brackets such as in ``[m]`` are text, not a style.
 
-    What the encoding of standard output or error lacks becomes a question mark.
+    Characters that the encoding of the terminal lacks are printed as question marks.
     """
     from rich.console import Console
 
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_OUTPUT_WIDTH)
 
 
-def plain_table(*heads: "str | Column") -> "Table":
-    """A table for the screen, without lines around it."""
+def borderless_table(*heads: "str | Column") -> "Table":
+    """Make an empty table for the screen, without lines, from the headings of its columns."""
     from rich.table import Table
 
     return Table(*heads, box=None, header_style="dim")
 
 
-def show(document: "Document") -> None:
-    """Print a document: verdict, key figures, sections that have a table or no figure, and notes."""
+def print_document(document: "Document") -> None:
+    """Print a document on the screen: verdict, key figures, tables and notes; sections with charts only are skipped."""
     from rich.table import Column
 
-    console = to_screen()
+    console = screen_console()
     console.print(document.verdict, style="bold", soft_wrap=True)
     for figure in document.key_figures:
         note = f" ({figure.note})" if figure.note else ""
@@ -67,7 +67,7 @@ def show(document: "Document") -> None:
         if sentence:
             console.print(sentence, soft_wrap=True)
         for table in tables:
-            made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow_columns))
+            made = borderless_table(*(Column(column.heading, overflow="fold") for column in table.narrow_columns))
             most = len(table) if table.name else MAX_CARD_ROWS
             for row in list(zip(*(column.texts for column in table.narrow_columns), strict=True))[:most]:
                 made.add_row(*row)
@@ -80,7 +80,7 @@ def show(document: "Document") -> None:
         console.print(note, style="yellow", soft_wrap=True)
 
 
-def finish(
+def finish_command(
     document: "Document",
     answer: Callable[[], dict[str, Any]],
     json_file: Path | None,
@@ -90,25 +90,25 @@ def finish(
     *,
     failed: bool = False,
 ) -> None:
-    """End a command: write its report and its JSON where requested, or print its answer on the screen.
+    """Write the report and the JSON of a command, and print its answer on the screen.
 
     Args:
         document: answer for the screen.
-        answer: answer for JSON.
+        answer: function that returns the JSON output.
         json_file: file of the JSON; None for none; ``-`` for standard output, on which nothing else is then printed.
         report: HTML file; None for none.
-        page: document with figures for the report.
-        written: a sentence for every other file that was written.
-        failed: whether the answer is no.
+        page: function that returns the document for the report, with charts.
+        written: a sentence for each other file that was written.
+        failed: whether the command ends with exit status 1.
 
     Raises:
         InputError: a file cannot be written.
-        Exit: with status 1 where the answer is no.
+        Exit: with status 1 if `failed`.
     """
     if report is not None and page is not None:
         save_report(page(), report)
     if write_answer(json_file, answer):
-        show(document)
+        print_document(document)
         if document.sections:
             typer.echo("")
         for line in written:
@@ -122,7 +122,7 @@ def finish(
 
 
 def save_report(document: "Document", file: Path) -> None:
-    """Write a document as one HTML page that says by which command it was made.
+    """Write a document to an HTML file, which shows the command that made it.
 
     Raises:
         InputError: the file cannot be written.
@@ -135,14 +135,14 @@ def save_report(document: "Document", file: Path) -> None:
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:
-    """Write the answer to a file, in one step, or to standard output for ``-``.
+    """Write the JSON output of a command to a file, or to standard output for ``-``, with the collected warnings.
 
     Raises:
         InputError: the file cannot be written.
     """
     from armdyn import atomic
 
-    said = {"warnings": list(noticed())} if noticed() else {}
+    said = {"warnings": list(collected_warnings())} if collected_warnings() else {}
     text = json.dumps({**answer, **said}, indent=1, allow_nan=False)
     if file == Path("-"):
         if sys.__stdout__ is None:
@@ -161,7 +161,14 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
 
 
 def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
-    """Write the answer where JSON is requested; returns whether standard output is free for text.
+    """Write the JSON output of a command if a file was given.
+
+    Args:
+        json_file: the file; None for none, ``-`` for standard output.
+        answer: function that returns the JSON output.
+
+    Returns:
+        Whether text may be printed on standard output, because JSON was not written there.
 
     Raises:
         InputError: the file cannot be written.
@@ -172,22 +179,23 @@ def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -
 
 
 class ProgressDisplay(Protocol):
-    """Function that reports a command's progress."""
+    """Function that shows a command's progress."""
 
     def __call__(self, what: str, share: float | None = None) -> None:
-        """Report the present activity, and the `share` of it that is done, from 0 to 1; None where it is unknown."""
+        """Show the present activity, and the share of it that is done, from 0 to 1; None if the share is unknown."""
 
 
-COUNTED = re.compile(r"(\d+) of (\d+) ")
-"""Start of a message such as ``3 of 12 candidates tried``, which gets a bar and an estimate of the remaining time."""
+COUNT_PATTERN = re.compile(r"(\d+) of (\d+) ")
+"""Pattern of the first words of a message such as ``3 of 12 candidates tried``, for which a bar is shown."""
 
 
 @contextmanager
-def spinner() -> Iterator[ProgressDisplay]:
-    """Show a command's activity, elapsed time and progress on a terminal's standard error, until the block ends.
+def progress_display() -> Iterator[ProgressDisplay]:
+    """Show a command's activity, progress and elapsed time on the terminal during the ``with`` block.
 
     Yields:
-        ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes, a share a bar.
+        The function that shows an activity. For a text such as ``"3 of 12 candidates tried"`` it also shows a bar and
+        the remaining time.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -206,14 +214,14 @@ def spinner() -> Iterator[ProgressDisplay]:
 
         def say(what: str, share: float | None = None) -> None:
             nonlocal phase, began
-            counted, left = COUNTED.match(what), ""
+            counted, left = COUNT_PATTERN.match(what), ""
             done, total = (0.0, None) if share is None else (share, 1.0)
             if counted is not None:
                 done, total = float(counted[1]), float(counted[2])
                 kind = what[counted.end() :].partition(",")[0]
                 if kind != phase or done == 0:
                     phase, began = kind, monotonic()
-                left = about((monotonic() - began) * (total - done) / done) if done else ""
+                left = remaining_time_text((monotonic() - began) * (total - done) / done) if done else ""
             else:
                 phase = ""
             bar.update(task, description=what, total=total, completed=done, left=left)
@@ -221,8 +229,8 @@ def spinner() -> Iterator[ProgressDisplay]:
         yield say
 
 
-def about(seconds: float) -> str:
-    """Text of a remaining time, rounded as coarsely as it is known: ``about 40 s left``."""
+def remaining_time_text(seconds: float) -> str:
+    """Text of a remaining time [s], rounded, such as ``about 40 s left``."""
     if seconds < 10.0:
         return "a few seconds left"
     return f"about {10 * round(seconds / 10)} s left" if seconds < 90.0 else f"about {round(seconds / 60)} min left"

@@ -1,7 +1,7 @@
-"""Standard output and error that never raise, and reports of unforeseen errors.
+"""Print to standard output and error without ever raising an exception, and report unexpected errors.
 
-A stream may be full or closed, may lose its reader, and may have any encoding. After an unforeseen error the user gets
-one line, and a file with all facts that a developer needs.
+A stream may be full or closed, may lose its reader, or may lack characters. After an unexpected error the user gets a
+message of one line, and a file with the details that a developer needs.
 """
 
 import errno
@@ -20,11 +20,11 @@ from typing import Any, TextIO
 
 from armdyn.quoting import command_text
 
-PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
+REPORTED_PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
 
-def report_unforeseen(error: BaseException) -> str:
-    """Write the report of an unforeseen error; returns a sentence that names the error and the report's file."""
+def report_unexpected_error(error: BaseException) -> str:
+    """Write a report of an unexpected error to a temporary file; returns a sentence with the error and the file."""
     what = f"{type(error).__name__}{': ' if str(error) else ''}{' '.join(str(error).split())[:200]}"
     try:
         with tempfile.NamedTemporaryFile(
@@ -39,7 +39,7 @@ def report_unforeseen(error: BaseException) -> str:
 
 
 def _report(error: BaseException) -> str:
-    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    versions = ", ".join(f"{name} {_version(name)}" for name in REPORTED_PACKAGES)
     return "\n".join(
         (
             f"command: {command_text(*sys.argv[1:])}",
@@ -59,11 +59,11 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-class Tolerant(io.RawIOBase):
-    """Binary output to a standard stream; bytes that cannot be written are dropped.
+class NonRaisingStream(io.RawIOBase):
+    """Binary output stream to a file descriptor that drops bytes which cannot be written, in place of raising.
 
     Attributes:
-        problem: why bytes were dropped; None where none were, or where the reader simply closed the pipe.
+        problem: why bytes were dropped; None if none were dropped, or if the reader closed the pipe.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -73,7 +73,7 @@ class Tolerant(io.RawIOBase):
         self.problem: str | None = None
 
     def writable(self) -> bool:
-        """Always True: the stream accepts bytes."""
+        """True: the stream accepts bytes."""
         return True
 
     def fileno(self) -> int:
@@ -85,7 +85,7 @@ class Tolerant(io.RawIOBase):
         return not self._gone and os.isatty(self._descriptor)
 
     def write(self, data: Any) -> int | None:
-        """Write bytes; returns the number written, which is that of all bytes once the stream has failed."""
+        """Write bytes; returns the number of bytes written. After a failure all bytes are dropped and counted."""
         if not self._gone:
             try:
                 return os.write(self._descriptor, data)
@@ -99,22 +99,22 @@ class Tolerant(io.RawIOBase):
 
 
 @contextmanager
-def tolerant_streams() -> Iterator[Callable[[], str | None]]:
-    """Replace the standard streams so that printing never raises, and a failing thread prints one line.
+def non_raising_streams() -> Iterator[Callable[[], str | None]]:
+    """Replace standard output and error in the ``with`` block so that printing never raises an exception.
 
-    Standard streams are replaced where they are files, not where a test has put something in their place.
+    An exception in a thread prints one line. Streams that a test has replaced are kept.
 
     Yields:
-        A function that returns why output was dropped; None where none was dropped.
+        A function that returns why output was dropped; None if none was dropped.
     """
-    usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, Tolerant]]()
+    usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, NonRaisingStream]]()
     for number, name in ((1, "stdout"), (2, "stderr")):
         before = getattr(sys, name)
         if before is not None and before is not getattr(sys, f"__{name}__"):
             continue
         if before is None:
             _occupy(number)
-        raw = Tolerant(number)
+        raw = NonRaisingStream(number)
         encoding = getattr(before, "encoding", None) or "utf-8"
         lines = number == 2 or raw.isatty()
         setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="replace", line_buffering=lines))
@@ -127,7 +127,7 @@ def tolerant_streams() -> Iterator[Callable[[], str | None]]:
 
     def report(what: threading.ExceptHookArgs) -> None:
         if what.exc_value is not None and not isinstance(what.exc_value, SystemExit):
-            print(f"armdyn: {report_unforeseen(what.exc_value)}", file=sys.stderr)
+            print(f"armdyn: {report_unexpected_error(what.exc_value)}", file=sys.stderr)
 
     threading.excepthook = report
     try:

@@ -1,4 +1,4 @@
-"""Result, report and exit status of a simulated or real trial, and the conduct of a real one."""
+"""Run a trial on a real robot, and print and write the result of a simulated or real trial."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +9,15 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
-from pipeline.console.screen import ProgressDisplay, save_report, spinner, to_screen, write_answer, write_json
-from pipeline.fields import fields
+from pipeline.console.screen import (
+    ProgressDisplay,
+    progress_display,
+    save_report,
+    screen_console,
+    write_answer,
+    write_json,
+)
+from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
@@ -23,28 +30,43 @@ class RobotOptions:
     """Options that choose the robot of a trial: the simulated one, or a real one behind a driver."""
 
     robot: Annotated[
-        str, typer.Option(help="'simulated', or a driver and where the robot is: ros:ws://HOST:9090, its rosbridge.")
+        str,
+        typer.Option(
+            help="'simulated', or a driver and the robot's address, such as its rosbridge: ros:ws://HOST:9090."
+        ),
     ] = "simulated"
-    ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None
+    ros: Annotated[
+        str | None, typer.Option("--ros", help="With --robot ros: address of its rosbridge, ws://HOST:9090.")
+    ] = None
     arm: Annotated[
         str,
-        typer.Option("--arm", help="With a real robot: a known arm, or a settings file with its driver's table."),
+        typer.Option(
+            "--arm", help="With a real robot: name of a known robot, or a settings file with driver settings."
+        ),
     ] = "baxter"
     loadcell: Annotated[str | None, typer.Option(help="With a real robot: serial port of the load cell.")] = None
     calibration: CalibrationOption = None
     rehearse: Annotated[
-        bool, typer.Option("--rehearse", help="With a real robot: only move along the line, slowly, without a load.")
+        bool, typer.Option("--rehearse", help="With a real robot: only move slowly along the line, without a load.")
     ] = False
-    yes: Annotated[bool, typer.Option("--yes", help="With a real robot: move without asking, for scripts.")] = False
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With a real robot: move without asking for permission, for scripts.")
+    ] = False
     landed: Annotated[
-        str | None, typer.Option(help="With a real robot: whether the load landed, 'yes' or 'no'; else you are asked.")
+        str | None,
+        typer.Option(
+            help="With a real robot: whether the load landed in the box, yes or no; by default you are asked."
+        ),
     ] = None
 
     def check(self, of_the_simulation: Mapping[str, object]) -> None:
-        """Refuse options that the chosen robot does not have; `of_the_simulation` are values by option.
+        """Check that the options fit the chosen robot.
+
+        Args:
+            of_the_simulation: values of the options that only the simulated robot has, by name of the option.
 
         Raises:
-            InputError: such an option is given, or the address of the robot is missing.
+            InputError: an option does not fit the robot, or the robot's address is missing.
         """
         if self.robot != "simulated":
             for option, value in of_the_simulation.items():
@@ -58,13 +80,13 @@ class RobotOptions:
                 raise InputError(f"--{name}: needs a real robot, such as --robot ros")
 
     def connection(self) -> "RobotLink":
-        """Find out how to connect to the robot and its load cell.
+        """Prepare the connection to the real robot and its load cell.
 
         Raises:
             InputError: the driver, the arm or the calibration cannot be used.
         """
         import urdf
-        from pipeline.loadcell.calibration import Calibration, default_path
+        from pipeline.loadcell.calibration import Calibration, default_calibration_path
         from pipeline.robot.drivers import driver_and_address
         from pipeline.trial.real import RobotLink
 
@@ -72,11 +94,11 @@ class RobotOptions:
         description = urdf.load(self.arm)
         connect = driver.reach(where, self.arm, description)
         port = None if self.rehearse else self.loadcell
-        used = None if port is None else Calibration.load(self.calibration or default_path())
+        used = None if port is None else Calibration.load(self.calibration or default_calibration_path())
         return RobotLink(where, connect, description, port, used)
 
     def prompts(self, json_file: Path | None) -> "OperatorPrompts":
-        """Messages and questions to the operator; options answer what they can.
+        """Make the functions that inform and ask the operator of the robot; options may replace the answers.
 
         Raises:
             InputError: ``--landed`` is neither yes nor no.
@@ -114,18 +136,21 @@ def conclude_trial(
     draw: Callable[[ProgressDisplay], Sequence[Path]] = lambda _: (),
     always_report: bool = False,
 ) -> None:
-    """Write and print a trial's result; exit status 1 where the load missed, 128 + n where signal n ended it.
+    """Print and write the result of a trial.
 
     Args:
         done: the trial that ended.
         out: folder of its report.
-        json_file: file of the answer.
-        answer: answer for JSON.
-        lines: lines printed below the result's message.
-        known: text before the guess of the length.
-        note: text below the length.
-        draw: function that makes pictures.
-        always_report: whether an interrupted trial gets a report, as a trial on a real robot cannot be repeated.
+        json_file: file of the JSON output.
+        answer: the JSON output.
+        lines: lines that are printed below the result.
+        known: text that is printed before the guess of the length.
+        note: text that is printed below the length.
+        draw: function that makes pictures and returns their files.
+        always_report: whether a report is written also if the trial was interrupted.
+
+    Raises:
+        typer.Exit: with status 1 if the load missed the box, 128 + n if signal n ended the trial.
     """
     result, report = done.result, out / "report.html"
     # The result is written first, so that a failing report (after a fault, on a full disk) cannot lose it.
@@ -135,12 +160,12 @@ def conclude_trial(
     if result.signal is not None and not always_report:
         problem = "no report: who interrupts a trial wants it to end"
     else:
-        with spinner() as progress:
+        with progress_display() as progress:
             progress("writing the report")
             problem = _report_problem(done, report)
             pictures = draw(progress)
     if json_file != Path("-"):
-        say = to_screen().print
+        say = screen_console().print
         if result.estimates:
             say(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
@@ -165,7 +190,7 @@ def conclude_trial(
 
 
 def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
-    """Write the report; returns why it could not be made where the same fault stopped the trial, otherwise empty."""
+    """Write the report; after a stopped trial, return why this failed, if it did."""
     try:
         save_report(done.report(), report)
     except Exception as error:
@@ -178,11 +203,22 @@ def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
 def real_trial(
     settings: "ProtocolSettings", options: RobotOptions, out: Path, json_file: Path | None, note: str
 ) -> None:
-    """Run or rehearse a trial on a robot, and print its result and `note`; exit status 1 where the load missed."""
+    """Run a trial, or a slow rehearsal without a load, on a real robot, and print its result.
+
+    Args:
+        settings: settings of the trial.
+        options: options that choose the robot.
+        out: folder for recording and report.
+        json_file: file of the JSON output.
+        note: text that is printed below the length.
+
+    Raises:
+        typer.Exit: with status 1 if the load missed the box, 128 + n if signal n ended the trial.
+    """
     from pipeline.trial.real import rehearse, run_real_trial
 
     link = options.connection()
-    with spinner() as progress:
+    with progress_display() as progress:
         prompts = options.prompts(json_file)
         if not options.rehearse:
             done = run_real_trial(settings, link, prompts, out, progress)
@@ -191,13 +227,16 @@ def real_trial(
     if options.rehearse:
         answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
         if write_answer(json_file, lambda: answer):
-            say = to_screen().print
+            say = screen_console().print
             say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
             for text in _timing(statistics):
                 say(text, soft_wrap=True, markup=False)
         return
     statistics = done.robot.statistics
-    nodes = {name: fields(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
+    nodes = {
+        name: attributes_as_json(t, "steps mean longest late=overruns skipped")
+        for name, t in done.result.timing.items()
+    }
     answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": nodes}
     conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
 

@@ -10,8 +10,8 @@ from armdyn.model_file import ModelFile
 from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import joint_parts
-from pipeline.fields import fields, number
-from urdf.write import MOMENTS
+from pipeline.fields import attributes_as_json, finite_or_none
+from urdf.write import INERTIA_INDICES
 
 
 def parameters_answer(file: ModelFile) -> dict[str, Any]:
@@ -26,14 +26,14 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
         "base": model.base,
         "effects": [effect.label for effect in named.effects],
         "parameters": {
-            name: fields(p, "value std unit fitted meaning=" + " joint" * bool(p.joint), meaning=p.source)
+            name: attributes_as_json(p, "value std unit fitted meaning=" + " joint" * bool(p.joint), meaning=p.source)
             for name, p in named.parameters.items()
             if p.scope == "shared"
         },
         **background_answer(model),
     }
     if (arm := model.as_arm()) is not None:
-        answer["gravity"] = {"value": [number(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
+        answer["gravity"] = {"value": [finite_or_none(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
         answer["links"] = [
             {"joint": joint.name, "urdf": link_answer(joint.described), "model": link_answer(joint.link)}
             for joint in joint_parts(arm)
@@ -49,9 +49,12 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     """
     mass, centre, inertia = inertia_about_centre(link)
     return {
-        "mass": {"value": number(mass), "unit": "kg"},
-        "centre": {"value": dict(zip("xyz", map(number, centre), strict=True)), "unit": "m"},
-        "inertia": {"value": {name: number(inertia[at]) for name, at in MOMENTS.items()}, "unit": "kg m^2"},
+        "mass": {"value": finite_or_none(mass), "unit": "kg"},
+        "centre": {"value": dict(zip("xyz", map(finite_or_none, centre), strict=True)), "unit": "m"},
+        "inertia": {
+            "value": {name: finite_or_none(inertia[at]) for name, at in INERTIA_INDICES.items()},
+            "unit": "kg m^2",
+        },
     }
 
 

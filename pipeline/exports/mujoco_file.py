@@ -26,7 +26,7 @@ from pipeline.exports.parts import (
     joint_parts,
     require_physical_inertia,
 )
-from urdf.validate import link_of
+from urdf.validate import joint_link
 from urdf.write import numbers_text
 
 DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
@@ -196,7 +196,7 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
 
 def _link_names(model: ArmModel) -> list[str]:
     document = ET.fromstring(model.arm.robot.urdf_xml)
-    children = {joint.get("name"): link_of(joint, "child") for joint in document.findall("joint")}
+    children = {joint.get("name"): joint_link(joint, "child") for joint in document.findall("joint")}
     return [children.get(name) or f"{name}_link" for name in model.arm.joints]
 
 

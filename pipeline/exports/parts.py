@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
-from urdf.mend import no_body
+from urdf.mend import impossible_inertia_reason
 
 LINK_EFFECTS = frozenset({"link_inertia", "payload"})
 EXPRESSIBLE_EFFECTS = {
@@ -98,7 +98,7 @@ def require_physical_inertia(link: str, inertia: np.ndarray) -> None:
     Raises:
         InputError: the inertia is not physical; the message names the link and the violated condition.
     """
-    wrong = no_body(inertia)
+    wrong = impossible_inertia_reason(inertia)
     if wrong:
         raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 

@@ -20,9 +20,9 @@ from pipeline.exports.parts import (
     joint_parts,
     require_physical_inertia,
 )
-from urdf.robot import IN_A_URDF
-from urdf.validate import link_of
-from urdf.write import MOMENTS, add_joint, inertial_element
+from urdf.robot import URDF_DYNAMICS
+from urdf.validate import joint_link
+from urdf.write import INERTIA_INDICES, add_joint, inertial_element
 
 MOUNTING_LINK_NAME = "armdyn_world"
 """Name of the root link to which a tilted base is fixed in an exported URDF."""
@@ -44,14 +44,14 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     root = ET.fromstring(robot.urdf_xml)
     notes = inexpressible_effects(model, EXPRESSIBLE_EFFECTS["urdf"], "a URDF")
     gravity = robot.model.gravity.linear
-    if not np.array_equal(gravity, IN_A_URDF.gravity):
+    if not np.array_equal(gravity, URDF_DYNAMICS.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
     bare = model.without_effect("payload") if model.joints_with("payload") else model
     for joint in joint_parts(bare):
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
-            notes += _set_link(root, link_of(element, "child"), joint)
+            notes += _set_link(root, joint_link(element, "child"), joint)
     moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
     for link in root.findall("link"):
         if link.get("name") in moved:
@@ -107,8 +107,8 @@ def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
     while waiting:
         here = waiting.pop()
         for joint in root.findall("joint"):
-            if joint.get("type") == "fixed" and link_of(joint, "parent") == here:
-                waiting.append(link_of(joint, "child"))
+            if joint.get("type") == "fixed" and joint_link(joint, "parent") == here:
+                waiting.append(joint_link(joint, "child"))
                 found.append(links[waiting[-1]])
     return found
 
@@ -122,7 +122,7 @@ def _inertial(link: ET.Element) -> np.ndarray:
     xyz, rpy = _numbers(origin, "xyz"), _numbers(origin, "rpy")
     m = float(mass.get("value", "0")) if mass is not None else 0.0
     own = np.zeros((3, 3))
-    for name, (row, column) in MOMENTS.items():
+    for name, (row, column) in INERTIA_INDICES.items():
         own[row, column] = own[column, row] = float(inertia.get(f"i{name}", "0")) if inertia is not None else 0.0
     R = pin.rpy.rpyToMatrix(*rpy)
     return parameters_about_origin(m, xyz, R @ own @ R.T)
@@ -146,13 +146,13 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     link = ET.SubElement(root, "link", name=PAYLOAD_LINK_NAME)
     _write_inertial(link, parameters_about_origin(mass, np.zeros(3), np.zeros((3, 3))))
     add_joint(
-        root, f"{PAYLOAD_LINK_NAME}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD_LINK_NAME, place
+        root, f"{PAYLOAD_LINK_NAME}_joint", "fixed", joint_link(_joint(root, joint), "child"), PAYLOAD_LINK_NAME, place
     )
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
     """Add a root link to which the base is fixed at its tilt."""
-    children = {link_of(joint, "child") for joint in root.findall("joint")}
+    children = {joint_link(joint, "child") for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
     ET.SubElement(root, "link", name=MOUNTING_LINK_NAME)

@@ -21,7 +21,7 @@ from pipeline.imports.messages import MessageDecoders
 from pipeline.imports.packets import bag_messages
 from pipeline.imports.publishers import COMMAND_QUANTITIES, JOINT_STATE, JOINT_STATE_QUANTITIES, Publishers
 from pipeline.imports.words import COMMAND_WORDS, name_words
-from urdf.bounds import MOST_COLUMNS
+from urdf.bounds import MAX_TABLE_COLUMNS
 
 DYNAMIC_JOINT_STATE_TYPE = "control_msgs/msg/DynamicJointState"
 JOINT_TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
@@ -64,7 +64,7 @@ def read_bag(path: Path) -> ForeignRecording:
         notes.append(f"not all of it can be read: {problems[-1]}")
     if publishers.crowded:
         notes.append(
-            f"more than {MOST_COLUMNS} numbers in its messages: {name_list(sorted(publishers.crowded))} left out"
+            f"more than {MAX_TABLE_COLUMNS} numbers in its messages: {name_list(sorted(publishers.crowded))} left out"
         )
     notes += [
         f"{topic}: nothing can be read of its {n} messages" for topic, n in unread.items() if topic not in accounts

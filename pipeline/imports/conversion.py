@@ -30,7 +30,7 @@ from pipeline.imports.foreign import ForeignColumn, ForeignRecording, SampleAcco
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
 from pipeline.imports.stamps import dated_samples
 from pipeline.imports.words import is_unit_like
-from urdf.table_file import join_problems
+from urdf.toml_tables import join_problems
 
 DATE_STAMP_YEARS = 2000, 2100
 """First and last year of time stamps that count as dates, in seconds since 1970; no recording lasts that long."""

@@ -23,7 +23,7 @@ from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
 from pipeline.imports.units import joined_doubts, judged_entries
 from pipeline.imports.words import IRRELEVANT_WORDS, HeaderParts, header_parts, is_unit_like, name_words, word_set
-from urdf.infer import is_gripper
+from urdf.infer import is_gripper_name
 
 TIME_WORDS = word_set("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
 LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
@@ -200,7 +200,7 @@ def _of_joints(labels: Mapping[str, HeaderParts], known: RobotJoints) -> dict[st
     found: dict[str, HeaderParts] = {}
     kinds = Counter(number_pattern(label.words) for label in labels.values())
     for name, label in labels.items():
-        if is_gripper(name) or not label.measured:
+        if is_gripper_name(name) or not label.measured:
             continue
         quantity, doubt = label.quantity, label.doubt
         if LEROBOT_STATE in name.lower() and quantity in ("", "q"):

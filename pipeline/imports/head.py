@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from armdyn.recording.delimited import MISSING_CELLS, separator_of
 from pipeline.imports.words import QUANTITY_UNITS, is_unit_like
-from urdf.bounds import number, shown
+from urdf.bounds import parse_number, printable_excerpt
 
 COMMENT_MARKS = ("#", "%", "//")
 """First characters of lines that are no rows."""
@@ -47,7 +47,9 @@ def single_header_table(text: str) -> tuple[str, bool, list[str]]:
     notes = [f"{len(comments - used)} lines of comment left out"] if comments - used else []
     other = [lines[i].strip() for i, _ in above if i not in used and i not in comments]
     if other:
-        notes.append(f"lines above the header left out: {shown(other[0], 40)!r}" + " ..." * (len(other) > 1))
+        notes.append(
+            f"lines above the header left out: {printable_excerpt(other[0], 40)!r}" + " ..." * (len(other) > 1)
+        )
     for i in {*comments, *(i for i, _ in above)}:
         lines[i] = ""
     head = separator.join(f'"{name}"' if separator in name else name for name in names)
@@ -60,7 +62,7 @@ def single_header_table(text: str) -> tuple[str, bool, list[str]]:
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal point or comma."""
     try:
-        number(cell.replace(",", "."))
+        parse_number(cell.replace(",", "."))
     except ValueError:
         return False
     return True

@@ -31,7 +31,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
-from urdf.table_file import Check, TableFileError, join_problems, read_as
+from urdf.toml_tables import TomlFileError, ValueCheck, join_problems, table_to_dataclass
 
 TIME_HINT = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
@@ -65,17 +65,17 @@ class ColumnEntry:
 
     channel: str
     unit: str = ""
-    sign: Annotated[float, Check(lambda sign: sign in (1, -1), "write 1 or -1")] = 1.0
+    sign: Annotated[float, ValueCheck(lambda sign: sign in (1, -1), "write 1 or -1")] = 1.0
     offset: str = ""
     gear_ratio: Annotated[
-        float, Check(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
+        float, ValueCheck(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
     ] = 1.0
     torque_constant: str = ""
-    scale: Annotated[float, Check(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")] = (
-        1.0
-    )
+    scale: Annotated[
+        float, ValueCheck(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")
+    ] = 1.0
     late: str = ""
-    fast: Annotated[float, Check(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
+    fast: Annotated[float, ValueCheck(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
     turn: str = ""
     check: str = ""
     why: str = ""
@@ -183,8 +183,8 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             problems.append(f'\'{name}\': write it as {{ channel = "q.shoulder", unit = "deg" }}')
             continue
         try:
-            entries[name] = read_as(ColumnEntry, column)
-        except TableFileError as error:
+            entries[name] = table_to_dataclass(ColumnEntry, column)
+        except TomlFileError as error:
             problems += [f"'{name}': {problem}" for problem in error.problems]
         with collect_errors(problems, f"'{name}'"):
             channel_kind(str(column["channel"]))

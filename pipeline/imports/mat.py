@@ -13,9 +13,9 @@ import numpy as np
 from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
-from ik.workers import Lost, in_processes
+from ik.workers import LostItem, map_in_processes
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
-from urdf.bounds import LARGEST_CONTENT, MIB, MOST_COLUMNS
+from urdf.bounds import MAX_TABLE_COLUMNS, MAX_UNPACKED_BYTES, MIB
 
 MAX_NESTED_STRUCTURES = 8
 """Largest number of nested structures that are read."""
@@ -30,8 +30,8 @@ def read_mat(path: Path) -> ForeignRecording:
     data = read_bytes(path)
     with error_location(path):
         # In a process of its own, because scipy ends the process on some damaged files.
-        ((_, content),) = in_processes(partial(_content, data), [path.name], 1, "forkserver")
-        if isinstance(content, Lost):
+        ((_, content),) = map_in_processes(partial(_content, data), [path.name], 1, "forkserver")
+        if isinstance(content, LostItem):
             raise InputError("is no MATLAB file that can be read: it is damaged")
         arrays = {
             name: a for key, value in content.items() if not key.startswith("__") for name, a in _arrays(key, value)
@@ -47,8 +47,8 @@ def read_mat(path: Path) -> ForeignRecording:
             elif rows in array.shape:
                 table = array if array.shape[0] == rows else array.T
                 columns |= {f"{name}/{i}": ForeignColumn(column) for i, column in enumerate(table.T)}
-        if len(columns) > MOST_COLUMNS:
-            raise InputError(f"{len(columns)} columns, where {MOST_COLUMNS} are the most: leave some out")
+        if len(columns) > MAX_TABLE_COLUMNS:
+            raise InputError(f"{len(columns)} columns, where {MAX_TABLE_COLUMNS} are the most: leave some out")
     other = [name for name, array in arrays.items() if rows not in array.shape]
     return ForeignRecording(path.stem, columns, (f"not of {rows} rows: {', '.join(other)}: left out",) if other else ())
 
@@ -58,13 +58,13 @@ def _content(data: bytes, name: str) -> dict[str, Any]:
 
     try:
         size = sum(8 * prod(shape) for _, shape, _ in whosmat(io.BytesIO(data)))
-        if size <= LARGEST_CONTENT:
+        if size <= MAX_UNPACKED_BYTES:
             return dict(loadmat(io.BytesIO(data), simplify_cells=True))
     except NotImplementedError as error:
         raise InputError(f"is of MATLAB's version 7.3: save it with save('{name}', ..., '-v7')") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
         raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
-    raise InputError(f"holds more than {LARGEST_CONTENT / MIB:g} MiB of numbers: cut it")
+    raise InputError(f"holds more than {MAX_UNPACKED_BYTES / MIB:g} MiB of numbers: cut it")
 
 
 def _arrays(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, FloatArray]]:

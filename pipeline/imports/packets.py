@@ -19,7 +19,7 @@ from armdyn.read_files import register_input
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.mcap_records import decompressed, intact_records
 from armdyn.recording.mcap_run import SIDECAR_RECORD
-from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
+from urdf.bounds import MAX_BAG_BYTES, MAX_UNPACKED_BYTES, MIB
 
 
 class BagConnection(NamedTuple):
@@ -82,8 +82,8 @@ def _files(path: Path) -> list[Path]:
         files = sorted(found, key=lambda file: [int(part) for part in re.findall(r"\d+", file.name)])
         if not files:
             raise InputError(f"{path}: holds no .db3 and no .mcap file: copy the whole bag")
-    if sum(file.stat().st_size for file in files) > LARGEST_BAG:
-        raise InputError(f"{path}: is larger than {LARGEST_BAG / MIB:g} MiB: cut it with 'rosbag filter'")
+    if sum(file.stat().st_size for file in files) > MAX_BAG_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_BAG_BYTES / MIB:g} MiB: cut it with 'rosbag filter'")
     return files
 
 
@@ -111,7 +111,7 @@ def _ros1(file: Path) -> Iterator[BagMessage]:
 
 def _chunk(header: dict[str, bytes], data: bytes) -> bytes:
     (size,) = struct.unpack("<I", header["size"])
-    if size > LARGEST_CONTENT:
+    if size > MAX_UNPACKED_BYTES:
         raise InputError(f"a chunk expands to {size / MIB:.0f} MiB: cut the bag with 'rosbag filter'")
     match header["compression"]:
         case b"lz4":
@@ -180,7 +180,7 @@ def _sqlite(file: Path) -> Iterator[BagMessage]:
             raise ValueError("it is empty")
     if file.name.endswith(ZSTD_ENDING):
         database = sqlite3.connect(":memory:")
-        database.deserialize(decompressed(read_bytes(file, LARGEST_BAG)))
+        database.deserialize(decompressed(read_bytes(file, MAX_BAG_BYTES)))
     else:
         register_input(file)
         database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
@@ -211,7 +211,7 @@ def _message(data: bytes) -> bytes:
 def _mcap(file: Path) -> Iterator[BagMessage]:
     from mcap.records import Channel, Message, Metadata, Schema
 
-    data = read_bytes(file, LARGEST_BAG)
+    data = read_bytes(file, MAX_BAG_BYTES)
     if file.name.endswith(ZSTD_ENDING):
         data = decompressed(data)
     schemas: dict[int, Schema] = {}

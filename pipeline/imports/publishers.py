@@ -18,7 +18,7 @@ from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import samples_of_second_series
 from pipeline.imports.foreign import SECOND_PUBLISHER, ForeignColumn, SampleAccount
 from pipeline.imports.stamps import MAX_MESSAGE_DELAY_SECONDS, dated_samples, on_arrival_clock
-from urdf.bounds import MOST_COLUMNS, MOST_ROWS, shown
+from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, printable_excerpt
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_STATE_QUANTITIES = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
@@ -182,15 +182,15 @@ class Publishers:
             InputError: there are too many messages.
         """
         series = self._series.setdefault(topic, {}).setdefault((publisher, joints), _Series())
-        if len(series.messages) >= MOST_ROWS:
-            raise InputError(f"more than {MOST_ROWS} messages of {shown(topic)}: cut the bag")
+        if len(series.messages) >= MAX_RECORDING_ROWS:
+            raise InputError(f"more than {MAX_RECORDING_ROWS} messages of {printable_excerpt(topic)}: cut the bag")
         numbers: dict[tuple[str, str], float] = {}
         for name, value, channel in entries:
             numbers.setdefault((name, channel), value)
         layout = tuple(numbers)
         if layout not in self._layouts:
             names = self._names | {name for name, _ in layout}
-            if len(names) > MOST_COLUMNS:
+            if len(names) > MAX_TABLE_COLUMNS:
                 self.crowded.add(topic)
                 layout = ()
             else:

@@ -11,7 +11,7 @@ from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from pipeline.imports.foreign import ForeignReader, ForeignRecording
 from pipeline.imports.table import columns_of_text
-from urdf.bounds import LARGEST_XML, MIB, MOST_COLUMNS, MOST_ROWS
+from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, MAX_XML_BYTES, MIB
 
 _SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 SHEET_PATH, STRINGS_PATH = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
@@ -38,8 +38,8 @@ def read_sheet(path: Path) -> ForeignRecording:
 
 
 def _root(archive: zipfile.ZipFile, name: str) -> ET.Element:
-    if archive.getinfo(name).file_size > LARGEST_XML:
-        raise InputError(f"its sheet is larger than {LARGEST_XML / MIB:g} MiB: save it as CSV")
+    if archive.getinfo(name).file_size > MAX_XML_BYTES:
+        raise InputError(f"its sheet is larger than {MAX_XML_BYTES / MIB:g} MiB: save it as CSV")
     return ET.fromstring(archive.read(name))
 
 
@@ -57,7 +57,7 @@ def _rows(sheet: ET.Element, strings: list[str]) -> Iterator[list[str]]:
             text = strings[int(value)] if kind == "s" else _text(cell) if kind == "inlineStr" else value
             cells[_column(cell.get("r", ""), len(cells))] = text
         width = max(width, 1 + max(cells, default=-1))
-        if width > MOST_COLUMNS or number > MOST_ROWS:
+        if width > MAX_TABLE_COLUMNS or number > MAX_RECORDING_ROWS:
             raise InputError("its sheet is too large: save it as CSV")
         yield [cells.get(i, "") for i in range(width)]
 

@@ -22,14 +22,14 @@ from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, 
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_label
 from pipeline.imports.head import single_header_table
 from urdf.bounds import (
-    LARGEST_CONTENT,
-    LARGEST_COUNT,
-    LARGEST_TEXT,
-    LONGEST_NAME,
+    MAX_NAME_LENGTH,
+    MAX_RECORDING_ROWS,
+    MAX_TABLE_COLUMNS,
+    MAX_TEXT_FILE_BYTES,
+    MAX_UNCONVERTED_VALUE,
+    MAX_UNPACKED_BYTES,
     MIB,
-    MOST_COLUMNS,
-    MOST_ROWS,
-    shown,
+    printable_excerpt,
 )
 
 if TYPE_CHECKING:
@@ -84,11 +84,12 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             notes.append(f"'{column}' holds text, such as {cells[0]!r}: left out")
             continue
         wrong = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
-        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > LARGEST_COUNT)}
+        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > MAX_UNCONVERTED_VALUE)}
         if wrong:
             row, cell = next(iter(wrong.items()))
             raise InputError(
-                f"row {table.rows[row]}, column '{shown(column)}': '{shown(cell, 40)}' is no number that anything has: "
+                f"row {table.rows[row]}, column '{printable_excerpt(column)}': "
+                f"'{printable_excerpt(cell, 40)}' is no number that anything has: "
                 "mend it, or empty the cell"
             )
         if strange:
@@ -158,14 +159,14 @@ def _check_parquet(file: Any, size: int) -> None:
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]
     unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
-    if unpacked > LARGEST_CONTENT or about.num_rows > MOST_ROWS:
+    if unpacked > MAX_UNPACKED_BYTES or about.num_rows > MAX_RECORDING_ROWS:
         raise InputError(
             f"{about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
-            f"{MOST_ROWS} rows and {LARGEST_CONTENT / MIB:.0f} MiB are the most: cut it"
+            f"{MAX_RECORDING_ROWS} rows and {MAX_UNPACKED_BYTES / MIB:.0f} MiB are the most: cut it"
         )
-    if about.num_columns > MOST_COLUMNS or any(len(name) > LONGEST_NAME for name in file.schema_arrow.names):
+    if about.num_columns > MAX_TABLE_COLUMNS or any(len(name) > MAX_NAME_LENGTH for name in file.schema_arrow.names):
         raise InputError(
-            f"{about.num_columns} columns, where {MOST_COLUMNS} with names of {LONGEST_NAME} letters are the "
+            f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_LENGTH} letters are the "
             "most: leave some out"
         )
 
@@ -229,14 +230,14 @@ def read_lerobot(path: Path) -> list[ForeignRecording]:
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        info = json.loads(read_bytes(path / LEROBOT_INFO_FILE, LARGEST_TEXT))
+        info = json.loads(read_bytes(path / LEROBOT_INFO_FILE, MAX_TEXT_FILE_BYTES))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path / LEROBOT_INFO_FILE}: cannot be read as JSON: {error}") from error
     if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
         raise InputError(f"{path / LEROBOT_INFO_FILE}: does not hold an object with features: give a LeRobot data set")
     rate = info.get("fps")
     if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= MAX_FRAME_RATE):
-        text = f"fps is {shown(str(rate))}: write frames per second, at most {MAX_FRAME_RATE:g}"
+        text = f"fps is {printable_excerpt(str(rate))}: write frames per second, at most {MAX_FRAME_RATE:g}"
         raise InputError(f"{path / LEROBOT_INFO_FILE}: {text}")
     return info
 

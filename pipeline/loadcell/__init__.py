@@ -1,1 +1,1 @@
-"""The load cell: an HX711 on a microcontroller, over a serial line (`docs/loadcell.md`); and faults of any cell."""
+"""The load cell, an HX711 on a microcontroller with a serial line (`docs/loadcell.md`), and the detection of faults."""

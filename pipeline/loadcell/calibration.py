@@ -1,4 +1,4 @@
-"""The stored calibration of one load cell, from counts to newtons."""
+"""Calibration of a load cell, which converts the converter's counts to newtons, and its file."""
 
 import math
 import os
@@ -9,20 +9,20 @@ from typing import Annotated
 
 from armdyn.atomic import write_text
 from armdyn.errors import InputError
-from pipeline.loadcell.faults import FaultLimits
+from pipeline.loadcell.faults import LoadCellLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
-from urdf.bounds import is_sane
-from urdf.table_file import Check, TableFileError, read_as, read_table
+from urdf.bounds import has_plausible_magnitude
+from urdf.toml_tables import TomlFileError, ValueCheck, read_toml_with_text, table_to_dataclass
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
-"""Of the file's quantities; all but the noise have a standard deviation."""
+"""Unit of each quantity in a calibration's file."""
 
 
-_Number = Annotated[float, Check(is_sane, "give a size that a load cell has")]
+_Number = Annotated[float, ValueCheck(has_plausible_magnitude, "give a size that a load cell has")]
 
 
-def _in_unit(name: str) -> Check:
-    return Check(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
+def _in_unit(name: str) -> ValueCheck:
+    return ValueCheck(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class _Fitted(_Noise):
 
 @dataclass(frozen=True)
 class _File:
-    """Contents of a calibration's file."""
+    """Entries of a calibration's file."""
 
     date: datetime
     source: str
@@ -52,13 +52,13 @@ class Calibration:
     """Calibration of a load cell: force = scale (counts - offset).
 
     Attributes:
-        offset: counts of the empty cell, with what always hangs on it.
+        offset: counts of the cell without a load [counts].
         offset_std: standard deviation of the offset [counts].
-        scale: force per count [N/count]; negative where a pull lowers the counts.
+        scale: force per count [N/count]; negative if a pull lowers the counts.
         scale_std: standard deviation of the scale [N/count].
         noise: standard deviation of one sample [N].
-        date: when it was made.
-        source: how it was made.
+        date: date and time of the calibration.
+        source: how the calibration was made.
     """
 
     offset: float
@@ -78,21 +78,21 @@ class Calibration:
             raise InputError("a standard deviation is negative, or the noise is zero")
 
     @property
-    def force_limits(self) -> FaultLimits:
-        """Limits of the forces [N] beyond which this cell is faulty."""
+    def force_limits(self) -> LoadCellLimits:
+        """Limits for detecting faults in this cell's samples of force [N]."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
-        return FaultLimits.of(self.noise, abs(self.scale), *ends)
+        return LoadCellLimits.of(self.noise, abs(self.scale), *ends)
 
     def force(self, counts: float) -> float:
-        """Force [N] at these counts."""
+        """Convert counts to a force [N]."""
         return self.scale * (counts - self.offset)
 
     def counts(self, force: float) -> float:
-        """Counts at this force [N]."""
+        """Convert a force [N] to counts."""
         return self.offset + force / self.scale
 
     def quantities(self) -> dict[str, dict[str, float | str]]:
-        """Offset, scale and noise with unit and, where there is one, standard deviation, as in files."""
+        """Offset, scale and noise as dictionaries with value, unit and, except for the noise, standard deviation."""
         stds = {"offset": {"std": self.offset_std}, "scale": {"std": self.scale_std}}
         return {
             name: {"value": getattr(self, name), **stds.get(name, {}), "unit": unit}
@@ -100,10 +100,10 @@ class Calibration:
         }
 
     def save(self, path: Path) -> None:
-        """Write the calibration to `path`, which is the old file or the whole new one at every moment.
+        """Write the calibration to a file; an interrupted write leaves the old file unchanged.
 
         Raises:
-            InputError: `path` cannot be written to.
+            InputError: the file cannot be written.
         """
         import tomlkit
 
@@ -130,16 +130,16 @@ class Calibration:
         """
         remedy = "run 'armdyn loadcell calibrate PORT'"
         try:
-            file = read_as(_File, read_table(path, finite=True)[1])
+            file = table_to_dataclass(_File, read_toml_with_text(path, finite=True)[1])
             offset, scale, noise = file.offset, file.scale, file.noise
             return cls(offset.value, offset.std, scale.value, scale.std, noise.value, file.date, file.source)
         except FileNotFoundError as error:
             raise InputError(f"{path}: there is no load cell calibration: {remedy}") from error
-        except (TableFileError, InputError) as error:
+        except (TomlFileError, InputError) as error:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
 
 
-def default_path() -> Path:
-    """Default path of the calibration: ``loadcell.toml`` among the user's settings."""
+def default_calibration_path() -> Path:
+    """Default path of the calibration's file: ``armdyn/loadcell.toml`` in the user's settings directory."""
     settings = os.environ.get("XDG_CONFIG_HOME")
     return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"

@@ -1,4 +1,4 @@
-"""An emulated load cell without hardware: a microcontroller's messages on a pseudo-terminal."""
+"""A simulated load cell: the messages of its microcontroller on a pseudo-terminal, in place of a serial port."""
 
 import contextlib
 import math
@@ -13,15 +13,19 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode
-from pipeline.processes import Closing
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode_line
+from pipeline.processes import Closable
 
 EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
-"""Counts of the empty cell, and newtons per count: a 1 kg cell of 1 mV/V behind an HX711."""
+"""Offset [counts] and scale [N/count] of the simulated cell: a 1 kg cell of 1 mV/V with an HX711."""
 
 
-class EmulatedPort(Closing):
-    """The microcontroller's end of a serial line; `port` names the computer's end. Linux and macOS only."""
+class EmulatedPort(Closable):
+    """A simulated serial line (Linux and macOS): the microcontroller's end, from which lines are sent.
+
+    Attributes:
+        port: name of the serial port at the computer's end.
+    """
 
     def __init__(self) -> None:
         try:
@@ -37,13 +41,13 @@ class EmulatedPort(Closing):
         self._plugged = True
 
     def line(self, counts: int) -> bytes:
-        """The line of the next conversion; its sequence number is used up even if the line is never sent."""
+        """Make the line for the next sample, with the next sequence number."""
         reading = CellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        return encode(reading)
+        return encode_line(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
-        """Send bytes unchanged; returns False where no reader takes them for `patience` [s], and the rest is lost."""
+        """Send bytes; returns False if no program reads them within `patience` [s], so that some are lost."""
         while data and self._plugged:
             _, ready, _ = select.select([], [self._ours], [], patience)
             if not ready:
@@ -60,13 +64,20 @@ class EmulatedPort(Closing):
             os.close(self._theirs)
 
 
-class EmulatedCell(Closing):
-    """A cell with an HX711 and a microcontroller that sends noisy samples of a force from a thread of its own.
+class EmulatedCell(Closable):
+    """A simulated load cell whose thread sends noisy samples of a force on a simulated serial line.
+
+    Args:
+        rng: source of the noise.
+        force: force on the cell [N], constant or a function of time [s].
+        scale: force per count [N/count].
+        rate: samples per second [Hz].
 
     Attributes:
+        port: name of the serial port on which the samples arrive.
         scale: force per count [N/count].
-        rate: samples per second.
-        offset: counts of the empty cell.
+        rate: samples per second [Hz].
+        offset: counts of the cell without a load [counts].
         noise: standard deviation of one sample [counts].
     """
 
@@ -89,7 +100,7 @@ class EmulatedCell(Closing):
         self._thread.start()
 
     def hang(self, force: Callable[[float], float] | float) -> None:
-        """Set the pull on the cell from now on [N]: a constant, or a function of the time [s]."""
+        """Set the force on the cell [N], constant or a function of time [s]."""
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
     def close(self) -> None:
@@ -107,13 +118,13 @@ class EmulatedCell(Closing):
 
 
 def emulated_calibration(noise: float, source: str) -> Calibration:
-    """True calibration of an emulated cell with `noise` [N] per sample."""
+    """True calibration of a simulated cell; `noise` is the standard deviation of one sample [N]."""
     now = datetime.now().astimezone().replace(microsecond=0)
     return Calibration(EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, now, source)
 
 
 def swinging_load(mass: float, length: float, amplitude: float, gravity: float) -> Callable[[float], float]:
-    r"""Pull of a load that swings freely by a small angle, as a function of time [s].
+    r"""Force of a load that swings freely by a small angle on its string, [N], as a function of time [s].
 
     :math:`F = m g \cos\varphi + m l \dot\varphi^2` with :math:`\varphi = A \cos(\sqrt{g / l}\, t)`, from mass m [kg],
     length l of the string [m], amplitude A [rad] and free-fall acceleration g [m/s^2].

@@ -1,4 +1,4 @@
-"""Faults of a simulated or real load cell, their detection, and the status of a cell."""
+"""Detect faults of a load cell in its samples, and describe the status of a cell."""
 
 import math
 import sys
@@ -11,10 +11,11 @@ from itertools import pairwise
 from pipeline.robot.protocol import ForceSample
 
 
-class Fault(Enum):
-    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first.
+class LoadCellFault(Enum):
+    """A kind of fault of a load cell; the value says what is wrong and what to do. The most serious ones come first.
 
-    Down to `DRIFTING` they last, and make the force unreliable until they are over; the others are single events.
+    The faults from `DISCONNECTED` to `DRIFTING` last for some time, in which the force is unreliable; the others are
+    single events.
     """
 
     DISCONNECTED = "the serial port is gone: plug the cable in and start again"
@@ -34,37 +35,37 @@ class Fault(Enum):
 
 
 @dataclass(frozen=True)
-class FaultEvent:
-    """A fault that began or ended, or a single event.
+class LoadCellFaultEvent:
+    """The beginning or end of a fault of a load cell, or a single event such as a lost sample.
 
     Attributes:
         time: time of detection [s].
         fault: kind of the fault.
-        began: whether the fault began; False where it ended.
+        began: True at the beginning of a fault and for a single event, False at the end.
         count: number of lines or samples that a single event concerns.
     """
 
     time: float
-    fault: Fault
+    fault: LoadCellFault
     began: bool = True
     count: int = 1
 
 
 @dataclass(frozen=True)
-class FaultLimits:
-    """Limits of good samples, in the unit of the stream: N, or counts.
+class LoadCellLimits:
+    """Limits for the samples of a load cell that works, in the unit of the samples: N or counts.
 
     Attributes:
-        lower: lower end of the range; the end itself is a fault.
-        upper: upper end of the range; the end itself is a fault.
-        step: step of the converter; 0 where it is not known.
-        repeats: number of values in a row, within one step, that means a frozen cell.
-        spike: largest distance of a single sample from both of its neighbours, on the same side.
-        least: smallest possible force, except for a moment.
-        most: largest possible force, except for a moment.
-        drift: largest rate at which the mean may change in one direction for `DRIFT_BLOCKS` blocks [1/s].
-        silent_after: time without a sample that counts as silence [s].
-        start_up: extra time that the first sample may take [s]; most boards restart when the port is opened.
+        lower: lower end of the range; a sample at or below it is saturated.
+        upper: upper end of the range; a sample at or above it is saturated.
+        step: resolution of the converter; 0 if it is unknown.
+        repeats: number of successive samples within one step after which the cell counts as frozen.
+        spike: largest distance of a sample from both of its neighbours, in the same direction.
+        least: smallest possible force; a few samples may lie below.
+        most: largest possible force; a few samples may lie above.
+        drift: largest rate at which the mean may change in one direction, over `DRIFT_BLOCKS` blocks [unit/s].
+        silent_after: time without a sample after which the cell counts as silent [s].
+        start_up: additional time for the first sample [s]; most boards restart when the port is opened.
     """
 
     lower: float = -math.inf
@@ -79,17 +80,29 @@ class FaultLimits:
     start_up: float = 0.0
 
     @classmethod
-    def of(cls, noise: float, step: float, lower: float, upper: float) -> "FaultLimits":
-        """Limits of a cell with this noise (standard deviation of one sample), step of its converter, and range."""
+    def of(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellLimits":
+        """Make limits for saturated and frozen cells.
+
+        Args:
+            noise: standard deviation of one sample.
+            step: resolution of the converter.
+            lower: lower end of the range.
+            upper: upper end of the range.
+        """
         return cls(lower, upper, step, implausible_repeats(noise, 2.0 * step))
 
 
 def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1e-9) -> int:
-    r"""Number of identical values in a row that a working cell practically never gives.
+    r"""Number of equal successive samples that a load cell which works practically never gives.
 
     A constant force in the middle of a step r of the converter gives that step with probability
-    :math:`p = \operatorname{erf}(r / (2 \sqrt 2 \sigma))`, and n in a row with :math:`p^{n-1}`; noise and step have the
-    same unit. A moving force gives fewer. The default, once in 1e9 samples, is once in 116 days at 100 Hz.
+    :math:`p = \operatorname{erf}(r / (2 \sqrt 2 \sigma))`, and n times in succession with :math:`p^{n-1}`. A changing
+    force gives fewer equal samples.
+
+    Args:
+        noise: standard deviation of one sample, in any unit.
+        resolution: step of the converter, in the same unit.
+        false_alarms: accepted probability per sample of a false alarm; 1e-9 is once in 116 days at 100 Hz.
     """
     if noise <= 0 or resolution < 0:
         return sys.maxsize  # a noiseless cell at rest repeats one value: no number is implausible
@@ -100,18 +113,18 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 
 SPIKE_WINDOW_SAMPLES = 100
-"""Samples among which spikes are counted."""
-MANY_SPIKES, FEW_SPIKES = 2, 1
-"""With more of these spikes than `MANY_SPIKES` the cell is unreliable, until no more than `FEW_SPIKES` are left."""
+"""Number of latest samples among which spikes are counted."""
+SPIKES_BEGIN_COUNT, SPIKES_END_COUNT = 2, 1
+"""The fault `SPIKES` begins with more spikes than the first number, and ends with at most the second number."""
 MAX_IMPOSSIBLE_SAMPLES = 10
-"""Impossible forces in a row that are no longer a moment, such as a load that bounces."""
+"""Number of successive samples with an impossible force that is a fault; a bouncing load gives fewer."""
 BLOCK_SECONDS, DRIFT_BLOCKS = 0.5, 4
-"""Length of a block [s] whose mean is compared with the next, and how many must go one way: a load that swings or is
-hung on goes back, or stops, within 2 s."""
+"""Length of a block of samples [s], and number of successive changes of the blocks' means in one direction that are a
+drift; the force of a swinging load changes its direction within this time."""
 
 
 class _Stuck:
-    """Counts the values in a row, up to the last, that differ by one step at most."""
+    """Counts the latest successive values that differ by at most one step of the converter."""
 
     def __init__(self, step: float) -> None:
         self._room = 1.01 * step
@@ -128,7 +141,7 @@ class _Stuck:
 
 
 class _Drift:
-    """Compares means of blocks: a drift is a change in one direction over the last blocks, faster than the limit."""
+    """Detects a drift: the means of the last blocks change in one direction, faster than a limit."""
 
     def __init__(self, limit: float) -> None:
         self._least = limit * BLOCK_SECONDS
@@ -148,13 +161,17 @@ class _Drift:
         self._count += 1
 
 
-class FaultDetector:
-    """Detects faults of a load cell in its stream of samples. It has no clock and no thread."""
+class LoadCellFaultDetector:
+    """Detects faults of a load cell from its samples, which are passed in with their times.
 
-    def __init__(self, limits: FaultLimits | None = None) -> None:
-        self._limits = limits or FaultLimits()
-        self._active: set[Fault] = set()
-        self._events: list[FaultEvent] = []
+    Args:
+        limits: limits for the samples of a cell that works; by default `FaultLimits()`.
+    """
+
+    def __init__(self, limits: LoadCellLimits | None = None) -> None:
+        self._limits = limits or LoadCellLimits()
+        self._active: set[LoadCellFault] = set()
+        self._events: list[LoadCellFaultEvent] = []
         self._heard: float | None = None
         self._patience = self._limits.start_up + self._limits.silent_after
         self._stuck, self._drift = _Stuck(self._limits.step), _Drift(self._limits.drift)
@@ -163,37 +180,38 @@ class FaultDetector:
         self._impossible = 0
 
     @property
-    def active(self) -> tuple[Fault, ...]:
-        """Present faults, the most serious first."""
-        return tuple(fault for fault in Fault if fault in self._active)
+    def active(self) -> tuple[LoadCellFault, ...]:
+        """Faults that last at present, the most serious first."""
+        return tuple(fault for fault in LoadCellFault if fault in self._active)
 
-    def update(self, now: float, samples: Iterable[ForceSample]) -> Fault | None:
-        """Add samples that arrived up to `now` [s], oldest first; returns the most serious present fault, if any."""
+    def update(self, now: float, samples: Iterable[ForceSample]) -> LoadCellFault | None:
+        """Add samples that arrived until `now` [s], oldest first; returns the most serious present fault, or None."""
         for sample in samples:
             self.sample(sample.time, sample.force)
         return self.check(now)
 
     def sample(self, time: float, value: float) -> None:
-        """Add one sample: the time of its reception [s] and its value in the unit of the limits."""
+        """Add one sample: its time of reception [s], and its value in the unit of the limits."""
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after
-        self._set(Fault.SILENT, False, time)
+        self._set(LoadCellFault.SILENT, False, time)
         limits = self._limits
         self._stuck.add(value)
-        self._set(Fault.FROZEN, self._stuck.count >= limits.repeats, time)
+        self._set(LoadCellFault.FROZEN, self._stuck.count >= limits.repeats, time)
         if limits.spike < math.inf:
             self._set(
-                Fault.SPIKES,
-                self._count_spikes(value) > (FEW_SPIKES if Fault.SPIKES in self._active else MANY_SPIKES),
+                LoadCellFault.SPIKES,
+                self._count_spikes(value)
+                > (SPIKES_END_COUNT if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
                 time,
             )
         if limits.drift < math.inf:
             self._drift.add(time, value)
-            self._set(Fault.DRIFTING, self._drift.steady, time)
+            self._set(LoadCellFault.DRIFTING, self._drift.steady, time)
         self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
-        self._set(Fault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
+        self._set(LoadCellFault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
         # Written in this form, the comparison also finds nan out of range.
-        self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
+        self._set(LoadCellFault.SATURATED, not limits.lower < value < limits.upper, time)
 
     def _count_spikes(self, value: float) -> int:
         """Count the latest samples that differ strongly from both neighbours, on the same side."""
@@ -204,44 +222,44 @@ class FaultDetector:
             self._spikes.append(step > self._limits.spike and (middle > before) == (middle > after))
         return sum(self._spikes)
 
-    def check(self, now: float) -> Fault | None:
-        """Check for silence at `now` [s]; returns the most serious present fault, if any."""
+    def check(self, now: float) -> LoadCellFault | None:
+        """Check whether samples are missing at `now` [s]; returns the most serious present fault, or None."""
         if self._heard is None:
             self._heard = now
         if now - self._heard > self._patience:
-            self._set(Fault.SILENT, True, now)
+            self._set(LoadCellFault.SILENT, True, now)
         return next(iter(self.active), None)
 
-    def take_events(self) -> list[FaultEvent]:
+    def take_events(self) -> list[LoadCellFaultEvent]:
         """Faults that began or ended since the last call, oldest first."""
         events, self._events = self._events, []
         return events
 
-    def _set(self, fault: Fault, holds: bool, time: float) -> None:
+    def _set(self, fault: LoadCellFault, holds: bool, time: float) -> None:
         if holds != (fault in self._active):
             (self._active.add if holds else self._active.remove)(fault)
-            self._events.append(FaultEvent(time, fault, began=holds))
+            self._events.append(LoadCellFaultEvent(time, fault, began=holds))
 
 
 @dataclass(frozen=True)
 class LoadCellStatus:
-    """Status of a load cell at one moment.
+    """Status of a load cell at one instant.
 
     Attributes:
-        connected: whether the port is open and connected.
+        connected: whether the serial port is open and connected.
         samples: number of received samples.
-        rate: rate of the latest samples [Hz]; 0 while nothing arrives.
-        active: present faults, the most serious first.
-        counts: per fault, the number of lines or samples concerned, or for lasting faults how often it began.
+        rate: rate of the latest samples [Hz]; 0 while no samples arrive.
+        active: faults that last at present, the most serious first.
+        counts: for each fault, how often it began; for a single event, the number of lines or samples concerned.
     """
 
     connected: bool
     samples: int
     rate: float
-    active: tuple[Fault, ...]
-    counts: Mapping[Fault, int]
+    active: tuple[LoadCellFault, ...]
+    counts: Mapping[LoadCellFault, int]
 
     @property
     def reliable(self) -> bool:
-        """Whether the force is reliable now."""
+        """Whether the force of the load cell is reliable at present: connected, with samples and without a fault."""
         return self.connected and self.samples > 0 and not self.active

@@ -1,4 +1,4 @@
-"""The guided calibration: known weights, samples at each of them, their mean, and the line through the means."""
+"""Calibrate a load cell with known weights: take samples with each weight, and fit a line through their means."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,18 +13,18 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.recording.units import parse_quantity
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 
 
 @dataclass(frozen=True)
-class Weight:
-    """A known weight.
+class KnownWeight:
+    """A known weight for the calibration of a load cell.
 
     Attributes:
-        text: as the user wrote it.
+        text: the weight as the user wrote it.
         force: force of the weight [N].
-        force_std: standard deviation of the force [N], 0 where none was given.
+        force_std: standard deviation of the force [N]; 0 if none was given.
     """
 
     text: str
@@ -32,23 +32,24 @@ class Weight:
     force_std: float = 0.0
 
 
-def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
-    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too. Gravity is in m/s^2.
+def parse_weights(text: str, gravity: float) -> tuple[KnownWeight, ...]:
+    """Parse a list of known weights such as ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are allowed.
 
-    The empty cell comes first, even where it was not listed.
+    The empty cell (0 g) is the first weight, also if it was not listed. `gravity` is the free-fall acceleration
+    [m/s^2].
 
     Raises:
-        InputError: an entry is no mass or force, is negative, or there are fewer than two different weights.
+        InputError: an entry is not a mass or force, or is negative, or there are fewer than two different weights.
     """
     weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
     if not weights or weights[0].force > 0.0:
-        weights.insert(0, Weight("0 g", 0.0))
+        weights.insert(0, KnownWeight("0 g", 0.0))
     if len({weight.force for weight in weights}) < 2:
         raise InputError(f"--weights '{text}': give at least one weight besides the empty cell, such as '0 g, 200 g'")
     return tuple(weights)
 
 
-def _parse(text: str, gravity: float) -> Weight:
+def _parse(text: str, gravity: float) -> KnownWeight:
     for unit, pull in (("kg", gravity), ("N", 1.0)):
         try:
             known = parse_quantity(text, unit)
@@ -56,36 +57,42 @@ def _parse(text: str, gravity: float) -> Weight:
             continue
         if known.value < 0.0:
             raise InputError(f"--weights: '{text}' is negative: hang it so that it pulls the way the load will")
-        return Weight(text, pull * known.value, pull * (known.std or 0.0))
+        return KnownWeight(text, pull * known.value, pull * (known.std or 0.0))
     raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
 
 
-MIN_PLATEAU_SAMPLES = 40
+MIN_WEIGHT_SAMPLES = 40
+"""Smallest number of samples per weight."""
 OUTLIER_DEVIATIONS = 5.0
-"""Robust standard deviations from the median beyond which a sample is left out."""
+"""Distance from the median, in robust standard deviations, beyond which a sample is left out."""
 MAX_OUTLIER_SHARE = 0.1
-"""Share of the samples; more means that somebody touched the cell."""
-PLATEAU_BLOCKS = 10
+"""Largest share of samples that may be left out; with more, somebody probably touched the cell."""
+DRIFT_TEST_BLOCKS = 10
+"""Number of blocks into which the samples of a weight are divided, to detect a drift."""
 CORRELATION_FACTOR = 1.5
-"""Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
+"""Ratio above which the samples of a weight are correlated.
+
+It compares the standard deviation of the mean, computed from blocks of samples, with that computed from single samples.
+Independent samples exceed it once in 60 times.
+"""
 ROUNDING_STD_COUNTS = 1.0 / math.sqrt(12.0)
 """Standard deviation of rounding [counts]."""
 
 
 @dataclass(frozen=True)
-class Plateau:
-    """One weight and the counts measured with it.
+class WeightMeasurement:
+    """The counts of a load cell that were measured with one known weight.
 
     Attributes:
         weight: known weight on the cell.
-        mean: mean without outliers [counts].
-        mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) where the cell drifts.
+        mean: mean of the samples without outliers [counts].
+        mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) if the cell drifts.
         noise: standard deviation of one sample [counts].
-        samples: number of samples used.
-        outliers: number of samples left out.
+        samples: number of samples that were used.
+        outliers: number of samples that were left out.
     """
 
-    weight: Weight
+    weight: KnownWeight
     mean: float
     mean_std: float
     noise: float
@@ -93,20 +100,22 @@ class Plateau:
     outliers: int
 
     @classmethod
-    def of(cls, weight: Weight, counts: npt.ArrayLike) -> "Plateau":
-        """Robust mean of `counts` (n,), in the order of their arrival.
+    def of(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "WeightMeasurement":
+        """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
         deviation) from the median are left out. The standard deviation of the mean is that of independent samples,
-        unless the means of `PLATEAU_BLOCKS` consecutive blocks differ clearly more: drift, creep, a slow swing.
+        unless the means of `DRIFT_TEST_BLOCKS` successive blocks differ clearly more, because the cell drifts or the
+        weight swings.
 
         Raises:
-            TaskFailedError: too few samples, a saturated or dead cell, or a cell that was touched.
+            TaskFailedError: there are too few samples, the cell is saturated or its counts do not change, or there are
+                too many outliers.
         """
         values = np.asarray(counts, dtype=np.float64)
-        if len(values) < MIN_PLATEAU_SAMPLES:
+        if len(values) < MIN_WEIGHT_SAMPLES:
             raise TaskFailedError(
-                f"{weight.text}: {len(values)} samples are too few: take {MIN_PLATEAU_SAMPLES} or more"
+                f"{weight.text}: {len(values)} samples are too few: take {MIN_WEIGHT_SAMPLES} or more"
             )
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
@@ -124,50 +133,57 @@ class Plateau:
                 f"{weight.text}: {outliers} of {len(values)} samples are far off: do not touch the cell, and try again"
             )
         noise = float(kept.std(ddof=1))
-        blocks = [block.mean() for block in np.array_split(kept, PLATEAU_BLOCKS)]
+        blocks = [block.mean() for block in np.array_split(kept, DRIFT_TEST_BLOCKS)]
         mean_std = max(noise, ROUNDING_STD_COUNTS) / math.sqrt(len(kept))
-        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(PLATEAU_BLOCKS)
+        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(DRIFT_TEST_BLOCKS)
         if block_std > CORRELATION_FACTOR * mean_std:
             mean_std = block_std
         return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
 
 
 MAX_NOISE_SHARE = 0.05
-"""Share of the span of the weights."""
+"""Largest noise, as a share of the difference between the heaviest and the lightest weight."""
 UNSTEADY_NOISE_FACTOR = 3.0
-"""Times the noise of the quietest plateau."""
+"""Largest ratio of the noise with one weight to the smallest noise; above it, the weight was probably swinging."""
 MIN_NOISE_SHARE = 1e-3
-"""Share of the span; less noise than this is no reason to refuse."""
+"""Noise below which a weight is never called unsteady, as a share of the range of the weights."""
 MIN_WEIGHT_STEP_DEVIATIONS = 5.0
-"""Standard deviations of one sample by which two neighbouring weights must differ."""
+"""Smallest difference of neighbouring weights, in standard deviations of one sample."""
 MAX_RESIDUAL_SHARE = 0.01
-"""Share of the span; cells are linear to 0.05 %, so this is a wrong weight or a cell that touches something."""
+"""Largest residual of the line, as a share of the range of the weights.
+
+Load cells are linear to 0.05 %, so that a larger residual means a wrong weight, or a cell that touches something.
+"""
 SIGNIFICANT_DEVIATIONS = 5.0
-"""Standard deviations."""
+"""Standard deviations beyond which a difference is significant."""
 
 
 @dataclass(frozen=True)
 class CalibrationFit(Calibration):
-    """A calibration with the measurements that it was made from.
+    """A calibration of a load cell, with the measurements from which it was computed.
 
     Attributes:
-        plateaus: one per weight.
-        residuals: force by the fit minus force of the weight, per plateau [N].
+        plateaus: the measured counts of each weight.
+        residuals: force by the calibration minus force of the weight, for each weight [N].
     """
 
-    plateaus: tuple[Plateau, ...]
+    plateaus: tuple[WeightMeasurement, ...]
     residuals: tuple[float, ...]
 
 
-def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
-    r"""Fit counts = offset + F / scale by weighted least squares to two or more different weights.
+def fit_calibration(plateaus: Sequence[WeightMeasurement], source: str) -> CalibrationFit:
+    r"""Fit the line counts = offset + F / scale to the measurements of two or more weights, by weighted least squares.
 
-    The weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the mean's and the known weight's standard
-    deviations and :math:`b` = 1 / scale (effective variance; Orear, Am. J. Phys. 50, 912, 1982). Where the line fits
-    worse than these say, the standard deviations grow by :math:`\sqrt{\chi^2 / (n - 2)}`.
+    The statistical weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the standard deviations of the mean
+    and of the known weight, and :math:`b` = 1 / scale (effective variance; Orear, Am. J. Phys. 50, 912, 1982). If the
+    residuals are larger than expected, the standard deviations are multiplied by :math:`\sqrt{\chi^2 / (n - 2)}`.
+
+    Args:
+        plateaus: measured counts of each weight.
+        source: how the measurements were made, for the calibration's file.
 
     Raises:
-        TaskFailedError: the counts are no calibration: too noisy, weights that cannot be told apart, or not on a line.
+        TaskFailedError: the counts are too noisy, are equal for different weights, or do not lie on a line.
     """
     _require_order(plateaus)
     force = np.array([plateau.weight.force for plateau in plateaus])
@@ -205,8 +221,8 @@ def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
     )
 
 
-def _require_order(plateaus: Sequence[Plateau]) -> None:
-    """The counts must rise with the weight, or fall with it, by far more than the noise."""
+def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
+    """Check that the counts rise or fall with the weight, by far more than the noise."""
     ordered = sorted(plateaus, key=lambda plateau: plateau.weight.force)
     first, last = ordered[0], ordered[-1]
     span = abs(last.mean - first.mean)
@@ -240,26 +256,33 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
             )
 
 
-SETTLING_SAMPLES = 8
-"""Samples left out after a weight was changed: the HX711's filter takes four to settle (datasheet, "Settling Time")."""
+FILTER_SETTLING_SAMPLES = 8
+"""Number of samples that are dropped after a weight was changed; the HX711's filter needs four (datasheet, "Settling
+Time")."""
 
 
-def calibrate(
+def calibrate_cell(
     cell: LoadCell,
-    weights: Sequence[Weight],
+    weights: Sequence[KnownWeight],
     samples: int,
     source: str,
-    ask: Callable[[Weight], None],
-    progress: Callable[[Weight, int], None],
+    ask: Callable[[KnownWeight], None],
+    progress: Callable[[KnownWeight, int], None],
     wait: Callable[[float], None],
 ) -> CalibrationFit:
-    """Take so many samples at each of the known weights and fit a line; the method is for the file.
+    """Calibrate a load cell with known weights.
 
-    `ask` asks the user to hang a weight, and returns when it hangs still; `progress` is called with the weight and its
-    present number of samples; `wait` waits some seconds.
+    Args:
+        cell: the load cell.
+        weights: the known weights, in the order of the measurement.
+        samples: number of samples per weight.
+        source: how the measurements are made, for the calibration's file.
+        ask: function that asks the user to hang a weight, and returns when the weight is at rest.
+        progress: function that is called with the weight and the number of its samples so far.
+        wait: function that waits for a time [s].
 
     Raises:
-        TaskFailedError: the cell fails, or its counts give no calibration.
+        TaskFailedError: the cell fails, or no line can be fitted to its counts.
     """
     while not cell.status().samples:
         _require_alive(cell)
@@ -269,19 +292,21 @@ def calibrate(
         ask(weight)
         cell.read_counts()  # drop the samples that were received while the weight was changed
         counts: list[int] = []
-        while len(counts) < SETTLING_SAMPLES + samples:
+        while len(counts) < FILTER_SETTLING_SAMPLES + samples:
             counts += [sample.counts for sample in cell.read_counts()]
             _require_alive(cell)
-            progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
+            progress(weight, min(max(len(counts) - FILTER_SETTLING_SAMPLES, 0), samples))
             wait(0.02)
-        plateaus.append(Plateau.of(weight, counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]))
+        plateaus.append(
+            WeightMeasurement.of(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples])
+        )
     return fit_calibration(plateaus, source)
 
 
 def _require_alive(cell: LoadCell) -> None:
     status = cell.status()
-    for fault in (Fault.DISCONNECTED, Fault.SILENT):
+    for fault in (LoadCellFault.DISCONNECTED, LoadCellFault.SILENT):
         if fault in status.active:
-            seen = status.counts[Fault.MALFORMED]
+            seen = status.counts[LoadCellFault.MALFORMED]
             hint = f" ({seen} lines came that are not samples: is the baud rate right?)" if seen else ""
             raise TaskFailedError(f"load cell: {fault.value}{hint}")

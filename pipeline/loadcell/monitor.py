@@ -1,4 +1,4 @@
-"""Statistics of a load cell's samples, as tables for a person and as JSON for a program."""
+"""Statistics of a load cell's samples, shown as tables and written as JSON."""
 
 import math
 from collections import deque
@@ -10,21 +10,22 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.fields import fields, number
-from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
+from pipeline.fields import attributes_as_json, finite_or_none
+from pipeline.loadcell.faults import LoadCellFaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
 LATEST_SECONDS = 1.0
-"""Time over which the moving figures are taken [s]."""
+"""Time over which the latest mean and standard deviation are computed [s]."""
 KEPT_EVENTS = 1000
+"""Largest number of fault events that are stored."""
 
 
-class Monitor:
-    """Collects statistics of samples and events, in constant memory.
+class ForceStatistics:
+    """Collects statistics of a load cell's samples, and its fault events, in constant memory.
 
     Attributes:
-        events: the latest `KEPT_EVENTS` events, oldest first.
+        events: the latest `KEPT_EVENTS` fault events, oldest first.
         samples: number of samples.
         mean: mean of all forces [N].
         minimum: smallest force [N].
@@ -32,14 +33,14 @@ class Monitor:
     """
 
     def __init__(self) -> None:
-        self.events: deque[FaultEvent] = deque(maxlen=KEPT_EVENTS)
+        self.events: deque[LoadCellFaultEvent] = deque(maxlen=KEPT_EVENTS)
         self.samples = 0
         self.mean, self.minimum, self.maximum = math.nan, math.inf, -math.inf
         self._squares = 0.0
         self._latest: deque[ForceSample] = deque()
 
-    def add(self, samples: Iterable[ForceSample], events: Iterable[FaultEvent]) -> None:
-        """Add the samples and events that arrived since the last call."""
+    def add(self, samples: Iterable[ForceSample], events: Iterable[LoadCellFaultEvent]) -> None:
+        """Add samples and fault events that have arrived since the last call."""
         self.events.extend(events)
         for sample in samples:
             self.samples += 1
@@ -54,12 +55,12 @@ class Monitor:
 
     @property
     def std(self) -> float:
-        """Standard deviation of all forces [N]; nan before the second sample."""
+        """Standard deviation of all samples of force [N]; nan before the second sample."""
         return math.sqrt(self._squares / (self.samples - 1)) if self.samples > 1 else math.nan
 
     @property
     def latest(self) -> tuple[float, float, float]:
-        """Latest force, mean and standard deviation over the last `LATEST_SECONDS` [N]; nan without samples."""
+        """Latest force, and mean and standard deviation over the last `LATEST_SECONDS` [N]; nan without samples."""
         forces = [sample.force for sample in self._latest]
         if not forces:
             return math.nan, math.nan, math.nan
@@ -67,7 +68,7 @@ class Monitor:
 
 
 def calibration_table(fit: CalibrationFit) -> RenderableType:
-    """Table of a calibration's plateaus and results for the screen."""
+    """Table of the weights and results of a load cell's calibration, for the screen."""
     # The backslash prevents that a unit in brackets is read as a style.
     table = Table("weight", r"force \[N]", "counts", r"residual \[mN]", r"noise \[counts]", "left out")
     for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
@@ -86,8 +87,8 @@ def calibration_table(fit: CalibrationFit) -> RenderableType:
     return Group(table, Text(summary))
 
 
-def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> RenderableType:
-    """Table of forces and faults for the screen; `start` is the begin of the display [s]."""
+def monitor_table(seen: ForceStatistics, status: LoadCellStatus, start: float) -> RenderableType:
+    """Table of a load cell's forces and faults for the screen; times in it count from `start` [s]."""
     force, mean, std = seen.latest
     table = Table(show_header=False, min_width=60)
     table.add_row("force", f"{force:8.4f} N")
@@ -103,7 +104,7 @@ def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> Render
 
 
 def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
-    """JSON of `armdyn loadcell calibrate`."""
+    """JSON output of the command `loadcell calibrate`; `rate` is the rate of samples [Hz]."""
     return {
         "schema": "armdyn.loadcell_calibration/1",
         **fit.quantities(),
@@ -114,27 +115,27 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
                 "force": plateau.weight.force,
                 "counts": plateau.mean,
                 "counts_std": plateau.mean_std,
-                **fields(plateau, "noise residual= samples outliers", residual=residual),
+                **attributes_as_json(plateau, "noise residual= samples outliers", residual=residual),
             }
             for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True)
         ],
     }
 
 
-def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[str, Any]:
-    """JSON of `armdyn loadcell monitor`; times count from `start` [s]."""
+def monitor_json(seen: ForceStatistics, status: LoadCellStatus, start: float) -> dict[str, Any]:
+    """JSON output of the command `loadcell monitor`; times in it count from `start` [s]."""
     force = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum, "std": seen.std}
     return {
         "schema": "armdyn.loadcell_monitor/1",
-        **fields(status, "reliable connected samples rate"),
-        "force": {"unit": "N", **{name: number(value) for name, value in force.items()}},
+        **attributes_as_json(status, "reliable connected samples rate"),
+        "force": {"unit": "N", **{name: finite_or_none(value) for name, value in force.items()}},
         "active": [fault.name.lower() for fault in status.active],
         "faults": {fault.name.lower(): count for fault, count in status.counts.items()},
         "events": [
             {
                 "time": event.time - start,
                 "fault": event.fault.name.lower(),
-                **fields(event, "began count"),
+                **attributes_as_json(event, "began count"),
                 "sentence": event.fault.value,
             }
             for event in seen.events

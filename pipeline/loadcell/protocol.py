@@ -1,11 +1,11 @@
-r"""The serial line of the load cell: ``HX711 <sequence> <counts> <crc>``, one line per conversion, ended by ``\n``.
+r"""The text protocol of the load cell: one line ``HX711 <sequence> <counts> <crc>`` per sample on a serial port.
 
-- sequence: 0 to 65535, then 0 again; one more for every conversion, so that lost and repeated lines show.
-- counts: what the HX711 gives, a 24-bit signed number.
-- crc: CRC-16/XMODEM of everything before it (without the blank), in hexadecimal. It finds damaged lines that
-  still look like a sample: every burst of up to 16 wrong bits, and all other damage except one case in 65536.
+- sequence: sequence number from 0 to 65535, then 0 again; it shows lost and repeated lines.
+- counts: the output of the HX711, a 24-bit signed number.
+- crc: CRC-16/XMODEM of the text before it, without the blank, in hexadecimal. It detects every burst of up to 16 wrong
+  bits, and all other damage except one case in 65536.
 
-Lines that start with ``#`` are remarks. Both ``\n`` and ``\r\n`` end a line.
+Lines that start with ``#`` are comments. A line ends with ``\n`` or ``\r\n``.
 """
 
 import binascii
@@ -18,68 +18,70 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from armdyn.errors import InputError
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 
 if TYPE_CHECKING:
     import serial
 
 MINIMUM_COUNTS = -0x800000
-"""What the HX711 gives when its input is below its range (datasheet, "Output Data Rate and Format")."""
+"""Output of the HX711 if its input is below its range (datasheet, "Output Data Rate and Format")."""
 MAXIMUM_COUNTS = 0x7FFFFF
-"""What the HX711 gives when its input is above its range."""
+"""Output of the HX711 if its input is above its range."""
 SEQUENCE_MODULUS = 0x10000
+"""Number of different sequence numbers."""
 MAX_LINE_BYTES = 64
-"""Bytes; a sample takes at most 26, a remark should be no longer than this."""
+"""Largest length of a line [bytes]; a sample takes at most 26 bytes."""
 LINE_START = b"HX711 "
+"""First bytes of a line with a sample."""
 
 _LINE = re.compile(rb"(HX711 (\d{1,5}) (-?\d{1,7})) ([0-9A-Fa-f]{1,4})")
 
 
 class CellReading(NamedTuple):
-    """One conversion as the microcontroller sent it."""
+    """One sample from the load cell's microcontroller: its sequence number, and its value in counts."""
 
     sequence: int
     counts: int
 
 
-def encode(reading: CellReading) -> bytes:
-    """The line of one conversion, ended by a line feed."""
+def encode_line(reading: CellReading) -> bytes:
+    """Encode a sample as a line of the protocol, with a line feed at the end."""
     payload = LINE_START + b"%d %d" % reading
-    return payload + b" %04X\n" % checksum(payload)
+    return payload + b" %04X\n" % crc16(payload)
 
 
-def decode(line: bytes) -> CellReading | None:
-    """The conversion in one line without its end; None where it is not exactly one."""
+def decode_line(line: bytes) -> CellReading | None:
+    """Decode a line of the protocol, without its line feed; None if it is not a valid sample."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
     payload, sequence, counts, crc = match.groups()
     reading = CellReading(int(sequence), int(counts))
     in_range = reading.sequence < SEQUENCE_MODULUS and MINIMUM_COUNTS <= reading.counts <= MAXIMUM_COUNTS
-    return reading if in_range and int(crc, 16) == checksum(payload) else None
+    return reading if in_range and int(crc, 16) == crc16(payload) else None
 
 
-def checksum(payload: bytes) -> int:
-    """CRC-16/XMODEM: polynomial 0x1021, initial value 0, nothing reflected; 0x31C3 for ``b"123456789"``."""
+def crc16(payload: bytes) -> int:
+    """CRC-16/XMODEM of bytes: polynomial 0x1021, initial value 0, no reflection; 0x31C3 for ``b"123456789"``."""
     return binascii.crc_hqx(payload, 0)
 
 
 MAX_SEQUENCE_GAP = 1000
-"""Largest gap in the sequence numbers, 10 s at 100 Hz; a larger jump means that the microcontroller restarted."""
+"""Largest number of lost samples, 10 s at 100 Hz; a larger jump of the sequence number is a restart."""
 
 
 @dataclass
-class Decoded:
-    """Content of a piece of the stream: conversions, oldest first, and the number of faults of each kind."""
+class DecodedSamples:
+    """Result of decoding a part of the byte stream: samples, oldest first, and the number of faults of each kind."""
 
     readings: list[CellReading] = field(default_factory=list)
-    faults: Counter[Fault] = field(default_factory=Counter)
+    faults: Counter[LoadCellFault] = field(default_factory=Counter)
 
 
-class Decoder:
-    """Splits the stream into lines, drops what is not a sample, and follows the sequence numbers.
+class LineDecoder:
+    """Decodes the byte stream of a load cell: splits it into lines, and checks checksums and sequence numbers.
 
-    The first line is usually a torn one, because the port was opened in its middle: that is no fault.
+    The first line may be incomplete, because the port was opened in its middle; this is not a fault.
     """
 
     def __init__(self) -> None:
@@ -88,9 +90,9 @@ class Decoder:
         self._too_long = False
         self._sequence: int | None = None
 
-    def feed(self, data: bytes) -> Decoded:
-        """Decode the next piece of the stream."""
-        decoded = Decoded()
+    def feed(self, data: bytes) -> DecodedSamples:
+        """Decode the next bytes of the stream."""
+        decoded = DecodedSamples()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             self._line(line, decoded)
@@ -100,25 +102,25 @@ class Decoder:
             self._rest, self._too_long = self._rest[-MAX_LINE_BYTES:], True
         return decoded
 
-    def _line(self, line: bytes, decoded: Decoded) -> None:
+    def _line(self, line: bytes, decoded: DecodedSamples) -> None:
         line = line.rstrip(b"\r")
         # A sample that follows noise on the same line is still valid, because its checksum is right.
         start = max(line.rfind(LINE_START), 0)
-        reading = decode(line[start:])
+        reading = decode_line(line[start:])
         if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
-            decoded.faults[Fault.MALFORMED] += 1
+            decoded.faults[LoadCellFault.MALFORMED] += 1
         if reading is not None and self._is_new(reading.sequence, decoded.faults):
             decoded.readings.append(reading)
 
-    def _is_new(self, sequence: int, faults: Counter[Fault]) -> bool:
+    def _is_new(self, sequence: int, faults: Counter[LoadCellFault]) -> bool:
         last, self._sequence = self._sequence, sequence
         step = 1 if last is None else (sequence - last) % SEQUENCE_MODULUS
         if step == 0:
-            faults[Fault.REPEATED] += 1
+            faults[LoadCellFault.REPEATED] += 1
         elif step > MAX_SEQUENCE_GAP:
-            faults[Fault.RESTARTED] += 1
+            faults[LoadCellFault.RESTARTED] += 1
         elif step > 1:
-            faults[Fault.DROPPED] += step - 1
+            faults[LoadCellFault.DROPPED] += step - 1
         return step != 0
 
 
@@ -126,16 +128,24 @@ def _is_remark(line: bytes) -> bool:
     return not line or (line.startswith(b"#") and line.isascii() and line.decode("ascii").isprintable())
 
 
-BAUD = 115200
+DEFAULT_BAUD_RATE = 115200
+"""Default baud rate."""
 READ_TIMEOUT_SECONDS = 0.05
-"""How long a read waits for the first byte [s], and so how soon a reader notices that it shall end."""
+"""Longest wait of a read for the first byte [s]."""
 
 
-def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
-    """Open `port` for this program alone; reading waits for `READ_TIMEOUT_SECONDS`, and raises OSError once it is gone.
+def open_port(port: str, baud: int = DEFAULT_BAUD_RATE) -> "serial.Serial":
+    """Open a serial port for this program alone.
+
+    Reading from the port waits at most `READ_TIMEOUT_SECONDS`, and raises OSError after a disconnection.
+
+    Args:
+        port: name of the port, such as ``/dev/ttyUSB0``.
+        baud: baud rate.
 
     Raises:
-        InputError: the port is missing, forbidden, in use, no serial port, or does not support the baud rate.
+        InputError: the port does not exist, is not a serial port, may not be used, is used by another program, or does
+            not support the baud rate.
     """
     import serial
 
@@ -152,7 +162,8 @@ def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
 
 def _reason(port: str, baud: int, error: OSError | ValueError) -> str:
     if isinstance(error, ValueError):
-        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {BAUD}"
+        usual = DEFAULT_BAUD_RATE
+        return f"baud rate {baud} does not exist: use the one of the microcontroller's program, such as {usual}"
     number = error.errno
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return f"there is no such port: {_present()}"

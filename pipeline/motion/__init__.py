@@ -1,13 +1,13 @@
-"""Motion along the line: smoothing, the finish over the box, and checks of every motion's feasibility.
+"""Motions of the tool along the robot's line: planning, smoothing and checking against the limits.
 
-Everything here works on the line coordinate ``s`` [m] of the tool (+ = the robot's left), so that no motion can leave
-the line, and reaches the joints through the table of `ik`.
+The motions are functions of the line coordinate ``s`` [m] of the tool (positive to the robot's left), so that no motion
+can leave the line. An IK table of the package `ik` converts them to joint positions.
 """
 
 from pipeline.motion.finish import finish_over_box
-from pipeline.motion.gate import Gate, LineGate
+from pipeline.motion.gate import CommandGate, LineGate
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 
-__all__ = ["Gate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]
+__all__ = ["CommandGate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]

@@ -1,4 +1,4 @@
-"""Design of an arm's motion that determines chosen effects well, within all limits and free of collisions."""
+"""Design an arm's motion that determines the parameters of chosen effects, within all limits, without collisions."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -28,16 +28,21 @@ from pipeline.motion.feasibility.clearance import MIN_CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
-AMPLE_CLEARANCE = 0.1
-"""m; links that are so much further apart than asked for are far from touching."""
+CLEARANCE_UNIT = 0.1
+"""Unit of the margin in the optimisation: an additional distance of links that is ample [m]."""
 DESIGN_CLEARANCE_FACTOR = 1.5
-"""Times what the check asks for: a motion is designed on a grid, and checked in between."""
+"""Distance of links in the design over that in the check, because the design uses fewer instants."""
 CACHED_POSTURES = 5000
-"""Postures whose distances are kept: a motion is looked at twice, and meshes take milliseconds each time."""
+"""Number of postures whose distances are stored, because a posture is evaluated twice and takes milliseconds."""
 
 
-class FreePostures:
-    """The postures that the feasibility check allows with a required distance between links [m], for a search."""
+class CollisionFreePostures:
+    """Tells for a robot's postures whether they are free of collisions, and their distance from a collision.
+
+    Attributes:
+        robot: the robot.
+        clearance: required distance between links [m].
+    """
 
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
         self.robot, self.clearance = robot, clearance
@@ -47,32 +52,33 @@ class FreePostures:
         )
 
     def free(self, q: Array) -> bool:
-        """Whether no links touch in a posture; always True where the URDF's meshes are missing."""
+        """Whether a posture q (n,) [rad or m] has no collision; always True if the URDF's meshes are missing."""
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond the required clearance, in units of `AMPLE_CLEARANCE`."""
+        """Distance between links beyond the required one at a posture q (n,), in units of `CLEARANCE_UNIT`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / AMPLE_CLEARANCE
+        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / CLEARANCE_UNIT
 
 
 MAX_REPAIRS = 4
-"""How often a motion that breaks a limit between the instants of its design is designed again with less room."""
+"""Largest number of times that a motion which violates a limit is designed again with narrower limits."""
 REPAIR_SHARE = 0.99
-"""Share of the room that is kept beyond what a violation asks for."""
+"""Factor by which a limit is narrowed in addition to the excess of a violation."""
 REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
-"""Sizes that are tried at last."""
+"""Factors on the amplitude of a motion that are tried when designing it again has failed."""
 
 
 @dataclass(frozen=True, eq=False)
-class Expectation:
-    """Expected results from a recording of a motion.
+class ExpectedResults:
+    """What a recording of a motion is expected to determine.
 
     Attributes:
-        coefficients: (nj, size) of the motion's series [rad or m].
-        std: (W,) standard deviations of the wanted unknowns, in their units.
-        separations: by hidden case of the goal, the smallest rise of chi2 after the rival is refitted.
+        coefficients: coefficients of the motion's series for nj joints, (nj, size) [rad or m].
+        std: standard deviations of the W wanted parameters, in their units, (W,).
+        separations: for each case of two rival effects (one of them present, on one joint), the increase of chi-square
+            when the other effect is fitted in its place.
     """
 
     coefficients: Array
@@ -82,27 +88,27 @@ class Expectation:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A designed motion, with the expected results of it and of other motions.
+    """A designed motion, with what it and other motions are expected to determine.
 
     Attributes:
-        goal: which unknowns are wanted, or which effects are to be distinguished.
+        goal: the parameters to determine, or the effects to distinguish.
         series: basis functions that generate motions from coefficients.
-        trajectory: sampled at the goal's rate.
+        trajectory: the motion, sampled at the goal's rate.
         check: report on the motion's feasibility.
-        expected: expected results of the motion.
-        random: expected results of the best of some random motions; None where there was none.
-        conditioned: expected results of the motion with the least condition number; None where it was not requested.
+        expected: what the motion is expected to determine.
+        random: what the best of the random motions is expected to determine; None without random motions.
+        conditioned: the same for the motion with the smallest condition number; None if it was not computed.
         tried: number of random motions.
-        torque: (n, nj) of the motors along the trajectory [N m or N].
+        torque: torques of the motors along the trajectory, (n, nj) [N m or N].
     """
 
     goal: MotionGoal
     series: FourierSeries
     trajectory: JointTrajectory
     check: FeasibilityReport
-    expected: Expectation
-    random: Expectation | None
-    conditioned: Expectation | None
+    expected: ExpectedResults
+    random: ExpectedResults | None
+    conditioned: ExpectedResults | None
     tried: int
     torque: Array
 
@@ -111,7 +117,7 @@ class Excitation:
 
     @property
     def motion(self) -> Run:
-        """The motion as a run, with q, v and a of every joint: write it with `write_run_csv`, play it, record it."""
+        """The motion as a run with position q, velocity v and acceleration a of every joint."""
         motion, units = self.trajectory, ["m" if slides else "rad" for slides in self.goal.columns.arm.slides]
         channels = {
             f"{kind}.{joint}": Channel(motion.time, column, unit + per)
@@ -122,17 +128,17 @@ class Excitation:
 
     @property
     def energy(self) -> float:
-        """Mechanical work of all motors, braking counted like driving [J]."""
+        """Mechanical work of all motors during the motion, with braking counted as positive [J]."""
         power = np.abs(self.torque * self.trajectory.v).sum(axis=1)
         return float(np.trapezoid(power, self.trajectory.time))
 
 
 SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
-"""Joints that are led one by one race for no tool."""
+"""Settings of the check for motions of single joints: singular postures are allowed."""
 
 
 @one_thread
-def excitation(
+def design_excitation(
     goal: MotionGoal,
     seconds: float,
     *,
@@ -141,16 +147,21 @@ def excitation(
     seed: int = 0,
     say: ReportProgress = lambda _: None,
 ) -> Excitation:
-    """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
+    """Design a motion that determines parameters, or distinguishes effects, as well as possible.
 
-    It begins with so many random motions, and is compared with the best of them and, with `compare`, with the motion of
-    the least condition number. `say` reports the progress.
+    Args:
+        goal: the parameters to determine, or the effects to distinguish.
+        seconds: duration of the motion [s].
+        random: number of random motions from which the design starts.
+        compare: whether to compute also the motion with the smallest condition number, for comparison.
+        seed: seed of the random motions.
+        say: function that is called with a sentence about the progress.
 
     Raises:
         TaskFailedError: no feasible motion was found.
     """
     robot = goal.columns.arm.robot
-    postures = FreePostures(robot, MIN_CLEARANCE)
+    postures = CollisionFreePostures(robot, MIN_CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of_robot(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
@@ -170,31 +181,31 @@ def excitation(
             rival, starts, [goal.condition_number_criterion(information)[0] for information in informations], say
         )
         inside = shrink_within_limits(rival, other, COMPARED_EXCESS)
-        conditioned = expectation(problem, goal, other if inside is None else inside)
+        conditioned = expected_results(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
         series=problem.series,
         trajectory=trajectory,
         check=check,
-        expected=expectation(problem, goal, x),
-        random=expectation(problem, goal, best),
+        expected=expected_results(problem, goal, x),
+        random=expected_results(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
         torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
-def expectation(problem: ArmProblem, goal: MotionGoal, x: Array) -> Expectation:
-    """Expected results from a recording of the motion with (nj, size) coefficients."""
+def expected_results(problem: ArmProblem, goal: MotionGoal, x: Array) -> ExpectedResults:
+    """Compute what a recording of a motion, given by its coefficients x (nj, size), is expected to determine."""
     information, prior = problem.information(x), goal.columns.prior
     K = posterior_covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.separations)
-    return Expectation(x, std, separations)
+    return ExpectedResults(x, std, separations)
 
 
-def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
-    """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
+def sample_motion(problem: ArmProblem, x: Array) -> JointTrajectory:
+    """Sample a motion, given by its coefficients x (nj, size), at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
     motion = problem.series.basis_at(time).motion(x)
@@ -204,16 +215,13 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
 def _feasible(
     problem: ArmProblem, x: Array, best: Array, say: ReportProgress
 ) -> tuple[Array, JointTrajectory, FeasibilityReport]:
-    """The motion if the check passes, otherwise one designed again for narrower limits.
+    """Make a motion feasible: design it again with narrower limits where the check finds violations.
 
-    Where that motion breaks a limit too, it or the `best` random motion is scaled down, whichever determines more.
-
-    Raises:
-        TaskFailedError: even the smaller motion breaks a limit.
+    If this fails, this motion or the `best` random one is scaled down, whichever determines more.
     """
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
-        trajectory = sampled(problem, x)
+        trajectory = sample_motion(problem, x)
         return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK)
 
     say("checking the motion on the whole arm")
@@ -242,9 +250,9 @@ def _feasible(
 
 
 def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem:
-    """A design with narrower limits where a check found a violation."""
+    """The problem with narrower limits where the check found a violation."""
     joints, postures = problem.columns.arm.joints, problem.postures
-    assert isinstance(postures, FreePostures)
+    assert isinstance(postures, CollisionFreePostures)
     for margin in check.margins:
         if margin.margin >= 0.0:
             continue
@@ -252,5 +260,5 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
             limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
-            postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
+            postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
     return replace(problem, postures=postures)

@@ -1,4 +1,4 @@
-"""Fit a designed motion to the arm: on the line, within the limits, with the load clear of box and arm."""
+"""Scale a designed motion of the gripper so that the arm can make it and the load touches neither box nor arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,19 +20,19 @@ from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineTrajectory
 
 AMPLITUDE_FACTORS = tuple(sign * size for size in (1.0, 0.9, 0.8, 0.65, 0.5) for sign in (1.0, -1.0))
-"""Of the motion, tried in this order: its mirror image tells as much, and swings to the other side."""
+"""Factors on the motion's amplitude, in the order in which they are tried; a negative one mirrors the motion."""
 BOX_CLEARANCE = 0.03
-"""m that the load keeps from the box beside its own radius."""
+"""Smallest distance between the load's surface and the box [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibleMotion:
-    """A gripper motion that the arm can make.
+    """A motion of the gripper that the arm can make.
 
     Attributes:
         motion: motion of the gripper.
         trajectory: the motion along the arm's line.
-        factor: factor on the designed motion's amplitude.
+        factor: factor on the amplitude of the designed motion; negative for its mirror image.
     """
 
     motion: GripperPath
@@ -40,17 +40,25 @@ class FeasibleMotion:
     factor: float
 
 
-def fit_to_arm(
+def fit_motion_to_arm(
     motion: GripperPath,
     hypotheses: Sequence[Hypothesis],
     robot: urdf.Robot,
     table: LineTable,
     load_radius: float,
 ) -> FeasibleMotion | None:
-    """The motion, its mirror image or a smaller copy that the arm can make; None where none is large enough.
+    """Find a feasible motion: the designed one, its mirror image, or a smaller copy of one of them.
 
-    The load stays clear of the box by all models that predict the swing, and clear of the arm by the first, which is
-    the most probable. Its radius is in m.
+    Args:
+        motion: the designed motion of the gripper.
+        hypotheses: models that predict the swing, the most probable first; the load must stay away from the box by all
+            of them, and away from the arm by the first.
+        robot: the arm.
+        table: IK table of the line.
+        load_radius: radius of the load [m].
+
+    Returns:
+        The feasible motion; None if none of sufficient size exists.
     """
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
@@ -69,15 +77,22 @@ def fit_to_arm(
 
 
 def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[ExperimentPlan, FeasibleMotion | None]:
-    """The plan with a motion that Baxter can make, or without one; expected results are computed again after a change.
+    """Replace the motion in a plan by one that Baxter can make, or remove it if there is none.
 
-    The radius of the load is in m.
+    The expected results of the plan are computed again if the motion was changed.
+
+    Args:
+        plan: the planned experiments.
+        load_radius: radius of the load [m].
+
+    Returns:
+        The plan, and the feasible motion; None without one.
     """
     moving = plan.motion
     if moving is None or moving.experiment.motion is None or moving.expected.probability <= MIN_RIGHT_PROBABILITY:
         return plan, None
     arm = urdf.load("baxter")
-    found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
+    found = fit_motion_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
     rest = tuple(p for p in plan.proposals if p is not moving)
     if found is None:
         return replace(plan, proposals=rest), None
@@ -87,7 +102,7 @@ def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[Expe
 
 
 def write_motion(motion: GripperPath, file: Path) -> None:
-    """Write a motion along the line to a file for `armdyn check` and `armdyn trial --motion`."""
+    """Write a motion along the line to a CSV file, for the commands `check` and `trial --motion`."""
     columns = zip(("s", "v", "a"), motion.motion_along_line, ("m", "m/s", "m/s^2"), strict=True)
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
@@ -100,7 +115,7 @@ def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> Planne
 
 
 def _clear_of(box: Box, motion: GripperPath, swing: PlannedSwing) -> bool:
-    """Whether the load stays away from the box's near wall, or above its rim."""
+    """Whether the load always stays before the near wall of the box, or above its rim."""
     x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)
     room = swing.radius + BOX_CLEARANCE

@@ -1,4 +1,4 @@
-"""Fast moves of the gripper from a moving state to rest, among them the finish over the box."""
+"""Plan fast motions of the gripper from a moving state to rest, such as the last motion over the box."""
 
 from collections.abc import Callable
 
@@ -8,32 +8,38 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
+from pipeline.motion.ride import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
 FINISH_ACCELERATION = 8.0
-"""Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
+"""Largest acceleration of the last motion over the box [m/s^2]; with 5 m/s^2 the load swings back before its end."""
 FINISH_SPEED_SHARE = 0.70
-"""Share of the speed limit that the finish uses [1]."""
+"""Largest speed of the last motion over the box, as a share of the speed limit."""
 MIN_SPEED_SHARE = 0.02
-"""Share of the highest speed below which the search for a slower move ends [1]."""
+"""Share of the highest speed at which the search for a slower motion ends."""
 MEETING_SPACING = 5e-3
-"""Spacing of the positions at which the speed limit may be met or left [m]."""
+"""Distance between the positions at which a motion may reach or leave the speed limit [m]."""
 
-Pieces = list[tuple[float, Callable[[float], LineState]]]
-"""Parts of a move, one after the other: how long each takes [s], and its state at a time of its own [s]."""
+MotionPieces = list[tuple[float, Callable[[float], LineState]]]
+"""Successive parts of a motion: the duration of each [s], and a function from the time since its begin [s] to state."""
 
 
 def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
-    """Bring the gripper from the state at the end of the swing to rest over the box, at `s_end` [m].
+    """Plan the gripper's motion from its state at the end of the swing to rest over the box.
+
+    Args:
+        start: state of the gripper at the end of the swing.
+        s_end: position over the box [m].
+        limits: limits along the line.
+        dt: time between samples [s].
 
     Returns:
-        The move from time 0, sampled every `dt` [s]; its last sample is at rest at `s_end`.
+        The motion, from time 0; its last sample is at rest at `s_end`.
 
     Raises:
-        InputError: if the end is not on the line.
-        TaskFailedError: if no such move exists within the limits.
+        InputError: the end is not on the line.
+        TaskFailedError: no such motion exists within the limits.
     """
     reduced = limits.scaled(FINISH_SPEED_SHARE, 1.0, FINISH_ACCELERATION)
     # Where the swing ends faster than the finish may go, braking needs the whole limit.
@@ -42,18 +48,24 @@ def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: floa
 
 
 def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
-    """Fast move from a moving state to rest at `s_end` [m], under a speed limit that depends on the place.
+    """Plan a fast motion from a moving state to rest, under a speed limit that depends on the position.
 
-    Where the fastest move at constant limits does not fit under the speed limit, three parts are joined: ruckig up to
-    the limit, meeting it with its own slope; along the limit; ruckig down to rest. Where there is no such stretch, one
-    ruckig move at the highest constant speed that fits.
+    If the fastest motion with constant limits exceeds the speed limit somewhere, the motion has three parts: Ruckig
+    plans a motion to the speed limit, the gripper follows the limit, and Ruckig plans a motion to rest. If this is
+    impossible, Ruckig plans one motion with the highest constant speed within the limits.
+
+    Args:
+        start: first state.
+        s_end: last position [m].
+        limits: limits along the line.
+        dt: time between samples [s].
 
     Returns:
-        The move from time 0, sampled every `dt` [s]; its last sample is at rest at `s_end`.
+        The motion, from time 0; its last sample is at rest at `s_end`.
 
     Raises:
-        InputError: if the end is not a position on the line.
-        TaskFailedError: if no such move exists within the limits.
+        InputError: the end is not on the line.
+        TaskFailedError: no such motion exists within the limits.
     """
     if not limits.s_min <= s_end <= limits.s_max:
         raise InputError(
@@ -76,8 +88,8 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
     return LineTrajectory(np.linspace(0.0, count * dt, count + 1), s, v, a)
 
 
-def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
-    """The move with the shortest duration of those within the limits; empty where there is none."""
+def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
+    """The motion within the limits with the shortest duration; empty without one."""
     acceleration = _acceleration(planner, start, target)
     direct = planner.to_state(start, target, acceleration=acceleration)
     if direct is not None and direct.respects(planner.limits):
@@ -86,10 +98,10 @@ def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Piece
     return min(filter(None, moves), key=lambda pieces: sum(duration for duration, _ in pieces), default=[])
 
 
-def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
-    """Move up to the speed limit, along it and down to rest; empty where the limit is not met or cannot be followed."""
+def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
+    """Motion to the speed limit, along the limit, and to rest; empty if there is none."""
     limits, direction = planner.limits, 1.0 if target.s > start.s else -1.0
-    curve = RideCurve(limits)
+    curve = SpeedLimitCurve(limits)
     stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
     stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
     skip = max(int(MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)
@@ -98,7 +110,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces
         return []
 
     def best(begins: list[LineState], ends: list[LineState], riding: Array) -> tuple[int, JerkProfile | None]:
-        """Place on the limit for which the whole move is the fastest, and the motion to or from this place."""
+        """Index of the position on the limit for which the whole motion is fastest, and the motion to or from it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             motion = planner.to_state(begin, end, acceleration=_acceleration(planner, begin, end))
@@ -122,15 +134,15 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces
 
 
 def _acceleration(planner: LinePlanner, begin: LineState, end: LineState) -> float:
-    """Smallest acceleration limit on the way; a move that starts away from its end includes the stopping distance."""
+    """Smallest acceleration limit between two states, the stopping distance of the first included."""
     stop = planner.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
     return planner.limits.lowest_acceleration(min(reached), max(reached))
 
 
-def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> Pieces:
-    """The move at the highest constant speed within the limits, by bisection; empty where there is none."""
-    best: Pieces = []
+def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> MotionPieces:
+    """The motion with the highest constant speed limit within the limits, by bisection; empty without one."""
+    best: MotionPieces = []
     fits, fails = 0.0, planner.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)

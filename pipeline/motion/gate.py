@@ -1,4 +1,4 @@
-"""Safety gates: every command to real or simulated joints, and every reference on the line, passes one."""
+"""Safety gates: they check every command to the joints, and every reference on the line, and refuse unsafe ones."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
     from ik import LineTable
     from pipeline.robot.protocol import JointState
 
-PERIOD = 0.01
-"""Control cycle: time between two commands, and step of the planner [s]."""
+CONTROL_PERIOD_SECONDS = 0.01
+"""Duration of a control cycle, the time between two commands [s]."""
 MAX_STATE_AGE_SECONDS = 0.05
-"""Oldest joint state with which a command may be sent [s]."""
+"""Largest age of the newest joint state at which a command may be sent [s]."""
 STREAM_GAP_SECONDS = 0.05
-"""Silence after which a stream of commands is a new one [s]."""
+"""Pause after which further commands are a new stream [s]."""
 MIN_COMMAND_SPACING_SECONDS = 1e-6
-"""Least time that is taken to lie between two commands [s]: a clock may show the same twice."""
+"""Smallest assumed time between two commands [s], because a clock may show the same time twice."""
 MAX_STREAM_START_OFFSET = 1e-6
-"""How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
+"""Largest distance of a stream's first command from the arm's position [rad]; it allows for rounding only."""
 LIMIT_TOLERANCE_SHARE = 1e-3
-"""Share by which a limit may be exceeded, for rounding and for tables between nodes."""
+"""Share by which a limit may be exceeded, because of rounding and interpolation."""
 MAX_TRACKING_ERROR = 0.2
-"""Farthest that a joint may be from its command [rad]: Baxter's own server stops there."""
+"""Largest distance of a joint from its command [rad]; Baxter's own controller stops there too."""
 REST_SPEED = 1e-3
-"""Commanded speed below which a stream is at rest [rad/s]."""
+"""Commanded speed below which a joint counts as at rest [rad/s]."""
 
 
 class RefusalReason(Enum):
-    """Reason why a command was not sent; the value is the sentence for a person, with advice."""
+    """Reason why a gate refused a command or a reference; the value is a sentence with advice."""
 
     NOT_A_NUMBER = "a command holds a NaN or an infinity, it is not finite: look at the node that made it"
     WRONG_NUMBER = "a command has the wrong number of joints: look at the node that made it"
@@ -58,27 +58,41 @@ class RefusalReason(Enum):
 
 @dataclass(frozen=True)
 class Refusal:
-    """A refused command: the reason, the joint, and by how much it exceeded the limit."""
+    """Refusal of a command or a reference by a gate.
+
+    Attributes:
+        why: the reason.
+        detail: the joint, its value and the limit, as a text; may be empty.
+    """
 
     why: RefusalReason
     detail: str = ""
 
     @property
     def sentence(self) -> str:
-        """The refusal as a sentence for a person."""
+        """The reason and the detail as a sentence."""
         return f"{self.why.value}{f' ({self.detail})' if self.detail else ''}"
 
 
-class Gate:
-    """Judges one command alone: its form, the joints' limits, and whether the arm is near the commanded position."""
+class CommandGate:
+    """Checks a single command to the joints against the joint limits and the measured position.
+
+    Args:
+        names: names of the joints.
+        limits: limits of the joints.
+    """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         self._names, self._limits = names, limits
 
     def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
-        """The first limit that a command violates; None where the command may be sent.
+        """Check a command; returns the first violation, or None if the command may be sent.
 
-        Positions, velocities, accelerations and, where they are watched, measured positions are (n,) [rad, s].
+        Args:
+            q: commanded positions, (n,) [rad].
+            v: commanded velocities, (n,) [rad/s].
+            a: commanded accelerations, (n,) [rad/s^2].
+            measured: measured positions, from which the command may not be far, (n,) [rad]; None to skip this check.
         """
         refusal = self._form(q, v, a) or self._beyond(q, v, a)
         return refusal if refusal is not None or measured is None else self._follows(q, measured)
@@ -104,7 +118,7 @@ class Gate:
         )
 
     def _most(self, why: RefusalReason, value: Array, bound: Array | float, unit: str) -> Refusal | None:
-        """A refusal where a value exceeds its bound or is nan; it names the joint with the largest excess."""
+        """Refusal if a value exceeds its bound or is nan, for the joint with the largest excess; None otherwise."""
         if np.all(value <= bound):
             return None
         joint = int(np.argmax(value / bound))
@@ -114,25 +128,29 @@ class Gate:
 
 @dataclass(frozen=True)
 class LineGate:
-    """Judges the next reference on the line, by the limits along the line and by the gate of the joints.
+    """Checks references on the line against the limits along the line and against the limits of the joints.
+
+    A reference is the state that the tool should have at the end of a control cycle.
 
     Attributes:
-        limits: along the line.
-        table: maps the line to joint positions.
+        limits: limits along the line.
+        table: IK table of the line.
         joints: gate of the joints.
     """
 
     limits: LineLimits
     table: LineTable
-    joints: Gate
+    joints: CommandGate
 
     def check(
         self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
     ) -> Refusal | None:
-        """The first limit that a reference violates; None where the reference may be sent.
+        """Check a reference; returns the first violation, or None if the reference may be sent.
 
-        It must continue the reference of the cycle before, if there was one, and be near the measured joint positions
-        (n,) [rad], where they are watched.
+        Args:
+            reference: the reference.
+            previous: reference of the cycle before, which it must continue smoothly; None for the first one.
+            measured: measured joint positions, from which it may not be far, (n,) [rad]; None to skip this check.
         """
         if not reference.is_finite:
             return Refusal(RefusalReason.NOT_A_NUMBER)
@@ -151,8 +169,8 @@ class LineGate:
         return self.joints.check(*self.table.joint_motion(s, v, a), measured)
 
     def _follows(self, reference: LineState, previous: LineState) -> bool:
-        """Whether two references belong to one motion whose jerk is bounded."""
-        h, jerk = PERIOD, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
+        """Whether a motion with bounded jerk leads from one reference to the next in a cycle."""
+        h, jerk = CONTROL_PERIOD_SECONDS, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
         s, v, a = (now - before for now, before in zip(reference, previous, strict=True))
         # Bounds on the change in one cycle of bounded jerk, from the Taylor series at its beginning.
         return (
@@ -162,42 +180,51 @@ class LineGate:
         )
 
 
-class StreamGate(Gate):
-    """Judges the next command of a stream against the commands before it and the arm's present position.
+class StreamGate(CommandGate):
+    """Checks each command of a stream against the commands before it and the arm's measured position.
 
-    The arm receives a sequence of positions, so positions are judged: their first, second and third divided differences
-    are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as
-    feed-forward are held against the same limits. A command that comes early is judged by the time since the one
-    before; one that comes late is judged as if it came after one cycle, since it was made for that time.
+    The arm follows a sequence of positions. The first, second and third divided differences of the positions are the
+    velocity, acceleration and jerk that are checked; velocities and accelerations that are sent as feed-forward are
+    checked too. A command that comes early is checked with the true time since the last one. A command that comes late
+    is checked with the duration of a cycle, for which it was computed.
+
+    Args:
+        names: names of the joints.
+        limits: limits of the joints.
     """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         super().__init__(names, limits)
         self._last: list[Array] = []
-        self._spacings = [PERIOD] * 3
+        self._spacings = [CONTROL_PERIOD_SECONDS] * 3
         self._sent = -np.inf
 
     @property
     def at_rest(self) -> bool:
-        """Whether the stream is at rest: its last two commands were the same posture."""
+        """Whether the last two commands of the stream were the same position."""
         return len(self._last) < 2 or bool(
             np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * self._spacings[-1])
         )
 
     def begins(self, now: float) -> bool:
-        """Whether a command at a time `now` [s] begins a new stream, from rest."""
+        """Whether a command at the time `now` [s] begins a new stream, because there was none before or a pause."""
         return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
 
     def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Refusal of a command (n,) [rad, s]; None where it may be sent, and the command then counts as sent.
+        """Check the next command; returns a refusal, or None if it may be sent; then it counts as sent.
 
-        It needs the newest reading of the joints and the present time on its clock [s].
+        Args:
+            q: commanded positions, (n,) [rad].
+            v: commanded velocities, (n,) [rad/s].
+            a: commanded accelerations, (n,) [rad/s^2].
+            state: newest measured state of the joints; None if there is none.
+            now: present time on the clock of the measured states [s].
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
         spacings = (
-            [*self._spacings[-2:], min(max(now - self._sent, MIN_COMMAND_SPACING_SECONDS), PERIOD)]
+            [*self._spacings[-2:], min(max(now - self._sent, MIN_COMMAND_SPACING_SECONDS), CONTROL_PERIOD_SECONDS)]
             if self._last
-            else [PERIOD] * 3
+            else [CONTROL_PERIOD_SECONDS] * 3
         )
         refusal = refusal or self._continued(q, v, a, np.array(spacings))
         if refusal is None:
@@ -206,7 +233,7 @@ class StreamGate(Gate):
         return refusal
 
     def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Refusal where the arm's position is unknown or too far from the commanded one; None otherwise."""
+        """Refusal if the arm's position is unknown or too far from the commanded one; None otherwise."""
         if state is None:
             return Refusal(RefusalReason.NO_STATE)
         age = now - state.time
@@ -215,7 +242,7 @@ class StreamGate(Gate):
         return self._follows(q, state.q)
 
     def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Refusal of a stream that does not begin at rest at the arm's position, or that goes on after a pause."""
+        """Refusal if a stream does not begin at rest at the arm's position, or continues after a pause."""
         if not self.begins(now):
             late = now - self._sent
             return None if late <= STREAM_GAP_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
@@ -225,7 +252,7 @@ class StreamGate(Gate):
         return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
-        """Refusal where the differences of positions, or the feed-forward values, exceed a limit; None otherwise."""
+        """Refusal if differences of positions, or feed-forward values, exceed a limit; None otherwise."""
         path = np.array([*self._last[-3:], q]) if self._last else np.array([q] * 4)
         velocities = np.diff(path, axis=0) / spacings[:, None]
         accelerations = np.diff(velocities, axis=0) / (0.5 * (spacings[1:] + spacings[:-1]))[:, None]
@@ -236,7 +263,7 @@ class StreamGate(Gate):
         refusal = refusal or self._most(
             RefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
         )
-        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * PERIOD
+        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * CONTROL_PERIOD_SECONDS
         if refusal is None or not early:
             return refusal
         return replace(refusal, detail=f"{refusal.detail}, {1e3 * spacings[-1]:.3g} ms after the command before")

@@ -1,4 +1,4 @@
-"""Limits along the line: largest speed and acceleration of the tool at each place."""
+"""Limits of the tool's motion along the line: largest speed and acceleration at each position, and jerk."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.motion.trajectory import LineState
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
 
 
 LINE_JERK = 200.0
-"""Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
+"""Largest jerk along the line [m/s^3]; with less, the smoother cannot follow the motions of SAC to 0.4 mm."""
 TORQUE_SPEED_SHARES = np.linspace(-1.0, 1.0, 17)
-"""Of the largest speed, at which torques are asked; they are parabolas of it, and pass the limit by 3e-4 in between."""
+"""Speeds at which torques are computed, as shares of the largest speed; between them the limit is exceeded by 3e-4."""
 PLANNED_LIMIT_SHARE = 0.999
-"""Share of the limits that planned motions use, so that they also hold between the checked instants."""
+"""Share of the limits that planned motions use, so that the limits are also kept between the checked instants."""
 LIMIT_ROUNDING = 1e-10
-"""What a planned motion may exceed a limit by [SI units]."""
+"""Amount by which a planned motion may exceed a limit because of rounding [m, m/s, m/s^2]."""
 
 
 @dataclass(frozen=True)
 class LineLimits:
-    """Limits along the line: the range, and speed and acceleration that depend on the place, linear between nodes.
+    """Limits of the tool's motion along the line; limits of speed and acceleration are linear between nodes.
 
     Attributes:
-        s: nodes (n,), increasing, the ends being the ends of the line [m].
-        speed: largest speed at each node (n,) [m/s].
-        acceleration: largest acceleration at each node (n,) [m/s^2].
-        jerk: largest jerk, everywhere [m/s^3].
+        s: positions of the nodes, increasing from one end of the line to the other, (n,) [m].
+        speed: largest speed at each node, (n,) [m/s].
+        acceleration: largest acceleration at each node, (n,) [m/s^2].
+        jerk: largest jerk, at every position [m/s^3].
         s_min: lower end of the line [m].
         s_max: upper end of the line [m].
         slowest: smallest speed limit of the line [m/s].
@@ -57,7 +57,7 @@ class LineLimits:
     strongest: float = field(init=False)
 
     def __post_init__(self) -> None:
-        freeze(self, "s", "speed", "acceleration")
+        freeze_arrays(self, "s", "speed", "acceleration")
         for values, least, largest in (
             (self.s, "s_min", "s_max"),
             (self.speed, "slowest", "fastest"),
@@ -68,10 +68,12 @@ class LineLimits:
 
     @classmethod
     def from_table(cls, table: PathTable, torque: JointTorque | None = None) -> LineLimits:
-        """Limits along the path of a table, which contains the limits due to the joints.
+        """Compute the limits along the path of an IK table from the limits of the joints.
 
-        With the torque of the arm and its load, accelerations also respect the motors' limits at every allowed speed.
-        Where the motors cannot hold the arm, the check of a motion reports it.
+        Args:
+            table: IK table of the path.
+            torque: torque of the arm with its load; if given, accelerations are also within the motors' torque limits
+                at every allowed speed. Positions at which the motors cannot hold the arm are ignored here.
         """
         acceleration = table.acceleration_limit
         if torque is not None:
@@ -79,25 +81,38 @@ class LineLimits:
         return cls(table.s, table.speed_limit, acceleration)
 
     def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
-        """Limits with shares [1] of this line's speed and acceleration, and no acceleration above a bound [m/s^2]."""
+        """Reduced limits.
+
+        Args:
+            speed: factor on the speed limits.
+            acceleration: factor on the acceleration limits.
+            strongest: upper bound of the acceleration limits [m/s^2].
+        """
         return replace(
             self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, strongest)
         )
 
     def tight(self) -> LineLimits:
-        """The limits multiplied by `PLANNED_LIMIT_SHARE`, so that rounding cannot exceed them."""
+        """Limits of speed and acceleration multiplied by `PLANNED_LIMIT_SHARE`, for planning."""
         return self.scaled(PLANNED_LIMIT_SHARE, PLANNED_LIMIT_SHARE)
 
     def speed_at(self, s: ArrayLike) -> Array:
-        """Largest speed at `s` [m/s]; beyond the ends, that of the end."""
+        """Largest speed at positions s [m]: [m/s], with the shape of s; beyond an end of the line, that of the end."""
         return np.interp(np.asarray(s, dtype=float), self.s, self.speed)
 
     def acceleration_at(self, s: ArrayLike) -> Array:
-        """Largest acceleration at `s` [m/s^2]; beyond the ends, that of the end."""
+        """Largest acceleration at positions s [m]: [m/s^2], with the shape of s; beyond an end, that of the end."""
         return np.interp(np.asarray(s, dtype=float), self.s, self.acceleration)
 
     def respected_by(self, s: Array, v: Array, a: Array, tolerance: float = 0.0) -> bool:
-        """Whether samples (n,) each [m, m/s, m/s^2] are on the line and within its speed and acceleration."""
+        """Whether samples of a motion are on the line and within its limits of speed and acceleration.
+
+        Args:
+            s: positions, (n,) [m].
+            v: speeds, (n,) [m/s].
+            a: accelerations, (n,) [m/s^2].
+            tolerance: allowed excess [m, m/s, m/s^2].
+        """
         return bool(
             s.min() >= self.s_min - tolerance
             and s.max() <= self.s_max + tolerance
@@ -106,7 +121,7 @@ class LineLimits:
         )
 
     def allow(self, state: LineState) -> bool:
-        """Whether one state is within the limits, up to rounding; five times faster than `respected_by`."""
+        """Whether one state is within the limits, except for rounding; five times faster than `respected_by`."""
         s, v, a = state
         return (
             self.s_min - LIMIT_ROUNDING <= s <= self.s_max + LIMIT_ROUNDING
@@ -115,16 +130,16 @@ class LineLimits:
         )
 
     def lowest_speed(self, lower: float, upper: float) -> float:
-        """Smallest speed limit anywhere in [lower, upper] [m/s]."""
+        """Smallest speed limit between two positions [m], in m/s."""
         return self._lowest(self._lists[1], lower, upper)
 
     def lowest_acceleration(self, lower: float, upper: float) -> float:
-        """Smallest acceleration limit anywhere in [lower, upper] [m/s^2]."""
+        """Smallest acceleration limit between two positions [m], in m/s^2."""
         return self._lowest(self._lists[2], lower, upper)
 
     @cached_property
     def _lists(self) -> tuple[list[float], list[float], list[float]]:
-        """The limits in lists, in which a look-up takes 1 µs instead of 5; a control cycle makes dozens."""
+        """Nodes, speeds and accelerations as lists, in which a look-up takes 1 µs in place of 5 µs."""
         return self.s.tolist(), self.speed.tolist(), self.acceleration.tolist()
 
     def _lowest(self, limit: list[float], lower: float, upper: float) -> float:
@@ -146,8 +161,8 @@ class LineLimits:
 
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
-    """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
-    along, found = torque.along(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
+    """Largest acceleration within the torque limits at every speed, (m,); infinite if motors cannot hold the arm."""
+    along, found = torque.path_terms(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
     for share in TORQUE_SPEED_SHARES:
         low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
         most = np.minimum(high, -low)

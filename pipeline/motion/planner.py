@@ -1,4 +1,4 @@
-"""Motions along the line planned by Ruckig, checks of their limits, and states from which the tool can stop."""
+"""Plan motions along the line with the library Ruckig, and find states from which the tool can stop."""
 
 import math
 
@@ -9,13 +9,16 @@ from pipeline.motion.profile import JerkProfile
 from pipeline.motion.trajectory import LineState
 
 ARRIVAL_TOLERANCE_SECONDS = 1e-9
-"""Time within which a motion is on time [s]."""
+"""Tolerance of the time at which a planned motion arrives [s]."""
 
 
 class LinePlanner:
-    """Ruckig on the line coordinate, with its input and output kept between calls.
+    """Plans motions with bounded jerk along the line, by Ruckig.
 
     Source: Berscheid and Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021.
+
+    Attributes:
+        limits: limits along the line.
     """
 
     def __init__(self, limits: LineLimits) -> None:
@@ -37,17 +40,19 @@ class LinePlanner:
         acceleration: float | None = None,
         duration: float | None = None,
     ) -> JerkProfile | None:
-        """Fastest motion between two moving states, or one that takes a given time; it may break the line's limits.
+        """Plan the fastest motion between two moving states, or one of a given duration, with constant limits.
+
+        The motion may exceed limits that depend on the position.
 
         Args:
             start: present state, finite.
-            target: wanted state, finite.
-            speed: largest speed; by default the largest of the line [m/s].
-            acceleration: largest acceleration; by default the largest of the line [m/s^2].
-            duration: time to take, to arrive on a sample [s].
+            target: target state, finite.
+            speed: largest speed [m/s]; by default the largest speed limit of the line.
+            acceleration: largest acceleration [m/s^2]; by default the largest acceleration limit of the line.
+            duration: duration of the motion [s]; by default the shortest one.
 
         Returns:
-            The motion, or None where ruckig finds none: the time is too short, or a target is beyond the limits.
+            The motion; None if the duration is too short, or the target is beyond the limits.
         """
         p = self._to_state
         p.target_position, p.target_velocity, p.target_acceleration = [target.s], [target.v], [target.a]
@@ -57,7 +62,7 @@ class LinePlanner:
         return self._calculate(p, start, math.inf if duration is None else duration + ARRIVAL_TOLERANCE_SECONDS)
 
     def stop(self, state: LineState) -> JerkProfile | None:
-        """The motion to rest, braking with what the whole stretch ahead allows; None where a limit is broken."""
+        """Plan the motion from a state to rest, within the limits on the way; None if this is impossible."""
         limits = self.limits
         # Bounds of the speed (the acceleration is reduced to 0 first) and of the way to rest.
         fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
@@ -70,7 +75,7 @@ class LinePlanner:
         return motion if motion is not None and motion.respects(limits) else None
 
     def draw_back(self, target: LineState) -> LineState:
-        """The nearest position on the line, with a share of the speed from which the tool can still stop."""
+        """Change a target state as little as possible so that it is on the line and the tool can stop from it."""
         limits = self.limits
         s = min(max(target.s, limits.s_min), limits.s_max)
         speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)

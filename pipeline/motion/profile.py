@@ -1,4 +1,4 @@
-"""Motions that consist of phases of constant jerk."""
+"""Motions along the line that consist of phases of constant jerk."""
 
 from __future__ import annotations
 
@@ -16,22 +16,25 @@ from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
 SAMPLE_SPACING_SECONDS = 2.5e-3
-"""Spacing at which a motion is compared with limits that depend on the place [s]."""
+"""Largest time between the samples at which a motion is compared with limits that depend on the position [s]."""
 MAX_MISSED_SPEED_SHARE = 5e-4
-"""Share of the speed limit by which a motion may exceed it between two samples [1]."""
+"""Largest excess of the speed limit between two samples, as a share of the limit."""
 MAX_PROFILE_SAMPLES = 4000
-"""Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
+"""Largest number of samples; in a motion of more than 10 s, which is slow, they are less than 1 mm apart."""
 
 
 class JerkProfile:
-    """A motion in phases of constant jerk; after the last phase the acceleration stays constant.
+    """A motion along the line in phases of constant jerk; after the last phase the acceleration stays constant.
 
-    It begins at a state; phases of no duration [s] are dropped.
+    Args:
+        state: state at the begin.
+        durations: duration of each phase [s]; phases of duration 0 are dropped.
+        jerks: jerk in each phase [m/s^3].
 
     Attributes:
-        start: time at which each phase begins, then the duration [s].
-        states: at the start of each phase, then at the end.
-        jerks: of each phase, then 0 [m/s^3].
+        start: time at which each phase begins, and the duration of the motion at the end [s].
+        states: state at the begin of each phase, and at the end.
+        jerks: jerk in each phase, and 0 at the end [m/s^3].
     """
 
     def __init__(self, state: LineState, durations: Sequence[float], jerks: Sequence[float]) -> None:
@@ -47,21 +50,21 @@ class JerkProfile:
 
     @property
     def duration(self) -> float:
-        """Time until the last phase ends [s]."""
+        """Duration of all phases together [s]."""
         return self.start[-1]
 
     @property
     def end(self) -> LineState:
-        """State when the last phase ends."""
+        """State at the end of the last phase."""
         return self.states[-1]
 
     def at(self, time: float) -> LineState:
-        """Position, speed and acceleration at a time from the start [s]."""
+        """State at a time since the begin of the motion [s]."""
         k = max(bisect_right(self.start, time) - 1, 0)
         return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
 
     def sample(self, time: ArrayLike) -> tuple[Array, Array, Array]:
-        """Position, speed and acceleration at times (n,) [s]."""
+        """Positions [m], speeds [m/s] and accelerations [m/s^2] at times since the begin of the motion: (n,) each."""
         time = np.asarray(time, dtype=float)
         start, states, jerks = self._arrays
         phase = np.maximum(np.searchsorted(start, time, side="right") - 1, 0)
@@ -70,12 +73,12 @@ class JerkProfile:
         return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
 
     def part(self, begin: float = 0.0, end: float = math.inf) -> JerkProfile:
-        """The part of a motion between two times [s]; the part's own time starts at 0."""
+        """The part of the motion between two times [s], as a motion that begins at time 0."""
         left = [max(min(b, end) - max(a, begin), 0.0) for a, b in pairwise(self.start)]
         return JerkProfile(self.at(min(begin, self.duration)), left, self.jerks[:-1])
 
     def extremes(self) -> list[LineState]:
-        """States that include the extremes of acceleration, speed and position: phase boundaries, a = 0, v = 0."""
+        """States among which are the extremes of position, speed and acceleration: at phase ends, v = 0 and a = 0."""
         states = list(self.states)
         for (s, v, a), j, (begin, end) in zip(self.states, self.jerks, pairwise(self.start), strict=False):
             for h in (-a / j if j else -1.0, *_zeros(j / 2.0, a, v)):
@@ -84,10 +87,10 @@ class JerkProfile:
         return states
 
     def respects(self, limits: LineLimits) -> bool:
-        """Whether the motion stays on the line and within its speed and acceleration, up to rounding.
+        """Whether the motion stays on the line and within its limits of speed and acceleration, except for rounding.
 
-        The motion is checked at its extremes, where it passes a node of the limits, and evenly in between. Constant
-        limits are held exactly; others, linear between nodes, can be exceeded by `MAX_MISSED_SPEED_SHARE` of the speed.
+        The motion is checked at its extremes, at the nodes of the limits, and at evenly spaced times. Between these
+        instants a speed limit may be exceeded by the share `MAX_MISSED_SPEED_SHARE`.
         """
         extremes = self.extremes()
         # Most motions that break a limit break it at an extreme; most others stay far from every limit.
@@ -105,7 +108,7 @@ class JerkProfile:
         return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)
 
     def _passes(self, time: Array, nodes: Array) -> Array:
-        """Times at which the motion passes nodes of the limits, with constant speed assumed between samples."""
+        """Times at which the motion passes the nodes of the limits, by linear interpolation between samples."""
         s = self.sample(time)[0]
         turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
         found = []
@@ -128,7 +131,7 @@ def _advanced(s: float, v: float, a: float, j: float, h: float) -> tuple[float, 
 
 
 def _zeros(square: float, linear: float, constant: float) -> tuple[float, ...]:
-    """Real zeros of a quadratic, without loss of digits."""
+    """Real zeros of a quadratic polynomial, without cancellation."""
     discriminant = linear * linear - 4.0 * square * constant
     if discriminant < 0.0:
         return ()

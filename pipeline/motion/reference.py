@@ -1,4 +1,4 @@
-"""Offline smoothing: the feasible motion that deviates least from a reference."""
+"""Offline smoothing: find the feasible motion along the line that deviates least from a reference motion."""
 
 from dataclasses import replace
 
@@ -14,19 +14,19 @@ from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
 FIRST_MOTION_LIMIT_SHARE = 0.95
-"""Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
+"""Share of the limits that the first guess uses, because its jerk may change within a sample."""
 MAX_LINEARISATIONS = 12
-"""Largest number of rounds; each linearises the limits about the last solution."""
+"""Largest number of rounds; in each, the limits are linearised at the last solution."""
 CONVERGED_DISTANCE = 1e-4
-"""Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
+"""Change of the positions between two rounds below which the iteration has converged [m]."""
 TRUST_DISTANCE = 0.05
-"""Largest change of a position in one round, for which the linearised limits are still good [m]."""
+"""Largest change of a position in one round, for which the linearised limits are accurate [m]."""
 SPEED_WEIGHT = 0.1
-"""Cost of a deviation of the speed, which the load on its string feels; that of the position is 1/m^2 [s^2/m^2]."""
+"""Weight of a squared deviation of the speed in the cost [s^2/m^2]; the weight of the position is 1/m^2."""
 JERK_WEIGHT = 1e-12
-"""Cost of jerk, so that idle stretches are smooth [s^6/m^2]."""
+"""Weight of the squared jerk in the cost, which makes parts without demands smooth [s^6/m^2]."""
 TRUST_SHRINKAGE = (3, 0.4)
-"""Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
+"""Number of rounds after which the trust region shrinks, and the factor per round; it prevents oscillations."""
 
 
 def smooth_reference(
@@ -37,27 +37,27 @@ def smooth_reference(
     start: LineState | None = None,
     end: LineState | None = None,
 ) -> LineTrajectory:
-    """The feasible motion nearest to a reference, by a quadratic program.
+    """Find the feasible motion nearest to a reference, by a sequence of quadratic programs.
 
-    With a jerk ``j_k`` that is constant over each sample, minimises
+    With a jerk ``j_k`` that is constant between samples, minimises
     ``sum_k (s_k - s_ref_k)^2 + w_v (v_k - v_ref_k)^2 + w_j j_k^2`` under the limits of range, speed, acceleration
-    and jerk. Limits that depend on the place are linearised at the last solution until it converges. The speed
-    between samples is bounded by its Bézier points.
+    and jerk. Limits that depend on the position are linearised at the last solution until it converges. Between samples
+    the speed is bounded by its Bézier points.
 
     Args:
-        s_ref: wanted positions (n,) [m].
-        v_ref: wanted speeds (n,) [m/s].
+        s_ref: reference positions, (n,) [m].
+        v_ref: reference speeds, (n,) [m/s].
         dt: time between samples [s].
-        limits: along the line.
-        start: first state; by default at rest, or at the reference's speed where that is possible.
-        end: last state; free by default.
+        limits: limits along the line.
+        start: first state; by default that of the reference, or the nearest one from which the tool can stop.
+        end: last state; by default any state.
 
     Returns:
-        The motion, sampled as the reference is.
+        The motion, sampled at the times of the reference.
 
     Raises:
-        InputError: if the reference is not finite, too short, or its arrays do not fit together.
-        TaskFailedError: if no motion within the limits joins start and end.
+        InputError: the reference is not finite or too short, or its arrays have different shapes.
+        TaskFailedError: no motion within the limits leads from start to end.
     """
     s_ref, v_ref = np.asarray(s_ref, dtype=float), np.asarray(v_ref, dtype=float)
     if s_ref.ndim != 1 or s_ref.shape != v_ref.shape or s_ref.size < 4:
@@ -96,7 +96,7 @@ def smooth_reference(
 def _smoothed_online(
     s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState
 ) -> tuple[Array, Array, Array]:
-    """First motion for the quadratic program: the online smoother's answer to the reference, within all limits."""
+    """First guess for the quadratic program: the reference smoothed by the online smoother."""
     smoother = LineSmoother(limits, dt, start)
     a_ref = np.gradient(v_ref, dt)
     targets = [LineState(*map(float, row)) for row in zip(s_ref, v_ref, a_ref, strict=True)]
@@ -106,7 +106,7 @@ def _smoothed_online(
 
 
 class _Program:
-    """The quadratic program in (s, v, a, j); only the limits that depend on the place change between rounds."""
+    """The quadratic program in (s, v, a, j); only the linearised limits change between rounds."""
 
     def __init__(
         self, s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState, end: LineState | None
@@ -138,7 +138,7 @@ class _Program:
         self._equal, self._equal_right = sparse.vstack(rows, format="csc"), np.concatenate(right)
 
     def solve(self, s: Array, v: Array, trust: float) -> tuple[Array, Array, Array] | None:
-        """Solve one round, with the limits linearised at a motion; None where no motion satisfies them."""
+        """Solve one round, with the limits linearised at positions s and speeds v; None without a solution."""
         limits, n = self._limits, self._n
         speed, speed_slope = _linearised(limits.s, limits.speed, s)
         strength, strength_slope = _linearised(limits.s, limits.acceleration, s)
@@ -175,7 +175,7 @@ class _Program:
 
 
 def _linearised(nodes: Array, value: Array, at: Array) -> tuple[Array, Array]:
-    """Values and slopes, at some places, of a function that is linear between nodes."""
+    """Values and slopes at positions `at` of a function that is linear between nodes."""
     k = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
     slope = (value[k + 1] - value[k]) / (nodes[k + 1] - nodes[k])
     return value[k] + slope * (at - nodes[k]), slope

@@ -1,4 +1,4 @@
-"""Moving along the line as fast as its speed limit allows."""
+"""Motions along the line at its speed limit."""
 
 from collections.abc import Callable
 
@@ -11,23 +11,26 @@ from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
 LIMIT_SPACING = 1e-3
-"""Spacing of the smoothed limit [m]."""
+"""Distance between the nodes of the smoothed speed limit [m]."""
 SMOOTHING_HALF_WIDTH = 10
-"""Half width of the smoothing, in grid steps: a kink of the limit is rounded over 2 cm."""
+"""Half width of the smoothing window in nodes; a kink of the speed limit is rounded over 2 cm."""
 MAX_RIDE_STEP_SECONDS = 0.02
-"""Longest time step of the integration of `RideCurve.after`; its error is some 1e-5 m [s]."""
+"""Largest time step of the integration in `RideCurve.after` [s]; its error is about 1e-5 m."""
 
 
-class RideCurve:
+class SpeedLimitCurve:
     """A smooth speed limit that is nowhere above the true one, and motions at this speed.
 
-    The limit is the lowest of the joints' limits and has a kink wherever another joint takes over; its acceleration
-    ``a = W W'`` would jump there. Taking the minimum over a window and then a mean over the same window gives a limit
-    that is smooth and still never above the true one.
+    The speed limit W(s) of the line has a kink wherever another joint limits the speed; the acceleration ``a = W W'``
+    of a motion at the limit would jump there. The minimum over a window, averaged over a window of the same width, is
+    smooth and never above the true limit.
+
+    Args:
+        limits: limits along the line.
 
     Attributes:
-        limits: limits of the line with the smooth speed limit, at `nodes`.
-        nodes: evenly spaced positions, about `LIMIT_SPACING` apart (n,) [m].
+        limits: limits along the line, with the smooth speed limit.
+        nodes: evenly spaced positions, about `LIMIT_SPACING` apart, (n,) [m].
     """
 
     def __init__(self, limits: LineLimits) -> None:
@@ -45,12 +48,15 @@ class RideCurve:
         self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
 
     def at(self, s: float, direction: float) -> LineState:
-        """State of a tool that moves at the speed limit at `s`, towards larger s (+1) or smaller (-1)."""
+        """State of a tool that moves at the speed limit at position s [m]; `direction` is the sign of its speed."""
         speed = float(self._spline(s))
         return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
 
     def after(self, s: float, time: float, direction: float) -> LineState:
-        """State `time` [s] after the tool passes `s` at the speed limit, by midpoint steps; the line's end at most."""
+        """State of a tool that moves at the speed limit, a time [s] after it has passed position s [m].
+
+        `direction` is the sign of its speed. The position is at most the end of the line.
+        """
         for _ in range(steps := max(round(time / MAX_RIDE_STEP_SECONDS), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
@@ -60,7 +66,7 @@ class RideCurve:
         return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
 
     def between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
-        """Motion at the speed limit between two positions: its duration [s], and a function from time [s] to state."""
+        """Motion at the speed limit between two positions [m]: its duration [s], and a function from time to state."""
         s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * LIMIT_SPACING)) + 1, 4))
         travelled = np.abs(s - s_from)
         time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
@@ -68,6 +74,6 @@ class RideCurve:
         return float(time[-1]), lambda t: self.at(float(position(t)), direction)
 
     def jerk(self, s: ArrayLike) -> Array:
-        """Size of the jerk of a motion at the speed limit, ``|W (W'^2 + W W'')|`` [m/s^3]."""
+        """Absolute jerk of a motion at the speed limit at positions s [m], ``|W (W'^2 + W W'')|`` [m/s^3]."""
         w, slope, bend = (self._spline(s, order) for order in (0, 1, 2))
         return np.abs(np.asarray(w * (slope**2 + w * bend)))

@@ -1,4 +1,4 @@
-"""Online smoothing: the tool follows any reference within its limits."""
+"""Online smoothing: follow a reference along the line, cycle by cycle, within the limits."""
 
 import math
 from collections.abc import Sequence
@@ -7,55 +7,60 @@ from armdyn.errors import InputError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
+from pipeline.motion.ride import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
-"""Cycles ahead at which the reference, or the speed limit, may be met."""
+"""Numbers of control cycles after which the motion may reach the reference or the speed limit."""
 PURSUIT_SECONDS = 0.2
-"""A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
+"""Time ahead at which the reference is pursued if it cannot be reached [s]; the arm can reverse in this time."""
 ACCELERATION_FADE_SECONDS = 0.1
-"""Time constant with which the acceleration of a single reference fades when it is continued [s]."""
+"""Time constant with which the acceleration of a single reference decays when it is extrapolated [s]."""
 
 
 class LineSmoother:
-    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle [s].
+    """Follows a reference on the line within the limits of range, speed, acceleration and jerk, cycle by cycle.
 
-    *Look-ahead catch-up*: of the motions that meet the reference m = 1, 2, 3, ... cycles ahead, exactly on that sample,
-    the first that the limits allow is begun. A feasible reference is met at m = 1 and reproduced exactly; after an
-    infeasible stretch the motion returns to the reference instead of trailing it for ever. Where nothing can be met,
-    the reference is pursued in the shortest time, along the speed limit where that is lower.
+    In each cycle, motions are planned that reach the reference exactly after m = 1, 2, 3, ... cycles, and the first one
+    within the limits is begun. A feasible reference is reached with m = 1 and is reproduced exactly; after an
+    infeasible part the motion catches up with the reference. If no such motion exists, the reference is pursued in the
+    shortest time.
 
-    *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
-    does so too. That motion is stored, and continued where nothing better is found in the next cycle.
+    No limit is ever exceeded: a cycle is begun only if it is within every limit, and if a motion from its end to rest
+    is too. The motion to rest is stored, and is continued if nothing better is found in the next cycle.
+
+    Args:
+        limits: limits along the line.
+        dt: duration of a control cycle [s].
+        state: first state of the tool.
 
     Attributes:
-        state: the last returned and commanded reference.
+        state: state at the end of the last cycle.
         motion: motion of the last cycle, in phases of constant jerk.
 
     Raises:
-        InputError: if the tool cannot be brought to rest within the limits from its present state.
+        InputError: the tool cannot be brought to rest within the limits from its first state.
     """
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
         self._dt = dt
         self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.tight())
         self._limits = self._planner.limits
-        self._ride = RideCurve(self._limits)
+        self._ride = SpeedLimitCurve(self._limits)
         # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
         self._below_ride = LinePlanner(self._ride.limits)
         self.reset(state)
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool is at rest."""
+        """Whether speed and acceleration of the last state are zero."""
         return self.state.v == 0.0 and self.state.a == 0.0
 
     def reset(self, state: LineState) -> None:
-        """Start from another state, moving or not.
+        """Continue from another state, which may be a moving one.
 
         Raises:
-            InputError: if it cannot be brought to rest within the limits from there.
+            InputError: the tool cannot be brought to rest within the limits from this state.
         """
         state = LineState(*(float(value) for value in state))
         stop = self._at_start.stop(state)
@@ -72,10 +77,9 @@ class LineSmoother:
         """Advance by one cycle towards the reference; returns the state at the end of the cycle.
 
         Args:
-            reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
-                it. A single state is continued with a fading acceleration. If the first state is not finite the tool
-                is brought to rest; a state that is not finite ends the sequence. States beyond the limits are moved
-                back to them.
+            reference: state that the tool should have at the end of this cycle, or a sequence for this and the next
+                cycles. A single state is extrapolated with a decaying acceleration. A state that is not finite ends the
+                sequence; if it is the first one, the tool brakes. States beyond the limits are moved back to them.
         """
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
@@ -101,12 +105,12 @@ class LineSmoother:
         return self.state
 
     def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
-        """Begin the motion that meets a target after a number of cycles, where it exists and respects the limits."""
+        """Begin the motion that reaches a target after a number of cycles, if it exists and is within the limits."""
         motion = self._planner.to_state(self.state, target, duration=cycles * self._dt)
         return motion is not None and motion.respects(self._limits) and self._begin(motion, self._planner, keep)
 
     def _pursue(self, target: LineState) -> bool:
-        """Begin the fastest motion to a place, which follows the speed limit where the limit is lower."""
+        """Begin the fastest motion towards a position, along the speed limit where necessary."""
         s = self.state.s
         acceleration = self._limits.lowest_acceleration(min(s, target.s), max(s, target.s))
         motion = self._planner.to_state(self.state, target, acceleration=acceleration)
@@ -130,7 +134,7 @@ class LineSmoother:
         return False
 
     def _begin(self, motion: JerkProfile, planner: LinePlanner, keep: bool = False) -> bool:
-        """Begin a motion if its first cycle and a stop after it respect the limits; store the rest where requested."""
+        """Begin a motion if its first cycle and a stop after it are within the limits; `keep` stores the remainder."""
         cycle = motion.part(end=self._dt)
         if not cycle.respects(planner.limits):
             return False
@@ -144,7 +148,7 @@ class LineSmoother:
         return True
 
     def _continue(self, reference: LineState) -> Sequence[LineState]:
-        """A single reference continued over the next cycles: its acceleration fades, its speed stays."""
+        """Extrapolate a single reference over the next cycles with a decaying acceleration."""
         if not reference.is_finite:
             return ()
         s, v, a = reference
@@ -160,7 +164,7 @@ class LineSmoother:
 
 
 def _until_not_finite(reference: Sequence[LineState]) -> Sequence[LineState]:
-    """States before the first that is not finite, at most as many as the look-ahead uses."""
+    """States before the first one that is not finite, at most as many as `LineSmoother` uses."""
     targets = [LineState(*target) for target in reference[: MEETING_CYCLES[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:

@@ -1,4 +1,4 @@
-"""State of the tool on its line, and sampled motions of the tool and of the joints."""
+"""State of the tool on its line, and sampled motions of the tool along the line and of the joints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, freeze
+from urdf.robot import Array, freeze_arrays
 
 
 class LineState(NamedTuple):
@@ -28,22 +28,22 @@ class LineState(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all three numbers are finite."""
+        """Whether position, speed and acceleration are finite."""
         return math.isfinite(self.s) and math.isfinite(self.v) and math.isfinite(self.a)
 
 
 @dataclass(frozen=True)
 class LineTrajectory:
-    """A sampled motion along the line.
+    """A sampled motion of the tool along the line.
 
     Attributes:
-        time: (n,), increasing [s].
-        s: positions along the line (n,) [m].
-        v: speeds (n,) [m/s].
-        a: accelerations (n,) [m/s^2].
+        time: increasing times, (n,) [s].
+        s: positions along the line, (n,) [m].
+        v: speeds, (n,) [m/s].
+        a: accelerations, (n,) [m/s^2].
 
     Raises:
-        InputError: if the arrays are not equally long, are empty or not finite, or time does not increase.
+        InputError: the arrays have different lengths, are empty or not finite, or time does not increase.
     """
 
     time: Array
@@ -69,9 +69,9 @@ class LineTrajectory:
         return (self[k] for k in range(len(self)))
 
     def then(self, other: LineTrajectory) -> LineTrajectory:
-        """This motion followed by another one, whose time counts from the end of this one.
+        """This motion followed by another one, whose times count from the end of this one.
 
-        Its first sample is left out if it is at time 0, where it equals this motion's last.
+        A first sample of the other motion at time 0 is left out, because it equals the last one of this motion.
         """
         first = 1 if other.time[0] <= 0.0 else 0
         pairs = (self.time, self.time[-1] + other.time), (self.s, other.s), (self.v, other.v), (self.a, other.a)
@@ -80,17 +80,17 @@ class LineTrajectory:
 
 @dataclass(frozen=True)
 class JointTrajectory:
-    """A sampled motion of the joints.
+    """A sampled motion of an arm's joints.
 
     Attributes:
-        time: (n,), increasing [s].
-        q: positions (n, joints) [rad or m].
-        v: speeds (n, joints) [rad/s or m/s].
-        a: accelerations (n, joints) [rad/s^2 or m/s^2].
-        joint_names: names of the columns.
+        time: increasing times, (n,) [s].
+        q: positions, (n, joints) [rad or m].
+        v: velocities, (n, joints) [rad/s or m/s].
+        a: accelerations, (n, joints) [rad/s^2 or m/s^2].
+        joint_names: name of the joint of each column.
 
     Raises:
-        InputError: if the shapes do not agree, something is not finite, or time does not increase.
+        InputError: the shapes do not agree, a number is not finite, or time does not increase.
     """
 
     time: Array
@@ -107,12 +107,17 @@ class JointTrajectory:
 
 
 def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None:
-    """Make a motion's time (n,) [s] and other arrays, (n,) or (n, columns), read-only; refuse what cannot be a motion.
+    """Check the arrays of a sampled motion, and make them read-only.
+
+    Args:
+        motion: frozen dataclass with a field ``time``, (n,) [s].
+        names: names of its other fields, arrays (n,) or (n, columns).
+        columns: number of columns; None for arrays (n,).
 
     Raises:
-        InputError: the arrays are no motion; the error names the first bad sample, counted from 1.
+        InputError: shapes differ, a number is not finite, or time does not increase; the message names the sample.
     """
-    freeze(motion, "time", *names)
+    freeze_arrays(motion, "time", *names)
     time: Array = motion.time
     shape = (time.size,) if columns is None else (time.size, columns)
     if time.ndim != 1 or any(getattr(motion, name).shape != shape for name in names):

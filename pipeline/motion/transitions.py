@@ -1,24 +1,26 @@
-"""Transitions: blending into a stream, motion from rest to rest, and braking of joints without commands."""
+"""Transitions of a robot's joints: smooth start of a stream of commands, motion from rest to rest, and braking."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 import urdf
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from urdf.robot import Array
 
 BRAKING_SHARE = 0.5
-"""Of the joints' acceleration and jerk limits with which an arm brakes on its own."""
+"""Share of the joints' acceleration and jerk limits with which an arm brakes by itself."""
 MAX_START_OFFSET = 0.02
-"""How far from where the arm is a stream may begin [rad]: an arm at rest sags under its weight by less than that."""
+"""Largest distance of a stream's first command from the arm's position that is bridged smoothly [rad]."""
 BLEND_SECONDS = 0.5
-"""Time in which the difference goes [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2, 10 rad/s^3."""
+"""Time in which this distance decays to zero [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2 and 10 rad/s^3."""
 
 
-class Brake:
-    """Braking motion: each joint comes to rest as fast as a share of its acceleration and jerk limits allows.
+class BrakingMotion:
+    """Motion of an arm's joints to rest, with the share `BRAKING_SHARE` of their acceleration and jerk limits.
 
-    It begins at positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2].
+    Args:
+        start: positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the begin, (n,) each.
+        limits: limits of the joints.
 
     Attributes:
         duration: time until the last joint is at rest [s].
@@ -43,7 +45,7 @@ class Brake:
             self._rest = np.array(self._way.at_time(self.duration)[0])
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations (n,) at a time after braking began [s]."""
+        """Positions, velocities and accelerations, (n,) each, at a time since the begin of braking [s]."""
         if time >= self.duration:
             return self._rest, np.zeros_like(self._rest), np.zeros_like(self._rest)
         q, v, a = (np.array(x) for x in self._way.at_time(max(time, 0.0)))
@@ -51,10 +53,14 @@ class Brake:
 
 
 def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
-    """Motion from rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
+    """Minimum-jerk motion from rest to rest over a unit distance (Flash & Hogan, J. Neuroscience 5, 1985).
+
+    Args:
+        u: elapsed time as a share of the duration, from 0 to 1, any shape.
+        duration: duration of the motion [s].
 
     Returns:
-        At elapsed shares `u` of the duration [s]: covered share of the distance, its rate [1/s], acceleration [1/s^2].
+        Position as a share of the distance, velocity [1/s] and acceleration [1/s^2], with the shape of u.
     """
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
@@ -62,11 +68,14 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
     return share, speed, acceleration
 
 
-class Blend:
-    """Adds an offset to a stream of commands so that it begins at the arm's position; the offset fades smoothly.
+class StreamBlend:
+    """Adds a decaying offset to a stream of commands, so that the stream begins at the arm's measured position.
 
-    An offset above `MAX_START_OFFSET` between the present position and the first command, (n,) [rad] each, is not
-    bridged; the gate refuses it.
+    An offset above `MAX_START_OFFSET` is cut to this value; the gate then refuses the command.
+
+    Args:
+        here: measured position, (n,) [rad].
+        told: position of the first command, (n,) [rad].
     """
 
     def __init__(self, here: Array, told: Array) -> None:
@@ -74,8 +83,8 @@ class Blend:
         self._cycle = 0
 
     def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """The next command with its offset: positions, velocities, accelerations (n,) each [rad, rad/s, rad/s^2]."""
-        u = min(self._cycle * PERIOD / BLEND_SECONDS, 1.0)
+        """Add the offset to the next command: positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
+        u = min(self._cycle * CONTROL_PERIOD_SECONDS / BLEND_SECONDS, 1.0)
         self._cycle += 1
         if u == 1.0:
             return q, v, a

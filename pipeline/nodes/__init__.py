@@ -1,1 +1,1 @@
-"""The paper's four nodes (measurement, estimator, SAC, task), the drive that moves the arm, and their scheduler."""
+"""The nodes of a trial: measurement, estimator, Sequential Action Control (SAC), task, drive; and their scheduler."""

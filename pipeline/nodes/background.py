@@ -1,7 +1,6 @@
-"""Work longer than a cycle of the loop: done at once on a simulated clock, in another process on a real one.
+"""Run computations that take longer than a control cycle: directly in a simulation, in another process on a real robot.
 
-A process and not a thread: the check of a motion holds Python's lock for up to 0.1 s at a time, and the estimator and
-SAC would share CasADi's buffers.
+A thread would not do, because checking a motion holds Python's global lock for up to 0.1 s.
 """
 
 import multiprocessing
@@ -12,37 +11,43 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from armdyn.errors import InputError, TaskFailedError, error_sentence
-from ik.children import begin_child
-from pipeline.processes import be_ordinary
+from ik.child_processes import initialise_child
+from pipeline.processes import drop_real_time_priority
 
-Work = Callable[[Any], Any]
-Then = Callable[[Any], None]
+BackgroundFunction = Callable[[Any], Any]
+ResultCallback = Callable[[Any], None]
 
 
 class BackgroundWorker:
-    """Does long work at once in the loop, which is right on a simulated clock, where no time passes meanwhile.
+    """Runs long computations directly in the control loop, for a simulated robot whose clock stands meanwhile.
 
     Attributes:
-        at_once: whether `ask` returns only when the work is done, and no time passes meanwhile.
-        thinking: whether this process does such work now.
+        at_once: whether `ask` returns only when the computation is finished.
+        thinking: whether this process runs a long computation at present.
     """
 
     at_once = True
 
     def __init__(self) -> None:
         self.thinking = False
-        self._work: dict[str, Work] = {}
-        self._then: dict[str, list[Then]] = {}  # requests that wait for results, oldest first
+        self._work: dict[str, BackgroundFunction] = {}
+        self._then: dict[str, list[ResultCallback]] = {}  # requests that wait for results, oldest first
 
-    def provide(self, name: str, work: Work) -> None:
-        """Register a function under a name, before `start`."""
+    def provide(self, name: str, work: BackgroundFunction) -> None:
+        """Register the function `work` under a name; called before `start`."""
         self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
-        """Start the worker; later changes of the objects that it uses may not reach it."""
+        """Start the worker; it may not see later changes of the objects that the functions use."""
 
-    def ask(self, name: str, argument: Any, then: Then) -> None:
-        """Request `work(argument)`; `then` is called with the result in the loop, by `collect` at the latest."""
+    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
+        """Request a computation.
+
+        Args:
+            name: name under which the function was registered.
+            argument: argument of the function.
+            then: function that is called with the result, now or later by `collect`.
+        """
         self.thinking = True
         try:
             result = self._work[name](argument)
@@ -51,28 +56,28 @@ class BackgroundWorker:
         then(result)
 
     def busy(self, name: str) -> bool:
-        """Whether work of this name was requested and is not done."""
+        """Whether a computation of this name was requested and is not finished."""
         return bool(self._then[name])
 
     def collect(self) -> None:
-        """Hand out finished results; called in every round of the loop.
+        """Pass finished results to the functions that wait for them; called in every round of the control loop.
 
         Raises:
-            Exception: the exception that the work raised.
+            Exception: a computation failed.
         """
 
     def end(self) -> None:
-        """End the worker; results that were not collected are lost."""
+        """Stop the worker; results that were not collected are lost."""
 
 
 class ProcessWorker(BackgroundWorker):
-    """Does long work in a process that begins as a copy of this one, while the loop goes on.
+    """Runs long computations in a forked process, while the control loop continues.
 
-    Arguments and results are copied by pickling; changes that the work makes to its objects
-    stays in the process. `start` it while the arm stands, and before other threads are started where that is possible.
+    Arguments and results are pickled. Changes that a computation makes to objects stay in the process. Call `start`
+    while the arm is at rest, and if possible before other threads are started.
 
     Raises:
-        InputError: this system cannot copy a process.
+        InputError: the operating system cannot fork a process.
     """
 
     at_once = False
@@ -85,7 +90,7 @@ class ProcessWorker(BackgroundWorker):
         self._process: multiprocessing.process.BaseProcess | None = None
 
     def start(self) -> None:
-        """See `BackgroundWorker`."""
+        """Fork the process; it does not see later changes of the objects that the functions use."""
         context = multiprocessing.get_context("fork")
         self._connection, other = context.Pipe()
         self._process = context.Process(
@@ -94,8 +99,8 @@ class ProcessWorker(BackgroundWorker):
         self._process.start()
         other.close()
 
-    def ask(self, name: str, argument: Any, then: Then) -> None:
-        """See `BackgroundWorker`."""
+    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
+        """Send a computation to the process; `then` is called with its result by a later `collect`."""
         if self._connection is None:
             raise RuntimeError("start the process before it is asked")
         self._then[name].append(then)
@@ -105,7 +110,11 @@ class ProcessWorker(BackgroundWorker):
             raise _gone() from error
 
     def collect(self) -> None:
-        """See `BackgroundWorker`."""
+        """Pass finished results to the functions that wait for them.
+
+        Raises:
+            TaskFailedError: a computation failed, or the process has ended.
+        """
         if self._connection is None:
             return
         try:
@@ -119,7 +128,7 @@ class ProcessWorker(BackgroundWorker):
             raise _gone() from error
 
     def end(self) -> None:
-        """See `BackgroundWorker`."""
+        """Kill the process; results that were not collected are lost."""
         if self._process is not None and self._connection is not None:
             self._connection.close()
             self._process.kill()
@@ -133,11 +142,11 @@ def _gone() -> TaskFailedError:
     return TaskFailedError("the process that estimates and plans has ended: check this computer's memory")
 
 
-def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
-    """Main function of the process: it works until the other end of the pipe is closed."""
-    be_ordinary()
+def _serve(ours: Connection, connection: Connection, work: dict[str, BackgroundFunction]) -> None:
+    """Main function of the process: compute until the other end of the pipe is closed."""
+    drop_real_time_priority()
     ours.close()  # otherwise this process would keep the pipe open, and outlive its parent
-    begin_child()
+    initialise_child()
     with suppress(EOFError, OSError):
         while True:
             name, argument = pickle.loads(connection.recv_bytes())

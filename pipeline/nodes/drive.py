@@ -1,4 +1,4 @@
-"""The drive node: it sends the next reference on the line, smoothed or played, to the joints in every cycle."""
+"""The drive node: in every control cycle it sends the next reference on the line to the joints."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -6,33 +6,35 @@ from contextlib import suppress
 from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import PERIOD, Refusal, RefusalReason
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, Refusal, RefusalReason
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
 
-Reference = Callable[[float], Sequence[LineState]]
-"""``now -> states at the ends of the coming cycles``."""
+ReferenceFunction = Callable[[float], Sequence[LineState]]
+"""Function from the present time [s] to the states that the tool should have at the ends of the next cycles."""
 
 MAX_COMMAND_SILENCE = 0.031
-"""A moving arm that has had no command for longer than this [s] has missed three cycles. The robot extrapolates the
-last one; after three cycles the next reference would pull it back, faster than its limits allow."""
+"""Longest time without a command while the arm moves [s].
+
+The robot extrapolates the last command; after three cycles, the next one would exceed the joints' limits.
+"""
 
 
 class DriveNode:
-    """Moves the arm at 100 Hz, and sends no command that the gate refuses.
+    """Moves the arm along the line at 100 Hz; it sends only commands that the gate accepts.
 
-    There are two ways to rest. `stop` brakes along the line, cycle by cycle, as long as the loop runs. `halt` tells the
-    robot to brake on its own; nothing is sent after it. Whatever is raised in a step ends in `halt`.
+    There are two ways to bring the arm to rest: `stop` brakes along the line, cycle by cycle; `halt` lets the robot
+    brake by itself, and no command is sent afterwards. Every exception in a step leads to `halt`.
 
     Attributes:
-        fault: a sentence once the gate has refused, otherwise None; the arm is then braking.
-        halted: whether the robot was commanded to come to rest on its own.
-        sent_at: robot's time of the last command [s]; None before the first.
+        fault: why the gate refused a command, so that the arm brakes; None before.
+        halted: whether the robot was told to brake by itself.
+        sent_at: time of the last command on the robot's clock [s]; None before the first command.
     """
 
     name = "drive"
-    period = PERIOD
+    period = CONTROL_PERIOD_SECONDS
 
     def __init__(
         self,
@@ -45,7 +47,7 @@ class DriveNode:
     ) -> None:
         self._robot, self._table, self._smoother, self._gate = robot, table, smoother, gate
         self._measurement, self._recorder = measurement, recorder
-        self._reference: Reference | None = None
+        self._reference: ReferenceFunction | None = None
         self._trajectory: LineTrajectory | None = None
         self._played = 0
         self.fault: str | None = None
@@ -54,39 +56,39 @@ class DriveNode:
 
     @property
     def state(self) -> LineState:
-        """Last commanded state on the line."""
+        """Last commanded state of the tool on the line."""
         return self._smoother.state
 
     @property
     def standing(self) -> bool:
-        """Whether the last command was a state at rest."""
+        """Whether the last command was a state at rest, or the robot brakes by itself."""
         return self.halted or self._smoother.at_rest
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last command was a state at rest and no motion remains to be played."""
+        """Whether the last command was a state at rest and no motion is left to be sent."""
         return self.standing and self._trajectory is None and self._reference is None
 
-    def follow(self, reference: Reference) -> None:
-        """Follow a reference that is computed online, through the smoother."""
+    def follow(self, reference: ReferenceFunction) -> None:
+        """Follow a reference that is computed in every cycle, smoothed to be within the limits."""
         self._reference, self._trajectory = reference, None
 
     def play(self, trajectory: LineTrajectory) -> None:
-        """Run a trajectory that has been checked, sample by sample, from the next cycle on."""
+        """Send a checked trajectory, one sample per cycle, from the next cycle on."""
         self._reference, self._trajectory, self._played = None, trajectory, 0
 
     def stop(self) -> None:
-        """Brake along the line within the limits, then stay at rest."""
+        """Brake along the line within the limits, and stay at rest."""
         self._reference = self._trajectory = None
 
     def halt(self) -> None:
-        """Let the robot brake on its own and hold; send no more commands. The watchdog calls it from its thread."""
+        """Let the robot brake by itself, and send no further commands; may be called from another thread."""
         self.halted = True
         self.stop()
         self._robot.stop()
 
     def step(self, now: float) -> None:
-        """Send the next reference to the joints."""
+        """Compute the next reference, check it, and send it to the joints."""
         if self.halted:
             return
         try:
@@ -121,7 +123,7 @@ class DriveNode:
             self._recorder.record(name, now, value)
 
     def _checked(self, now: float, previous: LineState) -> tuple[LineState, Refusal | None]:
-        """The next reference, and the refusal of the gate; None where it may be sent."""
+        """The next reference, and the refusal of the gate; None if the reference may be sent."""
         played = self._trajectory
         state = self._next(now)
         refusal = self._gate.check(state, previous, measured=self._measurement.state.q)

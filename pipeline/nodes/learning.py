@@ -1,7 +1,7 @@
-"""The nodes that learn: the estimator, which finds the length, and SAC, whose motions make it identifiable.
+"""The estimator node, which estimates the string's length, and the SAC node, whose motions make it identifiable.
 
-The estimate is of everything measured since the motion began, twice a second; an update takes 5 to 30 ms, longer than a
-cycle, and is done beside the loop. Twenty times a second SAC finds the gripper motion that informs most.
+Twice per second the estimator fits all data since the begin of the motion; a fit takes 5 to 30 ms and runs in the
+background. Twenty times per second Sequential Action Control (SAC) chooses the most informative motion of the gripper.
 """
 
 from collections.abc import Sequence
@@ -28,12 +28,20 @@ from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 
 FIRST_UPDATE_SECONDS = 1.0
-"""Time of motion before the first estimate [s]: less does not determine the length."""
+"""Duration of motion before the first estimate [s]; less does not determine the length."""
 
 
 @dataclass(frozen=True)
 class LengthEstimate:
-    """One update of the length estimate: time [s], length and its standard deviation [m], and computing time [s]."""
+    """One estimate of the string's length.
+
+    Attributes:
+        time: time of the estimate [s].
+        value: length [m].
+        std: standard deviation of the length [m].
+        outcome: how the optimisation ended.
+        seconds: computing time [s].
+    """
 
     time: float
     value: float
@@ -43,14 +51,13 @@ class LengthEstimate:
 
 
 class EstimatorNode:
-    """Runs the estimator at 2 Hz on the data since `begin`; it waits for an update that is late.
+    """Estimates the string's length at 2 Hz from the data since `begin`.
 
     Attributes:
-        model: the model with the latest finite estimate.
-        start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
-        history: every update so far.
-        left_out: a sentence on the samples that the last update left out, because they do not belong to their
-            neighbours; empty where there were none.
+        model: the model with the latest estimate.
+        start: time at which the load hung at rest and the data begin [s]; None before `begin`.
+        history: all estimates so far.
+        left_out: sentences about samples that the last estimate left out because they are spikes.
     """
 
     name = "estimator"
@@ -72,19 +79,19 @@ class EstimatorNode:
         self.model: PendulumModel = estimator.model
 
     def begin(self, now: float) -> None:
-        """Begin the data: the load hangs at rest now, and later samples are used."""
+        """Begin to estimate; called while the load hangs at rest, at the time `now` [s]."""
         self._measurement.begin()
         self.start, self._running = now, True
 
     def end(self) -> None:
-        """End the estimation; `model` and `start` stay."""
+        """End the estimation; `model` and `start` are kept."""
         self._running = False
 
     def step(self, now: float) -> None:
-        """Request an update of the estimate once there are enough data.
+        """Request a new estimate if there are enough data and the last one is finished.
 
         Raises:
-            TaskFailedError: the estimate is not a number; `model` stays as it was.
+            TaskFailedError: the estimate is not a number; `model` is not changed.
         """
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE_SECONDS - 1e-9:
             return
@@ -96,7 +103,7 @@ class EstimatorNode:
         self._worker.ask(self.name, (now, run), self._take)
 
     def _update(self, begun: tuple[float, Run]) -> tuple[dict[str, float], LengthEstimate]:
-        """The estimate from all data at a time [s]; its standard deviation allows for errors other than white noise."""
+        """Estimate from all data until a time [s]; the standard deviation allows for errors other than white noise."""
         now, run = begun
         start = perf_counter()
         estimate = self._estimator.update(run)
@@ -106,7 +113,7 @@ class EstimatorNode:
         return values, LengthEstimate(now, values["length"], std, estimate.outcome, seconds)
 
     def _take(self, found: tuple[dict[str, float], LengthEstimate]) -> None:
-        """Store the result of an update."""
+        """Store an estimate."""
         values, estimate = found
         if not self._running:
             return
@@ -120,18 +127,21 @@ class EstimatorNode:
         self._recorder.record("estimate.length_std", estimate.time, estimate.std)
 
 
-KICK_ACCELERATION, KICK_SECONDS = 0.8, 0.2
-"""Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
+DOUBLET_ACCELERATION, DOUBLET_SECONDS = 0.8, 0.2
+"""Acceleration [m/s^2] and duration [s] of each half of the doublet with which the motion starts."""
 REFERENCE_CYCLES = 30
-"""Cycles of reference given to the smoother."""
+"""Number of control cycles for which the reference is given to the smoother."""
 
 
 class SacNode:
-    """Starts with a doublet, then chooses actions by the latest estimate; inactive until `begin`.
+    """Chooses informative motions of the gripper by Sequential Action Control, with the latest estimate.
+
+    The first motion is a doublet: acceleration in one direction, then in the other.
 
     Attributes:
-        actions: every action so far.
-        seconds: computing time of each action, with the state's prediction [s].
+        settings: settings of Sequential Action Control.
+        actions: all actions so far.
+        seconds: computing time of each action, the prediction of the state included [s].
     """
 
     name = "sac"
@@ -148,28 +158,28 @@ class SacNode:
         self.seconds: list[float] = []
 
     def warm_up(self) -> None:
-        """Do the computation of `step` once, for a gripper at rest: the first time takes longer than a cycle."""
+        """Run the computation of `step` once, because the first run takes longer than a control cycle."""
         model = self._estimator.model
         rollout = model.rollout(fixed_pivot_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
         self._control.act(SacState(1.0, 0.0, 0.0, *self._load(rollout)), model)
 
     def _load(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-        """(2,) last angle and momentum, and (2,) their derivatives with respect to the length.
+        """Last angle and momentum of the load, (2,), and their derivatives with respect to the length, (2,).
 
-        What effects remember follows them; SAC holds it as it was when the run began.
+        Internal states of effects are not part of them.
         """
         column = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
         return rollout.states[-1, :PLANAR_STATE_SIZE], column[:PLANAR_STATE_SIZE]
 
     def begin(self, now: float) -> None:
-        """Begin with the doublet; then choose informative actions."""
+        """Begin the motions at the time `now` [s], with the doublet."""
         self._begun = now
-        kick = round(KICK_SECONDS / self.settings.dt)
-        self._lay_out(now, np.repeat([KICK_ACCELERATION, -KICK_ACCELERATION], kick))
+        kick = round(DOUBLET_SECONDS / self.settings.dt)
+        self._lay_out(now, np.repeat([DOUBLET_ACCELERATION, -DOUBLET_ACCELERATION], kick))
         self._drive.follow(self._reference)
 
     def end(self) -> None:
-        """End the actions, and let the drive come to rest."""
+        """End the motions; the drive brakes."""
         self._begun = None
         self._drive.stop()
 
@@ -180,7 +190,7 @@ class SacNode:
             TaskFailedError: the action is not a number.
         """
         start = self._estimator.start
-        if self._begun is None or start is None or now - self._begun < 2 * KICK_SECONDS - 1e-9:
+        if self._begun is None or start is None or now - self._begun < 2 * DOUBLET_SECONDS - 1e-9:
             return
         begun = perf_counter()
         model = self._estimator.model
@@ -195,7 +205,7 @@ class SacNode:
         self._lay_out(now, action.schedule)
 
     def _lay_out(self, now: float, schedule: np.ndarray) -> None:
-        """States at the end of each coming cycle, with one acceleration per cycle."""
+        """Compute the states at the ends of the next cycles from one acceleration per cycle."""
         dt, here = self.settings.dt, self._drive.state
         v = here.v + dt * np.cumsum(schedule)
         x = here.s + dt * np.cumsum(v - dt * schedule / 2)

@@ -1,4 +1,4 @@
-"""The measurement node: it reads joints and load cell, records them, and detects faults of the load cell."""
+"""The measurement node: it reads and records joints and load cell, and detects faults of the load cell."""
 
 from collections import deque
 from contextlib import suppress
@@ -12,29 +12,33 @@ from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, OnlinePathSmoother, RunInProgress
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
-from pipeline.loadcell.faults import FaultDetector
-from pipeline.motion.gate import PERIOD
-from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
+from pipeline.loadcell.faults import LoadCellFaultDetector
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
+from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, ReadingRefusal
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
 
 SLACK_FORCE = 0.02
-"""A string that pulls less than this [N] for `SLACK_SECONDS` has gone slack; an 80 g load pulls 0.78 N at rest."""
+"""Force below which the string counts as slack if it lasts for `SLACK_SECONDS` [N]; an 80 g load pulls with 0.78 N."""
 SLACK_SECONDS = 0.05
-"""See `SLACK_FORCE` [s]."""
+"""Duration of a force below `SLACK_FORCE` after which the string counts as slack [s]."""
 RECORDING_DELAY_SECONDS = 2 * SLACK_SECONDS
-"""Time that samples wait before they are recorded [s]."""
+"""Time for which samples wait before they are recorded [s]."""
 MAX_JUMP_SHARE = 0.25
-"""Share of the load's weight by which a taut string's pull may change between two samples; healthy trials show 0.10."""
+"""Largest change of the force between two samples while the string is taut, as a share of the load's weight.
+
+Trials without faults show 0.10.
+"""
 JUMP_DRIFT_SHARE = 0.05
-"""Share by which it may change further with every sample that is held back after a jump."""
+"""Further change of the force per sample that waits after a jump, as a share of the load's weight."""
 JUMP_NOISE_DEVIATIONS = 10.0
-"""Standard deviations of one sample that come on top of `MAX_JUMP_SHARE`."""
+"""Standard deviations of one sample that are added to the largest change."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
+"""Unit of each channel that describes gripper and load."""
 
 
 def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
-    """Units of the channels that the node records, by channel."""
+    """Unit of each channel that the measurement node records, for an arm with these joints."""
     units = {f"{place}{name}": unit for place in ("", "landing.") for name, unit in LINE_CHANNELS.items()}
     for prefix, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N m")):
         units |= {f"{prefix}.{name}": unit for name in joint_names}
@@ -43,7 +47,7 @@ def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
 
 @dataclass
 class _Series:
-    """A growing time series without a copy per sample."""
+    """A growing time series."""
 
     time: np.ndarray = field(default_factory=lambda: np.empty(4096))
     value: np.ndarray = field(default_factory=lambda: np.empty(4096))
@@ -61,17 +65,18 @@ class _Series:
         return int(np.searchsorted(self.time[: self.count], start - 1e-9))
 
     def since(self, start: float, unit: str, end: int | None = None) -> Channel:
-        """The samples from `start` [s] on, up to number `end`; time counts from `start`."""
+        """The samples from the time `start` [s] to the index `end`, with times that count from `start`."""
         part = slice(self.first(start), self.count if end is None else end)
         return Channel(self.time[part] - start, self.value[part], unit)
 
 
 class _SmoothedPath:
-    """The gripper's path from a start time [s], smoothed piece by piece.
+    """The smoothed path of the gripper since a start time [s].
 
     Attributes:
-        count: number of samples of the path.
-        along, height: position, velocity and acceleration of the samples, (3, count) each.
+        count: number of samples.
+        along: position, velocity and acceleration along the line, (3, count).
+        height: height above the line and its derivatives, (3, count).
     """
 
     def __init__(self, along: _Series, height: _Series, start: float, period: float) -> None:
@@ -82,11 +87,11 @@ class _SmoothedPath:
 
     @property
     def raw(self) -> Channel:
-        """Measured coordinate along the line, not smoothed."""
+        """Measured position along the line, not smoothed."""
         return self._series[0].since(self.start, "m", self._first + self.count)
 
     def update(self, end: int) -> None:
-        """Add the samples since the last update, up to sample number `end`."""
+        """Add the samples since the last update, up to the index `end`."""
         if not self.count:  # samples from before the start may arrive after it
             self._first = self._series[0].first(self.start)
         begin = self._first + self.count
@@ -99,31 +104,39 @@ class _SmoothedPath:
 
 
 class MeasurementNode:
-    """Reads the robot at 100 Hz, and judges every reading.
+    """Reads joints and load cell of the robot at 100 Hz, checks every reading, and records the good ones.
 
-    The recording is one of a hanging load: once the load is let down (`load_hangs` is False), samples go to
-    channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is
-    measured once the load may touch the box (`hangs_until`). Samples wait until it is known that the string did not go
-    slack with them.
+    Samples are recorded as those of a pendulum only while the load hangs freely. After the load was let down, or after
+    it may have touched the box (`hangs_until`), they are recorded in channels named ``landing.*``. Samples wait for
+    `RECORDING_DELAY_SECONDS`, because a slack string is noticed only later.
+
+    Args:
+        robot: the robot.
+        description: the arm.
+        recorder: recorder of the samples.
+        detector: detector of the load cell's faults.
+        noise: standard deviation of the noise by channel.
+        mass: mass of the load [kg].
 
     Attributes:
-        hangs_until: time at which the load will come near the box [s].
-        load_hangs: False once the load may touch the box and the string go slack.
-        fault: a sentence once the load cell or the string has failed, else None.
-        state: the latest reading of the joints.
-        gripper: the latest coordinate along the line [m].
-        joint_check, force_check: judge the readings, and count those that they refuse.
+        hangs_until: time from which the load may touch the box [s].
+        load_hangs: whether the load hangs on the string; False after it was let down.
+        fault: why load cell, joints or string have failed; None before.
+        state: latest good reading of the joints.
+        gripper: latest position of the gripper along the line [m].
+        joint_check: check of the joints' readings, which counts refused ones.
+        force_check: check of the load cell's readings, which counts refused ones.
     """
 
     name = "measurement"
-    period = PERIOD
+    period = CONTROL_PERIOD_SECONDS
 
     def __init__(
         self,
         robot: RobotInterface,
         description: urdf.Robot,
         recorder: Recorder,
-        detector: FaultDetector,
+        detector: LoadCellFaultDetector,
         noise: dict[str, float],
         mass: float,
     ) -> None:
@@ -145,11 +158,11 @@ class MeasurementNode:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence per kind of reading that was refused."""
+        """One sentence per device and reason for which readings were refused."""
         return self.joint_check.notes + self.force_check.notes
 
     def step(self, now: float) -> None:
-        """Read all devices, and record the good readings."""
+        """Read joints and load cell, record the good readings, and detect faults."""
         self._take_joints()
         wait = self._waiting.append
         samples = self._force_samples()
@@ -172,12 +185,12 @@ class MeasurementNode:
         self.fault = self.fault or self.joint_check.fault or bad_force
 
     def _take_joints(self) -> None:
-        """Read and record the joints once; where the reading is bad, the gripper's path is extrapolated."""
+        """Read and record the joints once; a bad reading is replaced by extrapolation in the gripper's path."""
         now = self._robot.time
         try:
             state = self._robot.joint_state()
         except Exception:  # a driver may raise any error: this reading is missing
-            self.joint_check.refuse(Refused.UNREADABLE, now)
+            self.joint_check.refuse(ReadingRefusal.UNREADABLE, now)
             self._bridge()
             return
         if self.joint_check.judge(state, now) is not None:
@@ -197,7 +210,7 @@ class MeasurementNode:
                     self._recorder.record(f"{prefix}.{name}", state.time, float(value))
 
     def _locate(self, q: Vector) -> tuple[float, float]:
-        """Coordinate of the gripper along the line and height above it [m], of a posture (n,)."""
+        """Position of the gripper along the line, and height above it [m], at joint positions q (n,)."""
         return self._arm.line.coordinates(self._arm.tool_pose(q, self._data).translation)
 
     def _bridge(self) -> None:
@@ -208,7 +221,7 @@ class MeasurementNode:
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
-        """Append to the gripper's path; cycles that the loop left out are interpolated linearly."""
+        """Append a sample to the gripper's path; missed cycles are interpolated linearly."""
         self.gripper = along
         last = self._gripper.count - 1
         if last >= 0:
@@ -223,31 +236,31 @@ class MeasurementNode:
         self._height.append(time, height)
 
     def _force_samples(self) -> list[ForceSample]:
-        """The good samples of the load cell that have arrived."""
+        """The good samples of the load cell since the last step."""
         now = self._robot.time
         try:
             samples = self._robot.load_cell()
         except Exception:  # a driver may raise any error: these samples are missing
-            self.force_check.refuse(Refused.UNREADABLE, now)
+            self.force_check.refuse(ReadingRefusal.UNREADABLE, now)
             return []
         return self.force_check.judge(samples, now, self.hangs_until)
 
     def discard(self) -> None:
-        """Discard the load cell's waiting samples, which are too old."""
+        """Drop the samples that wait in the load cell, because they are too old."""
         with suppress(Exception):  # a cell that cannot be read is treated in the next step
             self._robot.load_cell()
 
     def expect_touch(self, time: float) -> None:
-        """Note that the load may touch the box from `time` [s] on: later samples are recorded as landing."""
+        """Record later samples in channels ``landing.*``, because the load may touch the box from `time` [s] on."""
         self.hangs_until = time
 
     def let_down(self, time: float) -> None:
-        """Note that the load hangs no more from `time` [s] on: later samples are recorded as landing."""
+        """Record later samples in channels ``landing.*``, because the load was let down at `time` [s]."""
         self._record_until(time)
         self.load_hangs, self.hangs_until = False, min(time, self.hangs_until)
 
     def finish(self) -> None:
-        """Record the waiting samples, and complete the run."""
+        """Record the samples that wait, and complete the run."""
         self._record_until(inf)
         self.update_path()
 
@@ -258,20 +271,20 @@ class MeasurementNode:
             self._recorder.record(f"{place}{name}", stamp, value)
 
     def begin(self) -> None:
-        """Begin the run for the estimator now, with the load at rest."""
+        """Begin the run for the estimator at the present time, while the load hangs at rest."""
         self._path = _SmoothedPath(self._gripper, self._height, self._robot.time, self.period)
 
     def update_path(self) -> None:
-        """Add the samples since the last update to the smoothed path of the run."""
+        """Add the samples since the last call to the smoothed path of the run."""
         if self._path is not None:
             # The end of a path affects its accelerations most: no extrapolated sample may be there.
             self._path.update(self._gripper.count - self._guessed)
 
     def run(self) -> RunInProgress:
-        """The run measured from `begin` to the last `update_path`; its time starts at 0.
+        """The run that was measured from `begin` to the last `update_path`; its time starts at 0.
 
         Raises:
-            InputError: no run was begun.
+            InputError: there are no samples, because `begin` or `update_path` was not called.
         """
         if self._path is None or not self._path.count:
             raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")

@@ -1,6 +1,7 @@
-"""Checks of readings: every reading is judged before it is used.
+"""Check every reading of joints and load cell before it is used.
 
-A single bad reading is left out and counted, and the motion goes on. A lasting problem is a fault, and ends the trial.
+A single bad reading is left out and counted, and the motion continues. Several bad readings are a fault, which ends the
+trial.
 """
 
 from collections import Counter
@@ -13,23 +14,23 @@ import urdf
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 
 MAX_BRIDGED_READINGS = 5.0
-"""Bad readings in a row that are bridged: 0.05 s at 100 Hz, in which the fastest swing moves the gripper by 5 cm."""
+"""Largest number of successive bad readings that are not a fault: 0.05 s at 100 Hz."""
 FORGIVEN_PER_GOOD_READING = 0.1
-"""Bad readings that each good one makes up for: one in ten may be bad for ever, more than that are a fault."""
+"""Number of bad readings that a good one compensates: with more than one bad reading in ten there is a fault."""
 MAX_READING_AGE_SECONDS = 0.05
-"""A reading that was taken longer ago than this [s] says nothing about where the arm is now."""
+"""Largest age of a reading [s]."""
 MAX_STAMP_LEAD_SECONDS = 0.02
-"""A stamp may be ahead of the robot's clock by two cycles [s]: it is read before the clock."""
+"""Largest time by which a reading's time stamp may be ahead of the robot's clock [s]."""
 MAX_SPEED_SHARE = 2.0
-"""No joint moves faster than this share of its velocity limit; in healthy trials 0.74 is the most."""
+"""Largest plausible speed of a joint, as a share of its velocity limit; trials without faults show 0.74."""
 MAX_REST_DIFFERENCE = 0.01
-"""Difference of two readings of a joint at rest [rad], far above noise and resolution (0.0005 rad)."""
+"""Largest plausible difference of two readings of a joint at rest [rad], far above noise and resolution."""
 MAX_EFFORT_SHARE = 3.0
-"""An effort is plausible up to this share of the joint's limit: gains and offsets of the measurement included."""
+"""Largest plausible effort of a joint, as a share of its effort limit."""
 
 
-class Refused(Enum):
-    """Reason why a reading is left out; the value completes the sentence "the reading ..."."""
+class ReadingRefusal(Enum):
+    """Reason why a reading was refused; the value completes the sentence "the reading ..."."""
 
     UNREADABLE = "cannot be read"
     WRONG_NUMBER = "has the wrong number of values"
@@ -43,31 +44,31 @@ class Refused(Enum):
 
 
 class ReadingCheck:
-    """Counts refused readings, and reports a fault when there are too many in a row.
+    """Counts the refused readings of a device, and reports a fault when there are too many.
 
     Args:
         source: name of the device for messages, such as "joints".
-        check: advice to a person where readings are refused for long.
+        check: advice for the message about a fault.
 
     Attributes:
-        refused: number of readings that were left out, by reason.
-        fault: a sentence once bad readings have lasted; None before.
+        refused: number of refused readings, by reason.
+        fault: message about too many refused readings; None before.
     """
 
     def __init__(self, source: str, check: str = "check sensor, cable and clock") -> None:
         self._source, self._check = source, check
         self._level = 0.0
         self._seen_good = False
-        self.refused: Counter[Refused] = Counter()
+        self.refused: Counter[ReadingRefusal] = Counter()
         self.fault: str | None = None
 
     def accept(self) -> None:
-        """Note a good reading."""
+        """Count a good reading."""
         self._seen_good = True
         self._level = max(0.0, self._level - FORGIVEN_PER_GOOD_READING)
 
-    def refuse(self, why: Refused, now: float) -> None:
-        """Note a bad reading at `now` [s]."""
+    def refuse(self, why: ReadingRefusal, now: float) -> None:
+        """Count a bad reading at the time `now` [s]."""
         self.refused[why] += 1
         self._level += 1.0
         if self.fault is None and (self._level > MAX_BRIDGED_READINGS or not self._seen_good):
@@ -78,7 +79,7 @@ class ReadingCheck:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence per kind of refused reading."""
+        """One sentence per reason for which readings were refused."""
         return tuple(
             f"{self._source}: {count} reading{'s' if count > 1 else ''} left out: the reading {why.value}"
             for why, count in self.refused.items()
@@ -86,15 +87,15 @@ class ReadingCheck:
 
 
 class JointReadingCheck(ReadingCheck):
-    """Judges the readings of the joints."""
+    """Checks the readings of the joints; `limits` are the limits of the joints."""
 
     def __init__(self, limits: urdf.Limits) -> None:
         super().__init__("joints")
         self._limits = limits
         self._last: JointState | None = None
 
-    def judge(self, state: JointState, now: float) -> Refused | None:
-        """Reason why a reading received at `now` [s] cannot be used; None where it can, and the reading is stored."""
+    def judge(self, state: JointState, now: float) -> ReadingRefusal | None:
+        """Check a reading that was received at the time `now` [s]; returns why it cannot be used, or None if it can."""
         why = self._why_not(state, now)
         if why is None:
             self._last = state
@@ -103,34 +104,34 @@ class JointReadingCheck(ReadingCheck):
             self.refuse(why, now)
         return why
 
-    def _why_not(self, state: JointState, now: float) -> Refused | None:
+    def _why_not(self, state: JointState, now: float) -> ReadingRefusal | None:
         joints = self._limits.velocity.shape
         values = (state.q, state.v, state.tau)
         told = [state.q, *(value for value in (state.v, state.tau) if not np.isnan(value).all())]
         if any(np.shape(value) != joints for value in values):
-            return Refused.WRONG_NUMBER
+            return ReadingRefusal.WRONG_NUMBER
         if not (isfinite(state.time) and all(np.isfinite(value).all() for value in told)):
-            return Refused.NOT_A_NUMBER
+            return ReadingRefusal.NOT_A_NUMBER
         last = self._last
         if last is not None and state.time <= last.time:
-            return Refused.OUT_OF_ORDER
+            return ReadingRefusal.OUT_OF_ORDER
         stamp = _stamp_problem(state.time, now)
         if stamp is not None:
             return stamp
         quick = MAX_SPEED_SHARE * self._limits.velocity
         speed, effort = np.abs(np.nan_to_num(state.v)), np.abs(np.nan_to_num(state.tau))
         if not (np.all(speed <= quick) and np.all(effort <= MAX_EFFORT_SHARE * self._limits.effort)):
-            return Refused.OUT_OF_RANGE
+            return ReadingRefusal.OUT_OF_RANGE
         if last is not None and np.any(
             np.abs(state.q - last.q) > quick * (state.time - last.time) + MAX_REST_DIFFERENCE
         ):
-            return Refused.JUMP
+            return ReadingRefusal.JUMP
         return None
 
     def bridged(self, period: float) -> Vector:
-        """Joint positions (n,) [rad] extrapolated by a period [s] from the last good reading.
+        """Joint positions (n,) [rad], extrapolated with constant velocity by a time [s] from the last good reading.
 
-        Valid for few missing readings only; a fault ends the trial before the extrapolation is far off.
+        The extrapolation is used for few missing readings; before it becomes inaccurate, a fault ends the trial.
         """
         last = self._last
         assert last is not None, "bridging needs a good reading"
@@ -139,18 +140,18 @@ class JointReadingCheck(ReadingCheck):
 
 
 class ForceReadingCheck(ReadingCheck):
-    """Judges the samples of the load cell.
+    """Checks the samples of the load cell.
 
-    Samples that jump are held back. Where the force returns within `MAX_BRIDGED_READINGS` samples, they were spikes;
-    where it stays, the string has gone slack, and the samples are used, or the cell has failed.
+    After a jump of the force, samples wait. If the force returns within `MAX_BRIDGED_READINGS` samples, they were
+    spikes. If it does not return, the string has become slack and the samples are used, or the load cell has failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].
-        drift: how much more it may change with every sample that is held back [N].
-        taut: force above which the string is taut [N]; a string that was slack may pull with any jerk.
+        drift: further change of the force for every sample that waits [N].
+        taut: force above which the string is taut [N]; after a slack string, any change is possible.
 
     Attributes:
-        failed: samples of the last call that jumped and stayed; they may show what is wrong with the cell.
+        failed: samples of the last call after a jump without a return, for the detection of the cell's fault.
     """
 
     def __init__(self, jump: float, drift: float, taut: float) -> None:
@@ -162,9 +163,12 @@ class ForceReadingCheck(ReadingCheck):
         self.failed: list[ForceSample] = []
 
     def judge(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
-        """The usable samples, oldest first, of those received at `now` [s].
+        """Check samples; returns the good ones, oldest first.
 
-        From `hangs_until` [s] on the load may touch something, and any jump is possible.
+        Args:
+            samples: the samples, oldest first.
+            now: time of their reception [s].
+            hangs_until: time from which the load may touch the box, so that any jump is possible [s].
         """
         good: list[ForceSample] = []
         self.failed = []
@@ -188,11 +192,11 @@ class ForceReadingCheck(ReadingCheck):
                 good += self._take_held()
             else:
                 self.failed += self._held
-                self._refuse_held(now, Refused.JUMP)
+                self._refuse_held(now, ReadingRefusal.JUMP)
         return good
 
     def _follows(self, sample: ForceSample) -> bool:
-        """Whether a force can follow from the last good one."""
+        """Whether a force is plausible after the last good one."""
         last = self._last
         if last is None or last.force <= self._taut:
             return True
@@ -202,7 +206,7 @@ class ForceReadingCheck(ReadingCheck):
         held, self._held = self._held, []
         return [self._take(sample) for sample in held]
 
-    def _refuse_held(self, now: float, why: Refused = Refused.SPIKE) -> None:
+    def _refuse_held(self, now: float, why: ReadingRefusal = ReadingRefusal.SPIKE) -> None:
         for _ in self._held:
             self.refuse(why, now)
         self._held = []
@@ -212,15 +216,15 @@ class ForceReadingCheck(ReadingCheck):
         self.accept()
         return sample
 
-    def _why_not(self, sample: ForceSample, now: float) -> Refused | None:
+    def _why_not(self, sample: ForceSample, now: float) -> ReadingRefusal | None:
         if not (isfinite(sample.time) and isfinite(sample.force)):
-            return Refused.NOT_A_NUMBER
+            return ReadingRefusal.NOT_A_NUMBER
         if sample.time <= self._stamp:
-            return Refused.OUT_OF_ORDER
+            return ReadingRefusal.OUT_OF_ORDER
         return _stamp_problem(sample.time, now)
 
 
-def _stamp_problem(stamp: float, now: float) -> Refused | None:
+def _stamp_problem(stamp: float, now: float) -> ReadingRefusal | None:
     if stamp > now + MAX_STAMP_LEAD_SECONDS:
-        return Refused.AHEAD
-    return Refused.STALE if now - stamp > MAX_READING_AGE_SECONDS else None
+        return ReadingRefusal.AHEAD
+    return ReadingRefusal.STALE if now - stamp > MAX_READING_AGE_SECONDS else None

@@ -1,4 +1,4 @@
-"""The loop that runs every node at its own rate, in order, on the robot's clock; and the loop's watchdog."""
+"""The control loop, which runs every node at its own rate on the robot's clock, and the watchdog of the loop."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -10,30 +10,30 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.processes import PromptThread
+from pipeline.processes import HighPriorityThread
 from pipeline.robot.protocol import RobotInterface
 
 CLOCK_TOLERANCE_SECONDS = 1e-3
-"""Difference between two readings of a clock that a step of the simulation or of the operating system explains [s]."""
+"""Allowed backward step of a clock between two readings [s]."""
 
 
 class ClockError(TaskFailedError):
-    """The loop stood still, or its clock jumped, so that commands no longer form one motion."""
+    """The control loop stood still for too long, or its clock jumped, so that the commands are not a smooth motion."""
 
 
 class Node(Protocol):
-    """A task that the loop runs at a fixed rate.
+    """A task that the control loop runs at a fixed rate.
 
     Attributes:
-        name: of the node, for tables and messages.
-        period: time between steps [s].
+        name: name of the node, for tables and messages.
+        period: time between two steps [s].
     """
 
     name: str
     period: float
 
     def step(self, now: float) -> None:
-        """Run the node's task once; `now` is the time at which this step was due [s]."""
+        """Run the node's task once; `now` is the time for which this step was planned [s]."""
 
 
 @dataclass
@@ -42,12 +42,12 @@ class Timing:
 
     Attributes:
         name: name of the node.
-        period: time between its steps [s]; None for a node that runs once.
+        period: time between two steps [s]; None for a node that runs once.
         steps: number of steps.
         total: computing time of all steps [s].
         longest: longest computing time of one step [s].
-        overruns: steps that took longer than the node's period, or were begun later than that.
-        skipped: steps that were left out because their time had passed.
+        overruns: number of steps that took longer than the node's period, or began late by more than a period.
+        skipped: number of steps that were left out because their time had passed.
     """
 
     name: str
@@ -65,21 +65,19 @@ class Timing:
 
 
 class Scheduler:
-    """Runs nodes on the clock of a robot; nodes that are due at the same time run in the given order.
+    """Runs nodes at their rates on the clock of a robot; nodes that are due at the same time run in the given order.
 
-    A node that is late is run once, as soon as possible; steps whose time has passed meanwhile are skipped and counted,
-    so that a slow node cannot pile up work.
+    A late node runs once, as soon as possible; steps whose time has passed meanwhile are skipped and counted.
 
     Args:
-        robot: robot whose clock is used; a simulated robot computes a stretch of time, a real one waits for it.
+        robot: robot whose clock is used; a simulated robot computes the time until the next step, a real one waits.
         nodes: nodes in the order in which data flow.
-        patience: how long the loop may stand still now [s]; asked before every wait and every round. None where
-            lateness is only counted.
-        each_round: called at the beginning of every round; None for nothing.
+        patience: function that returns how long the loop may stand still [s]; None to only count late steps.
+        each_round: function that is called at the begin of every round; None for nothing.
 
     Attributes:
-        timing: of each node, by name.
-        running: name of the node that runs now, or ran last.
+        timing: computing times of each node, by name.
+        running: name of the node that runs at present, or ran last.
     """
 
     def __init__(
@@ -99,16 +97,23 @@ class Scheduler:
         self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
 
     def begin(self) -> None:
-        """Make the first steps due now; without this call they are due at the scheduler's creation."""
+        """Plan the first step of every node for the present time; it is also called when the scheduler is created."""
         self._seen = self._robot.time
         self._start = {node.name: self._seen for node in self._nodes}
         self._count = {node.name: 0 for node in self._nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
-        """Run until a condition holds, which is tested after every round, at most so long [s]; whether it holds.
+        """Run the loop until a condition is satisfied.
+
+        Args:
+            until: the condition, which is tested after every round.
+            longest: longest duration [s].
+
+        Returns:
+            Whether the condition is satisfied.
 
         Raises:
-            ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.
+            ClockError: the loop stood still for too long, or the clock jumped, if `patience` was given.
         """
         end = self._robot.time + longest
         while not until():
@@ -127,14 +132,14 @@ class Scheduler:
         return True
 
     def _wait_until(self, time: float) -> None:
-        """Wait until a time [s]; a time that has passed needs no wait."""
+        """Wait until a time [s], if it has not passed."""
         remaining = time - self._robot.time
         if remaining > 1e-9:
             self._robot.advance(remaining)
 
     @contextmanager
     def _watched(self, what: str, until: float = -inf) -> Iterator[None]:
-        """Check that the clock runs to about `until` [s], and did not jump since the last check."""
+        """Check that the clock runs to about `until` [s] in the block, and has not jumped since the last check."""
         if self._patience is None:
             yield
             return
@@ -177,34 +182,33 @@ class Scheduler:
 
 
 WATCHDOG_PERIOD_SECONDS = 0.002
-"""Time between two looks [s]: by so much later than `patience` is the arm stopped, at most."""
+"""Time between two checks of the watchdog [s]."""
 
 
 class Watchdog:
-    """A thread that stops the arm where the loop hangs and no longer calls `beat`.
+    """A thread that stops the arm if the control loop hangs, that is, if the loop does not call `beat` in time.
 
-    It measures time by the computer's own monotonic clock, and is right only for a robot that goes on moving while this
-    program computes; a simulated one stands still meanwhile. It cannot run while foreign code holds Python's lock:
-    for that the robot's own timeout is the last resort.
+    Use it for a real robot only: the clock of a simulated robot stands while this program computes. The thread cannot
+    run while other code holds Python's global lock; then only the robot's own timeout helps.
 
     Args:
-        stop: brings the arm to rest; called from this thread.
-        moving: whether the arm is commanded to move; an arm at rest needs no watchdog.
-        patience: longest time between two beats [s].
+        stop: function that brings the arm to rest; it is called from the watchdog's thread.
+        moving: function that returns whether the arm is commanded to move; an arm at rest is not stopped.
+        patience: longest time between two calls of `beat` [s].
 
     Attributes:
-        fault: a sentence once the arm was stopped; None before.
+        fault: message about the stop; None before.
     """
 
     def __init__(self, stop: Callable[[], None], moving: Callable[[], bool], patience: float) -> None:
         self._stop, self._moving, self._patience = stop, moving, patience
         self._seen = monotonic()
         self._ended = threading.Event()
-        self._thread = PromptThread(self._watch, "watchdog")
+        self._thread = HighPriorityThread(self._watch, "watchdog")
         self.fault: str | None = None
 
     def beat(self) -> None:
-        """Report that the loop is alive; called in every round."""
+        """Report that the control loop is running; called in every round."""
         self._seen = monotonic()
 
     def __enter__(self) -> Self:

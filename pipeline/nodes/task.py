@@ -1,7 +1,7 @@
-"""The task node: plans the swing with the estimated length, has it checked, and plays it open loop.
+"""The task node: it plans the swing with the estimated length, checks the plan, and runs it without feedback.
 
-Planning takes one to three seconds. On a simulated clock the motion begins at once. On a real one the arm comes to rest
-first, the plan is made beside the loop for an instant ahead, and is played when that instant comes.
+Planning takes one to three seconds. In a simulation the motion begins at once. On a real robot the arm comes to rest
+first; the motion is planned in the background for a later instant, at which it begins.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,46 +16,46 @@ from armdyn.pendulum.model import PendulumModel
 from pipeline.box import Box
 from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
 from pipeline.motion.feasibility import FeasibilityReport
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.reference import smooth_reference
 from pipeline.nodes.background import BackgroundWorker
 from pipeline.nodes.drive import DriveNode
 from pipeline.robot.protocol import Vector
 
 PLAN_TOLERANCE = 0.004
-"""How far smoothing may move the gripper off its plan [m]; the load then misses its target by about as much."""
+"""Largest change of the gripper's planned position by smoothing [m]; the load misses its target by about as much."""
 TOUCH_DISTANCE = 0.05
-"""A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
+"""Planned distance of the load from the box below which it may touch the box [m]."""
 END_MARGIN = 0.01
-"""Distance that plans keep from the ends of the line [m]."""
+"""Distance of planned motions from the ends of the line [m]."""
 FIRST_LEAD_SECONDS = 2.0
-"""So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
+"""Time between the begin of planning and the begin of the motion on a real robot [s]; planning takes about 1 s."""
 MAX_PLANS = 3
-"""Plans that may come too late before it is given up; each is made for an instant twice as far ahead."""
+"""Largest number of plans that are tried if planning is too slow; each has twice the time of the one before."""
 MAX_PLANNING_SECONDS = MAX_PLANS * FIRST_LEAD_SECONDS * 2 ** (MAX_PLANS - 1) + 2.0
-"""Time that planning, and coming to rest before it, may take on a real clock [s]: a plan that comes too late is waited
-for, and one that takes longer than the last lead is not tried again."""
+"""Longest time until a requested motion begins on a real robot, coming to rest included [s]."""
 
-Check = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
-"""Judges a trajectory with the swing that belongs to it, for an arm that is at joint positions (n,) [rad]."""
+FeasibilityCheck = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
+"""Function that checks a trajectory and its swing, for an arm at the given joint positions (n,) [rad]."""
 
 
 @dataclass(frozen=True)
 class TaskSettings:
-    """The swing into the box, and its finish over it.
+    """Settings of the swing into the box, and of the gripper's last motion over the box.
 
     Attributes:
-        target_x: where the load should be at the end of the swing, from the line's zero [m].
-        target_below: how far below the gripper's line [m].
-        travel_weight: cost of the gripper's distance from zero [1/(m^2 s)]; not in the paper; it keeps the plans
-            for long strings on the line.
-        duration: of the swing [s].
-        settling: time to bring the load to rest before it [s].
-        finish_x: where the gripper comes to rest over the box [m].
-        box: where the robot believes the box to be.
-        cautious: whether the plan avoids the wall, a slack string and the ends of the line; the paper's plan does not.
-        clearance: height over that rim at which the load's centre should pass [m].
-        least_tension: share of the load's weight with which the string should stay taut.
+        target_x: target of the load at the end of the swing, along the line [m].
+        target_below: target of the load at the end of the swing, below the line [m].
+        travel_weight: weight of the gripper's squared distance from the line's middle in the cost [1/(m^2 s)]; it is
+            not in the paper, and keeps the motions for long strings on the line.
+        duration: duration of the swing [s].
+        settling: duration of the motion that brings the load to rest before the swing [s].
+        finish_x: position at which the gripper comes to rest over the box, along the line [m].
+        box: the box, as far as the robot knows it.
+        cautious: whether the plan avoids the box's wall, a slack string and the ends of the line; the paper's plan does
+            not.
+        clearance: height above the box's rim at which the load's centre should pass [m].
+        least_tension: smallest tension of the string, as a share of the load's weight.
     """
 
     target_x: float = 0.45
@@ -70,7 +70,7 @@ class TaskSettings:
     least_tension: float = 0.1
 
     def swing_cost(self, limits: LineLimits) -> TaskCost:
-        """Cost of the swing: the load shall be at the target, at rest, at the end."""
+        """Cost of the swing, at whose end the load should be at rest at the target."""
         cost = TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
         if not self.cautious:
             return cost
@@ -83,7 +83,12 @@ class TaskSettings:
         )
 
     def settling_cost(self, length: float, angle: float) -> TaskCost:
-        """Cost of settling: the load shall hang at rest below the line's middle; in wind its angle is not 0."""
+        """Cost of the motion that brings the load to rest below the line's middle.
+
+        Args:
+            length: length of the string [m].
+            angle: angle of the string at rest [rad], which is not 0 in wind.
+        """
         return TaskCost(
             target=(-length * sin(angle), -length * cos(angle)),
             position_weights=(1e4, 1e4),
@@ -95,10 +100,11 @@ class TaskSettings:
 
 @dataclass(frozen=True)
 class _Task:
-    """A planning task, which can be copied to another process.
+    """A planning task, which can be pickled.
 
-    The motion minimises `cost` from `start` of gripper and load, with these values of the model; the arm is
-    at the last commanded state `here` and at joint positions `at` (n,) [rad]. The finish over the box follows a swing.
+    The motion minimises `cost` from the state `start` of gripper and load, with these values of the model's parameters.
+    `here` is the last commanded state on the line, `at` the measured joint positions (n,) [rad]. With `finish`, the
+    last motion over the box follows.
     """
 
     cost: TaskCost
@@ -111,7 +117,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Planned:
-    """Result of a planning task; `problem` says why there is no trajectory."""
+    """Result of a planning task; `problem` says why there is no trajectory, if there is none."""
 
     plan: SwingPlan
     trajectory: LineTrajectory | None = None
@@ -124,12 +130,12 @@ class _Request:
     """A requested motion.
 
     Attributes:
-        task: gives the planning task for a starting instant [s].
-        announce: for a swing, called with the time from which the load may touch the box [s].
-        lead: time between planning and motion on a real clock [s].
+        task: function from the time at which the motion begins [s] to the planning task.
+        announce: for a swing, function that is called with the time from which the load may touch the box [s].
+        lead: time between the begin of planning and the begin of the motion on a real robot [s].
         tries: number of plans that were begun.
-        due: instant at which the motion begins [s]; None before it is chosen.
-        ready: the plan for it; None before it is made.
+        due: time at which the motion begins [s]; nan before it is chosen.
+        ready: the finished plan; None before.
     """
 
     task: Callable[[float], _Task]
@@ -141,12 +147,22 @@ class _Request:
 
 
 class TaskNode:
-    """Plans motions on request and plays them; a request is carried out from the node's next step on.
+    """Plans requested motions, and starts them.
+
+    Args:
+        model: model of the load, whose parameter values a request may replace.
+        drive: node that moves the arm.
+        limits: limits along the line.
+        check: function that checks a planned motion.
+        measured: function that returns the measured joint positions, (n,) [rad].
+        settings: settings of the swing.
+        worker: worker that plans.
 
     Attributes:
-        swing: plan of the last swing.
-        started: time at which the swing began [s].
-        feasibility: report on the last planned motion; None before there is one.
+        settings: settings of the swing.
+        swing: plan of the last swing; None before.
+        started: time at which the swing began [s]; None before.
+        feasibility: report on the last planned motion; None before.
     """
 
     name = "task"
@@ -157,7 +173,7 @@ class TaskNode:
         model: PendulumModel,
         drive: DriveNode,
         limits: LineLimits,
-        check: Check,
+        check: FeasibilityCheck,
         measured: Callable[[], Vector],
         settings: TaskSettings,
         worker: BackgroundWorker,
@@ -165,7 +181,7 @@ class TaskNode:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
         self._model, self._measured, self._worker = model, measured, worker
         self._planners = {
-            seconds: TaskPlanner(model, round(seconds / PERIOD), PERIOD)
+            seconds: TaskPlanner(model, round(seconds / CONTROL_PERIOD_SECONDS), CONTROL_PERIOD_SECONDS)
             for seconds in (settings.duration, settings.settling)
         }
         self._worker.provide(self.name, self._plan)
@@ -176,19 +192,19 @@ class TaskNode:
 
     @property
     def idle(self) -> bool:
-        """Whether no motion is requested or played."""
+        """Whether no motion is requested and the arm is at rest."""
         return self._request is None and self._drive.at_rest
 
     @property
     def longest_planning(self) -> float:
-        """Longest time before a requested motion begins [s]."""
+        """Longest time between the request and the begin of a motion [s]."""
         return 0.0 if self._worker.at_once else MAX_PLANNING_SECONDS
 
     def step(self, now: float) -> None:
-        """Carry out the present request, if any.
+        """Plan the requested motion, or start it if it is planned and its time has come.
 
         Raises:
-            TaskFailedError: there is no feasible plan, or planning takes too long.
+            TaskFailedError: no feasible motion was found, or planning takes too long.
         """
         request = self._request
         if request is None:
@@ -209,13 +225,15 @@ class TaskNode:
             self._begin(request, request.ready)
 
     def cancel(self) -> None:
-        """Cancel the present request."""
+        """Cancel the requested motion, if it has not begun."""
         self._request = None
 
     def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
-        """Request a motion that brings the load to rest, by a model with the present estimate.
+        """Request a motion that brings the load to rest.
 
-        `state` gives the state of gripper and load at an instant [s], now or later while the arm stands.
+        Args:
+            model: model with the present estimate.
+            state: function from the time at which the motion begins [s] to the state of gripper and load.
         """
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))
@@ -225,8 +243,9 @@ class TaskNode:
 
         Args:
             model: model with the present estimate.
-            begun: time at which the model's time began [s]; now if not given.
-            announce: called, when the swing begins, with the time from which the load may touch the box [s].
+            begun: time at which the model's own time is 0 [s]; None for the begin of the swing.
+            announce: function that is called at the begin of the swing with the time from which the load may touch the
+                box [s].
         """
 
         def task(at: float) -> _Task:
@@ -241,12 +260,12 @@ class TaskNode:
         return _Task(cost, values, start, self._drive.state, self._measured(), finish)
 
     def _ask(self, request: _Request, due: float) -> None:
-        """Request a plan for a motion that begins at an instant [s]."""
+        """Request a plan for a motion that begins at the time `due` [s]."""
         request.due = due
         self._worker.ask(self.name, request.task(due), lambda planned: self._take(request, planned))
 
     def _plan(self, task: _Task) -> _Planned:
-        """The planned and checked motion; computed outside the loop."""
+        """Plan and check a motion; called by the worker."""
         model = self._model.with_values(task.values)
         planner = self._planners[self.settings.duration if task.finish else self.settings.settling]
         plan = planner.plan(model, task.cost, task.start)
@@ -254,14 +273,14 @@ class TaskNode:
             trajectory = self._feasible(plan, task.here)
             if task.finish:
                 trajectory = trajectory.then(
-                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, PERIOD)
+                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, CONTROL_PERIOD_SECONDS)
                 )
         except ArmdynError as error:
             return _Planned(plan, problem=str(error))
         return _Planned(plan, trajectory, self._check(trajectory, plan, model, task.at))
 
     def _take(self, request: _Request, planned: _Planned) -> None:
-        """Store a finished plan; where its instant has passed, the next step requests another one."""
+        """Store a finished plan; if its time has passed, the next step requests another one."""
         if request.announce is not None:
             self.swing = planned.plan
         self.feasibility = planned.report
@@ -272,7 +291,7 @@ class TaskNode:
         request.ready = planned
 
     def _begin(self, request: _Request, planned: _Planned) -> None:
-        """Play the finished plan."""
+        """Start the planned motion."""
         assert planned.trajectory is not None, "a plan without a problem has one"
         self._request = None
         if request.announce is not None:
@@ -286,12 +305,14 @@ class TaskNode:
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan, here: LineState) -> LineTrajectory:
-        """The motion within the line's limits that is nearest to the plan, from the last commanded state."""
+        """The motion within the limits that is nearest to the plan, from the last commanded state."""
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
-        v = np.gradient(plan.x, PERIOD)
-        v[-1] = plan.v[-1] + PERIOD / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
-        motion = smooth_reference(plan.x, v, PERIOD, self._limits, start=here)
+        v = np.gradient(plan.x, CONTROL_PERIOD_SECONDS)
+        v[-1] = (
+            plan.v[-1] + CONTROL_PERIOD_SECONDS / 2 * plan.a[-1]
+        )  # the plan's speeds belong to the middle of each step
+        motion = smooth_reference(plan.x, v, CONTROL_PERIOD_SECONDS, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
         if not missed.max() <= PLAN_TOLERANCE:
             k = int(missed.argmax())

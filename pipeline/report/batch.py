@@ -8,9 +8,9 @@ from armdyn.document import Column, Document, KeyFigure, NextStep, ResultLevel, 
 from armdyn.identify.sentence import total_errors
 from armdyn.quoting import command_text
 from pipeline.batch.history import ParameterHistory
-from pipeline.batch.run import Done, Row
-from pipeline.batch.spec import Spec
-from pipeline.batch.times import TimeFrom
+from pipeline.batch.run import BatchResult, BatchRow
+from pipeline.batch.spec import BatchSpec
+from pipeline.batch.times import TimeSource
 from pipeline.report.changes import (
     MAX_TABLE_ROWS,
     error_history_chart,
@@ -19,7 +19,7 @@ from pipeline.report.changes import (
 )
 
 
-def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
+def batch_report(spec: BatchSpec, done: BatchResult, found: ParameterHistory) -> Document:
     """Report of a batch: which parameters changed and when, errors over time, a table of robots, unusable recordings.
 
     Args:
@@ -53,12 +53,12 @@ def batch_report(spec: Spec, done: Done, found: ParameterHistory) -> Document:
     )
 
 
-def verdict_counts(rows: Sequence[Row]) -> dict[str, int]:
+def verdict_counts(rows: Sequence[BatchRow]) -> dict[str, int]:
     """Number of recordings with each verdict; recordings that could not be used have no verdict."""
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
-def _summary(done: Done, found: ParameterHistory) -> str:
+def _summary(done: BatchResult, found: ParameterHistory) -> str:
     counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdict_counts(done.rows).items()]
     if bad := sum(bool(row.outcome.problem) for row in done.rows):
         counts.append(f"{bad} could not be used")
@@ -74,11 +74,11 @@ def _summary(done: Done, found: ParameterHistory) -> str:
     return text + (f" {done.left} recordings are left." if done.left else "")
 
 
-def _times_sentence(rows: Sequence[Row]) -> str:
+def _times_sentence(rows: Sequence[BatchRow]) -> str:
     """Sentence that names the source of the recordings' times; times are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
-    nowhere = counts.pop(TimeFrom.NOWHERE, 0)
-    parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source]]
+    nowhere = counts.pop(TimeSource.NOWHERE, 0)
+    parts = [f"{counts[source]} from {source.value}" for source in TimeSource if counts[source]]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if nowhere:
         problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)
@@ -87,7 +87,7 @@ def _times_sentence(rows: Sequence[Row]) -> str:
     return text
 
 
-def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
+def _next_steps(spec: BatchSpec, rows: Sequence[BatchRow]) -> list[NextStep]:
     failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
     if spec.task != "compare" or not failed:
         return []
@@ -100,8 +100,8 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
     return [NextStep(f"What the model of {robot} lacks", command)]
 
 
-def _error_section(rows: Sequence[Row]) -> Section:
-    errors: dict[str, list[tuple[float, Row]]] = {}
+def _error_section(rows: Sequence[BatchRow]) -> Section:
+    errors: dict[str, list[tuple[float, BatchRow]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
         if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
@@ -117,7 +117,7 @@ def _error_section(rows: Sequence[Row]) -> Section:
     )
 
 
-def _robot_section(rows: Sequence[Row]) -> Section:
+def _robot_section(rows: Sequence[BatchRow]) -> Section:
     table = []
     for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_TABLE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
@@ -134,7 +134,7 @@ def _robot_section(rows: Sequence[Row]) -> Section:
     return Section("Robots", tables=[Table.of(header, table, caption)])
 
 
-def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
+def _bad_section(spec: BatchSpec, bad: Sequence[BatchRow]) -> Section:
     listed = bad[:MAX_TABLE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),

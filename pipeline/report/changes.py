@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, attribute_columns
-from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, between
-from pipeline.batch.run import Row
+from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, step_period_text
+from pipeline.batch.run import BatchRow
 from pipeline.report.theme import BLUE, BLUE_BAND_FILL, CURVE_COLOURS, GREY, PALE_BLUE_GREY, TEXT_COLOUR, VERMILLION
 
 MAX_EVENT_CHARTS = 12
@@ -35,7 +35,7 @@ def parameter_change_section(history: ParameterHistory) -> Section:
         Table(
             [
                 Column("robot", [step.robot for _, step in steps]),
-                Column("when", [between(event[0]) for event, _ in steps]),
+                Column("when", [step_period_text(event[0]) for event, _ in steps]),
                 Column("parameter", [_plain(step.parameter) for _, step in steps]),
                 *attribute_columns([step for _, step in steps], before=".4g", after=".4g"),
                 Column("unit", [history.units[step.parameter] for _, step in steps]),
@@ -76,7 +76,7 @@ def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
         )
     steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event[:3]]
     more = f" and {len(event) - 3} more" if len(event) > 3 else ""
-    what = f"{first.robot}, {between(first)}: {', '.join(steps)}{more}"
+    what = f"{first.robot}, {step_period_text(first)}: {', '.join(steps)}{more}"
     return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
@@ -112,7 +112,7 @@ def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
     return figure
 
 
-def error_history_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
+def error_history_chart(unit: str, points: Sequence[tuple[float, BatchRow]]) -> Chart:
     """Figure of the errors of recordings over time; recordings that the model explains have another colour.
 
     Args:
@@ -135,13 +135,13 @@ def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
 
 
 def _add_points(
-    figure: go.Figure, name: str, rows: Sequence[Row], days: Any, values: Any, colour: str, **look: Any
+    figure: go.Figure, name: str, rows: Sequence[BatchRow], days: Any, values: Any, colour: str, **look: Any
 ) -> None:
     look = {"mode": "markers", "marker": {"color": colour, "size": 5}, **look}
     figure.add_scatter(x=days, y=values, name=name, text=list(map(_hover, rows)), **look)
 
 
-def _hover(row: Row) -> str:
+def _hover(row: BatchRow) -> str:
     return f"{row.item.robot}: {row.item.run.name}"
 
 

@@ -7,7 +7,14 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
-from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, separations
+from pipeline.answers_motion import (
+    compare_motions,
+    determined_indices,
+    excitation_sentence,
+    joint_peaks,
+    rival_separations,
+    std_ratios,
+)
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section, limit_use_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number_text
@@ -44,7 +51,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
     hopeless = [f"no motion can tell: {what}" for what in goal.inseparable]
     return Document(
         f"A motion of {goal.columns.arm.robot.name} to record",
-        sentence(found),
+        excitation_sentence(found),
         [
             Section("What it tells", told, tables=[_expectation_table(found, most)]),
             Section("The motion", moves, tables=[_peak_table(found)]),
@@ -60,12 +67,12 @@ def excitation_report(found: Excitation) -> Document:
     limits = found.goal.columns.arm.robot.limits
     figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number_text(found.energy, "J"))]
     if found.goal.rivals:
-        smallest = separations(found)[:, 0].min()
+        smallest = rival_separations(found)[:, 0].min()
         figures.insert(0, KeyFigure("separation", f"{smallest:.3g}", "standard deviations"))
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(BASELINE_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
+            for name, other, gain in zip(BASELINE_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True)
             if other is not None
         ]
         figures = [*better, *figures]
@@ -90,15 +97,15 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.separations]
         names = ("standard deviations from the rival", *BASELINE_MOTIONS)
-        return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
-    rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
+        return Table([Column("if there is", hidden), *_columns(names, rival_separations(found).T)])
+    rows, unknowns = determined_indices(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
         effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
-        ratios = np.transpose([gains(found, own) for own in effects.values()])
+        ratios = np.transpose([std_ratios(found, own) for own in effects.values()])
         counted = Column("unknowns", [len(own) for own in effects.values()])
         others = _columns(("random / this", "condition number / this"), ratios)
         return Table([Column("effect (mean of its unknowns)", list(effects)), counted, *others])
-    own, *std = of_each_motion(found, "std").T
+    own, *std = compare_motions(found, "std").T
     told = [
         f"{std:.3g} {p.unit}" if k in rows else "no motion tells"
         for k, (p, std) in enumerate(zip(unknowns, own, strict=True))
@@ -120,7 +127,7 @@ def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]
 
 
 def _peak_table(found: Excitation) -> Table:
-    rows = peaks(found)
+    rows = joint_peaks(found)
     columns = [Column("joint", [row["joint"] for row in rows])]
     for name, key in (("from", "lowest"), ("to", "highest")):
         columns.append(Column(name, [row[key] for row in rows], ".3g"))
@@ -134,12 +141,12 @@ def _expectation_chart(found: Excitation) -> Chart:
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:
-        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.separations], separations(found)
+        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.separations], rival_separations(found)
     else:
-        rows = determined(found)
+        rows = determined_indices(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
-        values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
+        values = compare_motions(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
     for name, colour, bars in zip(("this motion", *BASELINE_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})

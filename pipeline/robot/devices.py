@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from pipeline.motion.transitions import Brake
+from pipeline.motion.transitions import BrakingMotion
 from pipeline.robot.hidden import HiddenStage, stage_terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
@@ -32,7 +32,7 @@ class CommandedMotion:
         self._limits, self._hold_after, self._extrapolate = limits, hold_after, extrapolate
         self._start, self._brake_at = 0.0, math.inf
         self._q, self._v, self._a = q.copy(), np.zeros_like(q), np.zeros_like(q)
-        self._brake: Brake | None = None
+        self._brake: BrakingMotion | None = None
 
     def command(self, time: float, q: Vector, v: Vector, a: Vector) -> None:
         """Follow position, velocity and acceleration (n,) from `time` [s] on."""
@@ -50,7 +50,7 @@ class CommandedMotion:
             return self._extrapolated(time)
         if self._brake is None:
             q, v, a = self._extrapolated(self._brake_at)
-            self._brake = Brake((q, v, a) if self._extrapolate else (q, 0.0 * v, 0.0 * a), self._limits)
+            self._brake = BrakingMotion((q, v, a) if self._extrapolate else (q, 0.0 * v, 0.0 * a), self._limits)
         return self._brake.at(time - self._brake_at)
 
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:

@@ -8,7 +8,7 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.gate import Gate
+from pipeline.motion.gate import CommandGate
 from pipeline.robot.devices import CommandedMotion, JointReadings, SimulatedCell, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
@@ -60,7 +60,7 @@ class SimulatedRobot:
         self._hidden = resolve_hidden(hidden or {})
         q = checked_start_posture(robot, q_start, settings)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        self.joint_names, self._gate = robot.joint_names, Gate(robot.joint_names, robot.limits)
+        self.joint_names, self._gate = robot.joint_names, CommandGate(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
         self._data, self._string = plant.data, LoadString(plant)
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)

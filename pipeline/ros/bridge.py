@@ -14,8 +14,8 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
-from pipeline.processes import Closing, PromptThread
-from urdf.bounds import CONNECTING, LARGEST_MESSAGE
+from pipeline.processes import Closable, HighPriorityThread
+from urdf.bounds import MAX_ROSBRIDGE_MESSAGE_BYTES, ROSBRIDGE_TIMEOUT_SECONDS
 
 Message = Mapping[str, Any]
 MessageHandler = Callable[[Message, float], None]
@@ -33,7 +33,7 @@ class BridgeError(ArmdynError):
     """The connection to the bridge is lost, and is not restored."""
 
 
-class Bridge(Closing):
+class Bridge(Closable):
     """One connection to rosbridge.
 
     Any thread may publish. Received messages are handled in a separate thread. Nothing is queued: the operating system
@@ -61,7 +61,7 @@ class Bridge(Closing):
         self._lock = threading.Lock()
         self._parts: list[bytes] = []
         self._connect()
-        self._thread = PromptThread(self._receive, "rosbridge")
+        self._thread = HighPriorityThread(self._receive, "rosbridge")
         self._thread.start()
 
     @property
@@ -120,11 +120,15 @@ class Bridge(Closing):
             self._answers[number] = None
         self._send({"op": "call_service", "id": number, "service": service, "args": {}})
         with self._answered:
-            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, CONNECTING)
+            self._answered.wait_for(
+                lambda: self._answers[number] is not None or self.failure is not None, ROSBRIDGE_TIMEOUT_SECONDS
+            )
             answer = self._answers.pop(number)
         if answer is None:
             self._require_connected()
-            raise InputError(f"{self.uri}: service {service} did not answer within {CONNECTING:g} s: is it running?")
+            raise InputError(
+                f"{self.uri}: service {service} did not answer within {ROSBRIDGE_TIMEOUT_SECONDS:g} s: is it running?"
+            )
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
 
@@ -138,7 +142,7 @@ class Bridge(Closing):
         # The other side closes when it has read everything; an earlier end may lose messages.
         self._thread.join(CLOSE_TIMEOUT_SECONDS)
         self._lose("it was closed here")
-        self._thread.join(CONNECTING)
+        self._thread.join(ROSBRIDGE_TIMEOUT_SECONDS)
 
     def _connect(self) -> None:
         try:
@@ -154,16 +158,16 @@ class Bridge(Closing):
         if address.secure:
             raise InputError(f"{self.uri}: encrypted connections are not supported: write ws://HOST:PORT")
         try:
-            deadline = time.monotonic() + CONNECTING
-            self._socket = socket.create_connection((address.host, address.port), CONNECTING)
+            deadline = time.monotonic() + ROSBRIDGE_TIMEOUT_SECONDS
+            self._socket = socket.create_connection((address.host, address.port), ROSBRIDGE_TIMEOUT_SECONDS)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._protocol = ClientProtocol(address, max_size=LARGEST_MESSAGE)
+            self._protocol = ClientProtocol(address, max_size=MAX_ROSBRIDGE_MESSAGE_BYTES)
             self._protocol.send_request(self._protocol.connect())
             self._flush()
             while self._protocol.handshake_exc is None and not self._protocol.events_received():
                 left = deadline - time.monotonic()
                 if left <= 0.0:  # a server that sends single bytes for ever is no bridge
-                    raise TimeoutError(0, f"its greeting takes longer than {CONNECTING:g} s")
+                    raise TimeoutError(0, f"its greeting takes longer than {ROSBRIDGE_TIMEOUT_SECONDS:g} s")
                 self._socket.settimeout(left)
                 self._feed(self._read())
         except (OSError, UnicodeError) as error:  # no name server accepts the name

@@ -10,7 +10,7 @@ import time
 from itertools import count
 
 from armdyn.errors import InputError
-from pipeline.processes import PromptThread
+from pipeline.processes import HighPriorityThread
 from pipeline.robot.link import Percentiles
 from pipeline.ros.bridge import Bridge, BridgeError, Message
 
@@ -33,7 +33,7 @@ class MasterWatch:
         self._bridge = bridge
         self.trouble: str | None = None
         self._closed = threading.Event()
-        self._thread = PromptThread(self._ask, "ROS master")
+        self._thread = HighPriorityThread(self._ask, "ROS master")
         self._thread.start()
 
     def close(self) -> None:

@@ -16,8 +16,8 @@ from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import ForeignColumn, SampleAccount
 from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
-from pipeline.interrupts import noted_signals
-from pipeline.loadcell.calibration import Calibration, default_path
+from pipeline.interrupts import deferred_signals
+from pipeline.loadcell.calibration import Calibration, default_calibration_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Bridge, Message
@@ -59,7 +59,7 @@ def record_run(
     """
     heard = _ReceivedStates(topics.joint_states)
     forces: list[ForceSample] = []
-    used = Calibration.load(calibration or default_path()) if port is not None else None
+    used = Calibration.load(calibration or default_calibration_path()) if port is not None else None
     with ExitStack() as stack:
         bridge = stack.enter_context(Bridge(uri))
         cell = stack.enter_context(LoadCell(port, used)) if port is not None and used is not None else None
@@ -68,7 +68,7 @@ def record_run(
         start, ended = time.monotonic(), ""
         heard.begin(start)
         signals: list[int] = []
-        stack.enter_context(noted_signals(signals.append))
+        stack.enter_context(deferred_signals(signals.append))
         while not (ended or signals) and (elapsed := time.monotonic() - start) < seconds:
             time.sleep(min(0.05, seconds - elapsed))
             if bridge.failure is not None:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from armdyn.errors import InputError, error_location
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
-from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import Check, read_as
+from urdf.loader import SETTINGS_DIRECTORY, known_robots
+from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 
 class CommandKind(Enum):
@@ -26,9 +26,10 @@ JOINT_COMMAND_MODES = {"position": 1, "raw_position": 4}
 
 
 _Name = Annotated[
-    str, Check(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise")
+    str,
+    ValueCheck(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise"),
 ]
-_Seconds = Annotated[float, Check(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
+_Seconds = Annotated[float, ValueCheck(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class RosTopics:
     joint_states: _Name
     command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
-    mode: Annotated[str, Check(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")] = (
+    mode: Annotated[str, ValueCheck(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")] = (
         "raw_position"
     )
     feed_forward: _Name | None = None
@@ -65,7 +66,7 @@ class RosTopics:
 
 def settings_file(robot: str) -> Path:
     """Path of a robot's settings file, from the name of a known robot or from a file name."""
-    return SETTINGS / f"{robot}.toml" if robot in known_robots() else Path(robot)
+    return SETTINGS_DIRECTORY / f"{robot}.toml" if robot in known_robots() else Path(robot)
 
 
 def read_topics(file: Path) -> RosTopics:
@@ -78,7 +79,7 @@ def read_topics(file: Path) -> RosTopics:
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
     with error_location(file):
-        return read_as(RosTopics, table, "[ros]")
+        return table_to_dataclass(RosTopics, table, "[ros]")
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort, emulated_calibration
-from pipeline.processes import Closing, ask_for_real_time
+from pipeline.processes import Closable, request_real_time_priority
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -43,7 +43,7 @@ UNMOVED_BAXTER_JOINTS = (
 """Joints of Baxter that the twin does not simulate; its joint states contain them with zeros."""
 
 
-class Twin(Closing):
+class Twin(Closable):
     """A simulated Baxter on ROS; the method `run` simulates it in real time.
 
     Args:
@@ -126,7 +126,7 @@ class Twin(Closing):
 
         Without the bridge the arm holds its posture, as the real robot does.
         """
-        ask_for_real_time()
+        request_real_time_priority()
         gc.collect()
         gc.freeze()  # loaded objects stay; the garbage collector would take 50 ms each time to search them
         self.start = time.monotonic() - self.robot.time

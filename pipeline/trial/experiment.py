@@ -20,11 +20,11 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Channel
 from ik.torque import JointTorque
-from pipeline.interrupts import noted_signals
-from pipeline.loadcell.faults import FaultDetector
-from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
+from pipeline.interrupts import deferred_signals
+from pipeline.loadcell.faults import LoadCellFaultDetector
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
@@ -135,11 +135,13 @@ class Experiment:
                 "the line, along which SAC moves,"
             )
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
+        self.measurement = MeasurementNode(
+            robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass
+        )
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
-        gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
-        smoother = LineSmoother(limits, PERIOD, LineState(begin))
+        gate = LineGate(limits, table, CommandGate(description.joint_names, description.limits))
+        smoother = LineSmoother(limits, CONTROL_PERIOD_SECONDS, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
@@ -158,7 +160,7 @@ class Experiment:
 
     def run(self) -> TrialEnding:
         """Run the whole protocol, and return its ending; then the arm is at rest, even after a second Ctrl-C."""
-        with noted_signals(self._interrupt), ExitStack() as ended:
+        with deferred_signals(self._interrupt), ExitStack() as ended:
             try:
                 self._begin(ended)
                 success = self._protocol()
@@ -296,7 +298,11 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._robot.time >= started + swing.time[-1] - PERIOD / 2
+        return (
+            swing is not None
+            and started is not None
+            and self._robot.time >= started + swing.time[-1] - CONTROL_PERIOD_SECONDS / 2
+        )
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.

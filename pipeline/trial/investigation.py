@@ -26,7 +26,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
 from ik import LineTable
 from pipeline.motion import LineTrajectory
-from pipeline.motion.feasible_motion import fit_to_arm
+from pipeline.motion.feasible_motion import fit_motion_to_arm
 from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import REST_SECONDS, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
@@ -198,7 +198,7 @@ def investigate(
             say("designing the next motion")
             proposal = designed_motion(rivals, DESIGNED_MOTION_SECONDS, DESIGNED_MOTION_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
-            made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
+            made = fit_motion_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
                 stop = InvestigationEnd.INSEPARABLE
             else:

@@ -9,9 +9,9 @@ import numpy as np
 import urdf
 from armdyn.errors import TaskFailedError
 from ik import LineTable
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.motion import LineTrajectory
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import RobotInterface, Vector
@@ -36,7 +36,7 @@ JointReference = tuple[Vector, Vector, Vector]
 
 def approach_motion(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
     """Slow minimum-jerk motion of an arm from one posture (n,) [rad] to another."""
-    return JointTrajectory(*_slow_move(start, goal, MAX_APPROACH_SPEED, PERIOD), arm.joint_names)
+    return JointTrajectory(*_slow_move(start, goal, MAX_APPROACH_SPEED, CONTROL_PERIOD_SECONDS), arm.joint_names)
 
 
 def line_sweep(table: LineTable) -> LineTrajectory:
@@ -53,7 +53,9 @@ def rehearsal_motion(table: LineTable, finish: float) -> LineTrajectory:
         finish: position over the box at which a trial ends [m].
     """
     stops = (0.0, max(-MAX_BACKWARD_DISTANCE, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
-    parts = [LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, PERIOD)) for first, last in pairwise(stops)]
+    parts = [
+        LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, CONTROL_PERIOD_SECONDS)) for first, last in pairwise(stops)
+    ]
     return reduce(LineTrajectory.then, parts)
 
 
@@ -75,14 +77,14 @@ def play_motion(
         TaskFailedError: the motion was interrupted or a command was refused; the arm is brought to rest.
     """
     signals: list[int] = []
-    with noted_signals(signals.append):
+    with deferred_signals(signals.append):
         begun = due = robot.time
         try:
             for posture in motion:
                 if signals:
                     raise TaskFailedError(f"{signal_sentence(signals[0])}: the arm was brought to rest")
                 robot.command(*posture)
-                due = max(due + PERIOD, robot.time)
+                due = max(due + CONTROL_PERIOD_SECONDS, robot.time)
                 robot.advance(due - robot.time)
                 if progress is not None:
                     progress(min((robot.time - begun) / total, 1.0))

@@ -16,7 +16,7 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
-from pipeline.processes import ask_for_real_time
+from pipeline.processes import request_real_time_priority
 from pipeline.robot.drivers import ConnectFunction
 from pipeline.robot.link import LinkStatistics
 from pipeline.robot.protocol import RealRobot
@@ -185,7 +185,7 @@ def _connected(link: RobotLink, prompts: OperatorPrompts) -> Iterator[RealRobot]
         robot = stack.enter_context(link.connect(cell, clock))
         gc.collect()
         gc.freeze()  # loaded objects stay; the garbage collector would stop a motion for 50 ms to search them
-        if not ask_for_real_time():
+        if not request_real_time_priority():
             prompts.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
         if robot.statistics.round_trip is not None:
             prompts.tell(f"round trip to the robot: median {robot.statistics.round_trip.milliseconds}")

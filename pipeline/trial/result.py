@@ -16,7 +16,7 @@ from armdyn.pendulum.path import gripper_path
 from armdyn.quoting import command_text
 from armdyn.recording.units import KnownQuantity
 from pipeline.answers_motion import investigation_answer
-from pipeline.fields import fields
+from pipeline.fields import attributes_as_json
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.record import Recorder
@@ -83,13 +83,13 @@ class TrialResult(TrialEnding):
         updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
-            **fields(
+            **attributes_as_json(
                 self,
                 "success message length_guess length_true= length_estimate length_std",
                 length_true=self.true_length,
             ),
             "estimates": [[e.time, e.value, e.std] for e in self.estimates],
-            **fields(self, "peak minimum_tension"),
+            **attributes_as_json(self, "peak minimum_tension"),
             "feasible": bool(self.feasible),
             "planning": {
                 "iterations": len(solution.iterations) if solution else 0, "cost": solution.cost if solution else None,
@@ -99,8 +99,8 @@ class TrialResult(TrialEnding):
                 "estimator_update": sum(updates) / len(updates) if updates else 0.0,
                 "planning": solution.seconds if solution else 0.0,
             },
-            "parameters": {name: fields(p, "value std unit") for name, p in self.model.parameters.items()},
-            **fields(self, "recording missed_cycles"),
+            "parameters": {name: attributes_as_json(p, "value std unit") for name, p in self.model.parameters.items()},
+            **attributes_as_json(self, "recording missed_cycles"),
             **({"notes": list(self.notes)} if self.notes else {}),
             **({"investigation": investigation_answer(self.investigation)} if self.investigation else {}),
         }  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import urdf
 from ik import LineTable
-from pipeline.loadcell.faults import FaultLimits
+from pipeline.loadcell.faults import LoadCellLimits
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.ending import TrialEnding
@@ -49,7 +49,7 @@ class Rig:
     real: bool
     arm: urdf.Robot
     table: LineTable
-    cell: FaultLimits
+    cell: LoadCellLimits
     description: str
     hooks: RigHooks
     true_length: float | None = None

@@ -12,7 +12,7 @@ from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from pipeline.box import LOAD_RADIUS
 from pipeline.motion import LineTrajectory
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
@@ -74,8 +74,11 @@ class ProtocolSettings:
         for name in ("mass", "mass_std", "load_radius", "force_noise", "estimation_time"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"{name.replace('_', ' ')} {getattr(self, name):g}: give a positive number")
-        if self.motion is not None and not np.allclose(np.diff(self.motion.time), PERIOD, atol=1e-6):
-            raise InputError(f"the motion has no sample every {PERIOD:g} s: write it at the rate of the robot's cycle")
+        if self.motion is not None and not np.allclose(np.diff(self.motion.time), CONTROL_PERIOD_SECONDS, atol=1e-6):
+            raise InputError(
+                f"the motion has no sample every {CONTROL_PERIOD_SECONDS:g} s: "
+                "write it at the rate of the robot's cycle"
+            )
 
     def starting_model(self) -> PendulumModel:
         """The given model, or a pendulum, with the nuisance effects, the weighed mass and the guessed length.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
 

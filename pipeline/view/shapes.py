@@ -14,7 +14,7 @@ from armdyn.recording.channels import FloatArray
 from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL_COLOUR, Mesh, SceneBody, capsule_mesh
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
-from urdf.quiet import captured_output
+from urdf.library_output import captured_output
 
 MAX_TRIANGLES = 40_000
 """Largest number of triangles of an arm, for a page of about 1 MB that a small computer can rotate smoothly."""

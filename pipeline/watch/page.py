@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.watch.event import WatchEvent
 from armdyn.watch.watch import Watch
-from pipeline.processes import Closing
+from pipeline.processes import Closable
 
 LOCAL_HOST = "127.0.0.1"
 POINT_SECONDS, CURVE_SECONDS = 0.05, 30.0
@@ -23,7 +23,7 @@ MAX_EVENTS = 200
 PAGE_FILE = Path(__file__).parent / "templates" / "watch.html"
 
 
-class LivePage(Closing):
+class LivePage(Closable):
     """Serves a web page that shows a running watch.
 
     Args:

@@ -16,7 +16,7 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray, name_and_unit, unit_conversion
 from armdyn.run import Run, read_run
 from armdyn.watch.fault_free import JointSample, samples_of
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import deferred_signals
 from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStates, missing_state_error
 
@@ -114,7 +114,7 @@ class RosSampleSource:
             InputError: no connection, no states of these joints, or states without torques.
         """
         with ExitStack() as stack:
-            stack.enter_context(noted_signals(lambda _: setattr(self, "_ended", True)))
+            stack.enter_context(deferred_signals(lambda _: setattr(self, "_ended", True)))
             bridge = stack.enter_context(self._connected())
             start, begun, torques = None, time.monotonic(), False
             while not self._ended:

@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import error_sentence
-from ik.children import begin_child
-from pipeline.console.inputs import Inputs
+from ik.child_processes import initialise_child
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.workbench.bench import Workbench
 
 _T = TypeVar("_T")
-SearchWork = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
+SearchWork = Callable[[ModelAndRunInputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
 """A search: function from input files, labels of effects to add first, and a progress function, to a JSON answer."""
 SearchListener = Callable[[str, Any], None]
 """Function called from another thread with "progress" or "failed" and a sentence, or with "done" and the answer."""
@@ -29,7 +29,7 @@ class ComputingSession:
         inputs: the files.
     """
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: ModelAndRunInputs) -> None:
         self.inputs = inputs
         self._thread = ThreadPoolExecutor(1, "armdyn-session")
         given = self._given = self._thread.submit(inputs.read)
@@ -59,7 +59,7 @@ def _first_look(given: Future[CheckedStudy]) -> Workbench:
     return bench
 
 
-def inputs_key(inputs: Inputs) -> tuple[object, ...]:
+def inputs_key(inputs: ModelAndRunInputs) -> tuple[object, ...]:
     """Key of a set of input files, which changes when a file is written again."""
     roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
              ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
@@ -78,7 +78,7 @@ class SearchProcess:
         tell: function that is called with progress, failure or answer of the search.
     """
 
-    def __init__(self, work: SearchWork, inputs: Inputs, effects: Sequence[str], tell: SearchListener) -> None:
+    def __init__(self, work: SearchWork, inputs: ModelAndRunInputs, effects: Sequence[str], tell: SearchListener) -> None:
         # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
@@ -106,8 +106,8 @@ class SearchProcess:
         self._process.join()
 
 
-def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
-    begin_child()
+def _search(work: SearchWork, inputs: ModelAndRunInputs, effects: tuple[str, ...], answers: Connection) -> None:
+    initialise_child()
     os.nice(5)  # the page's process has priority
     try:
         answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
@@ -115,7 +115,7 @@ def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers:
         answers.send(("failed", error_sentence(error, "The search failed")))
 
 
-def run_diagnosis(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+def run_diagnosis(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
     """Diagnose a model with some added effects.
 
     Args:
@@ -135,7 +135,7 @@ def run_diagnosis(inputs: Inputs, effects: Sequence[str], say: Callable[[str], N
     return {**diagnosis_answer(given.study, given.diagnose(say)), "beside": list(effects)}
 
 
-def run_discovery(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+def run_discovery(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
     """Discover laws that a model with some added effects lacks, like the command `armdyn discover`.
 
     Args:

@@ -20,8 +20,8 @@ from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_m
 from armdyn.quoting import command_text
 from armdyn.read_files import allow_overwrite
 from armdyn.run import Run, read_run, write_run_csv
-from ik.children import is_running
-from pipeline.console.inputs import Inputs
+from ik.child_processes import is_running
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.workbench.bench import Workbench
 
 PAGE_FOLDER_PREFIX = "armdyn-page-"
@@ -266,7 +266,7 @@ class SavedFiles(NamedTuple):
 
 
 def save_model(
-    opened: Inputs,
+    opened: ModelAndRunInputs,
     given: CheckedStudy,
     bench: Workbench,
     effects: Sequence[str],

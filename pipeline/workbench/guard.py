@@ -13,7 +13,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from urdf.bounds import LARGEST_UPLOAD
+from urdf.bounds import MAX_UPLOAD_BYTES
 
 AsgiMessage = MutableMapping[str, Any]
 ReceiveFunction = Callable[[], Awaitable[AsgiMessage]]
@@ -56,8 +56,8 @@ class AccessGuard:
         size = sent.get("content-length", "0")
         if why is not None:
             await self._refuse(scope, receive, send, HTTP_FORBIDDEN, why)
-        elif not size.isdecimal() or int(size) > LARGEST_UPLOAD:
-            await self._refuse(scope, receive, send, HTTP_TOO_LARGE, f"at most {LARGEST_UPLOAD / 2**20:g} MiB")
+        elif not size.isdecimal() or int(size) > MAX_UPLOAD_BYTES:
+            await self._refuse(scope, receive, send, HTTP_TOO_LARGE, f"at most {MAX_UPLOAD_BYTES / 2**20:g} MiB")
         else:
             await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
 
@@ -114,7 +114,7 @@ class AccessGuard:
 
 def _bounded(receive: ReceiveFunction) -> ReceiveFunction:
     """ASGI receive function that disconnects a client that sends more than `LARGEST_UPLOAD` bytes."""
-    left = LARGEST_UPLOAD
+    left = MAX_UPLOAD_BYTES
 
     async def receiving() -> AsgiMessage:
         nonlocal left

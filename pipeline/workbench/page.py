@@ -10,12 +10,12 @@ from typing import Any
 from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.page import template_text
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import ComputingSession, SearchProcess, SearchWork, run_diagnosis, run_discovery
 from pipeline.workbench.tab import BrowserTab, OpenSession, scene_of_run
-from urdf.bounds import LARGEST_UPLOAD
+from urdf.bounds import MAX_UPLOAD_BYTES
 from urdf.loader import known_robots
 
 CLICK_PAUSE_SECONDS = 0.25
@@ -33,7 +33,7 @@ class WorkbenchPage(BrowserTab):
     """
 
     def __init__(
-        self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.WritablePlaces
+        self, client: Client, inputs: ModelAndRunInputs | None, open_session: OpenSession, writable: files.WritablePlaces
     ) -> None:
         super().__init__(client, inputs, open_session)
         self._writable = writable
@@ -46,7 +46,7 @@ class WorkbenchPage(BrowserTab):
         ui.html(skeleton.substitute(robots=robots, kinds=panels.export_options_html()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
-            label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
+            label=label, multiple=True, auto_upload=True, max_file_size=MAX_UPLOAD_BYTES,
             on_multi_upload=self._guarded_event(self._dropped),
             on_rejected=lambda: self._call("say", "A file is too large: record for a shorter time.", "bad"),
         ).props("flat")  # fmt: skip

@@ -16,9 +16,9 @@ from nicegui import Client, ui
 
 from armdyn import __version__
 from armdyn.errors import InputError
-from pipeline.console.inputs import Inputs
-from pipeline.interrupts import Interrupt, leave, noted_signals
-from pipeline.processes import SWITCH_SECONDS
+from pipeline.console.inputs import ModelAndRunInputs
+from pipeline.interrupts import Interrupt, deferred_signals, exit_at_once
+from pipeline.processes import THREAD_SWITCH_SECONDS
 from pipeline.report.page import template_text
 from pipeline.view.scene import three_js_source
 from pipeline.workbench import files
@@ -67,7 +67,11 @@ def is_loopback(host: str) -> bool:
 
 
 def serve_workbench(
-    inputs: Inputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
+    inputs: ModelAndRunInputs | None,
+    listen: socket.socket,
+    host: str,
+    started: Callable[[str], None],
+    closed: Callable[[], None],
 ) -> NoReturn:
     """Serve the workbench until a signal such as Ctrl-C arrives, then end this process.
 
@@ -83,7 +87,7 @@ def serve_workbench(
     sessions: WeakValueDictionary[tuple[object, ...], ComputingSession] = WeakValueDictionary()
     first: list[ComputingSession] = []
 
-    def open_session(wanted: Inputs) -> ComputingSession:
+    def open_session(wanted: ModelAndRunInputs) -> ComputingSession:
         key = inputs_key(wanted)
         session = sessions.get(key)
         if session is None:
@@ -104,7 +108,7 @@ def serve_workbench(
         await client.connected()
         await own.begin()
 
-    sys.setswitchinterval(SWITCH_SECONDS)  # a refit must not keep the page waiting
+    sys.setswitchinterval(THREAD_SWITCH_SECONDS)  # a refit must not keep the page waiting
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
@@ -164,7 +168,7 @@ def _run(
             closed()
             if received != signal.SIGINT:
                 print(f"armdyn: {Interrupt(received)}", file=sys.stderr)
-            leave(received, 0 if received == signal.SIGINT else 128 + received)
+            exit_at_once(received, 0 if received == signal.SIGINT else 128 + received)
 
     def note(number: int) -> None:
         nonlocal received
@@ -175,6 +179,6 @@ def _run(
 
     ending = Lock()
     server.startup = startup
-    server.capture_signals = lambda: noted_signals(note)
+    server.capture_signals = lambda: deferred_signals(note)
     server.run(sockets=[listen])
     end()

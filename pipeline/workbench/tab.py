@@ -12,7 +12,7 @@ from armdyn.document import Chart
 from armdyn.errors import ArmdynError, InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
 from pipeline.report.overlay import Overlays, updated_curve
@@ -27,7 +27,7 @@ from pipeline.workbench.bench import AS_GIVEN, WITH_TICKED_EFFECTS, TickedModel,
 TICKED_LABEL = "as ticked"
 CURVES_FIRST_SECONDS = 0.05
 """Pause after a click in which the new curves are sent before other figures are computed [s]."""
-OpenSession = Callable[[Inputs], ComputingSession]
+OpenSession = Callable[[ModelAndRunInputs], ComputingSession]
 """Function that returns the computing thread for some files; tabs with the same files share it."""
 
 
@@ -54,7 +54,7 @@ class BrowserTab:
         open_session: function that returns the computing thread for some files.
     """
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_session: OpenSession) -> None:
+    def __init__(self, client: Client, inputs: ModelAndRunInputs | None, open_session: OpenSession) -> None:
         self._client, self._open_desk = client, open_session
         self._folder = files.new_page_folder()
         self._model = inputs.model if inputs else None
@@ -97,7 +97,7 @@ class BrowserTab:
             model = "a model: start one, or drop a model or a URDF"
             self._call("panel", "subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
             return
-        inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
+        inputs = ModelAndRunInputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
         session = self._session = self._open_desk(inputs)
         self._call("busy", "reading recordings and fitting the model as given")
         try:
@@ -184,9 +184,9 @@ class BrowserTab:
         except ArmdynError as error:
             self._call("say", str(error).replace(f"{self._folder.name}/", ""), "bad")
         except Exception as error:
-            from pipeline.console.streams import report_unforeseen
+            from pipeline.console.streams import report_unexpected_error
 
-            self._call("say", report_unforeseen(error), "bad")
+            self._call("say", report_unexpected_error(error), "bad")
 
     def _call(self, function: str, *arguments: Any) -> None:
         """Call a function of the page's script, ``armdynBench``."""

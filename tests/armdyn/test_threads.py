@@ -12,9 +12,9 @@ from armdyn.identify.estimator import Estimator
 from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
 from armdyn.threads import one_thread
-from ik.children import worker_pool
-from pipeline.cli import ONE_THREAD
-from pipeline.motion.excitation import excitation
+from ik.child_processes import worker_pool
+from pipeline.cli import ONE_THREAD_ENVIRONMENT
+from pipeline.motion.excitation import design_excitation
 
 OUTSIDE = 3  # threads that a user has given to linear algebra
 
@@ -91,7 +91,7 @@ def test_a_question_is_answered_by_one_thread_and_gives_the_others_back(question
 def test_a_motion_is_designed_by_one_thread():
     seen = set()
     goal = goal_to_determine(armdyn.arm.arm_model(robot="ur5"), [armdyn.CATALOGUE["joint_viscous_friction"]], 50.0)
-    excitation(goal, 2.0, random=1, compare=False, say=lambda _: seen.update(threads()))
+    design_excitation(goal, 2.0, random=1, compare=False, say=lambda _: seen.update(threads()))
     assert seen == {1}
     assert threads() == {OUTSIDE}
 
@@ -118,6 +118,10 @@ def test_workers_have_one_thread(start):
 def test_a_command_has_one_thread_whatever_the_environment_says(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     command = [sys.executable, "-m", "pipeline.cli", "effects", "--effects", "own.py"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **dict.fromkeys(ONE_THREAD, str(OUTSIDE))}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(sys.path),
+        **dict.fromkeys(ONE_THREAD_ENVIRONMENT, str(OUTSIDE)),
+    }
     said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stderr
     assert set(said.split()) == {"1"}

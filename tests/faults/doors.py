@@ -55,7 +55,7 @@ from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import map_text, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
-from urdf.quiet import captured_output
+from urdf.library_output import captured_output
 
 CORPUS = Path(__file__).parent / "corpus"
 LONGEST = 20.0  # s of this process that one file may cost

@@ -14,7 +14,7 @@ import numpy as np
 
 import urdf
 from ik import default_table
-from ik.tablefile import write_arrays
+from ik.table_archive import write_arrays
 from pipeline.batch.work import JobOutcome
 
 TOY = """<robot name="toy">
@@ -161,13 +161,13 @@ def mcap(rng: random.Random | None = None) -> bytes:
 
 @cache
 def _table() -> tuple[dict[str, object], dict[str, np.ndarray]]:
-    from ik.table import SHAPES
-    from ik.tablefile import read_arrays
+    from ik.table import ARRAY_AXES
+    from ik.table_archive import read_arrays
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "t.npz"
         default_table(urdf.load("baxter")).save(path)
-        about, arrays = read_arrays(path, SHAPES)
+        about, arrays = read_arrays(path, ARRAY_AXES)
     return {key: value for key, value in about.items() if key != "format"}, arrays
 
 

@@ -23,13 +23,13 @@ def armdyn(monkeypatch, capsys, tmp_path):
 
     def run(work):
         module = types.ModuleType("pipeline.commands.failing")
-        module.PANEL, module.failing = "A mistake", work
+        module.HELP_PANEL, module.failing = "A mistake", work
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setattr("pipeline.console.app.command_files", lambda: {"failing": "failing"})
+        monkeypatch.setattr("pipeline.console.app.command_modules", lambda: {"failing": "failing"})
         monkeypatch.setattr(sys, "argv", ["armdyn", "failing"])
         monkeypatch.setenv("TMPDIR", str(tmp_path))
         monkeypatch.setattr("tempfile.tempdir", None)
-        before = {number: signal.getsignal(number) for number in interrupts.numbers()}
+        before = {number: signal.getsignal(number) for number in interrupts.signal_numbers()}
         unraisable = sys.unraisablehook
         try:
             with pytest.raises(SystemExit) as stop:
@@ -78,7 +78,7 @@ def test_a_report_that_cannot_be_written_still_leaves_a_line(armdyn, monkeypatch
     assert re.search(r"it came from .*test_command_line.py, line \d+$", err.strip())
 
 
-@pytest.mark.parametrize("number", interrupts.numbers())
+@pytest.mark.parametrize("number", interrupts.signal_numbers())
 def test_a_signal_is_a_line_and_its_status(armdyn, monkeypatch, number):
     monkeypatch.setattr(interrupts._thread, "start_new_thread", lambda *_: None)  # it would end this process
     if signal.getsignal(number) is signal.SIG_IGN:  # these tests were started by nohup
@@ -111,7 +111,7 @@ def process(code, *arguments, **named):
     )
 
 
-HANDLED = "import os, signal, time; from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+HANDLED = "import os, signal, time; from pipeline.interrupts import SignalHandler; SignalHandler().install()\n"
 SWALLOWED = "try: os.kill(os.getpid(), signal.SIGTERM)\nexcept BaseException: pass\n"
 IN_A_FINALIZER = """class Odd:
     def __del__(self): os.kill(os.getpid(), signal.SIGINT)
@@ -129,7 +129,7 @@ def test_a_signal_that_python_loses_ends_the_command_all_the_same_and_prints_not
 def test_nohup_is_respected():
     code = (
         "import os, signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+        "from pipeline.interrupts import SignalHandler; SignalHandler().install()\n"
         "os.kill(os.getpid(), signal.SIGHUP); print('on')"
     )
     assert process(code).stdout == "on\n"

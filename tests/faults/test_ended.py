@@ -106,7 +106,7 @@ def test_a_killed_volume_is_continued_and_ends_the_same(folder):
         stopped += killed(folder, VOLUME, seed, lasts + 0.5)
         if (folder / "v.zarr").exists():
             table = VolumeTable.open(folder / "v.zarr")  # refuses what is half written
-            if not table.missing():
+            if not table.unfinished_blocks():
                 (folder / "v.zarr").rename(folder / f"done{seed}.zarr")
     assert stopped > KILLS // 4
     assert ended(started(folder, VOLUME))[0] == 0
@@ -155,7 +155,7 @@ def test_two_volumes_into_one_directory_both_end_with_the_whole_volume(folder):
     both = [started(folder, VOLUME) for _ in range(2)]
     ends = [ended(process) for process in both]
     assert [status for status, _, _ in ends] == [0, 0], ends
-    assert not VolumeTable.open(folder / "v.zarr", urdf.load("baxter")).missing()
+    assert not VolumeTable.open(folder / "v.zarr", urdf.load("baxter")).unfinished_blocks()
     assert not list(Path(folder).glob(".armdyn-*"))
 
 

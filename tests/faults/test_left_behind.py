@@ -11,12 +11,12 @@ from worlds.lab import Lab
 SPEC = 'task = "repair"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
 ARMDYN = (sys.executable, "-m", "pipeline.cli")
 VOLUME = """
-from ik.volume import Grid, build_volume
+from ik.volume import TargetGrid, build_volume
 import numpy as np, sys, urdf
 if __name__ == "__main__":
     baxter = urdf.load("baxter")
     low, high = np.array([0.6, -0.5, -0.2]), np.array([0.9, -0.1, 0.2])
-    build_volume(baxter, Grid(low, high, (40, 40, 40), baxter.line.rotation[None]), sys.argv[1], processes=2)
+    build_volume(baxter, TargetGrid(low, high, (40, 40, 40), baxter.line.rotation[None]), sys.argv[1], processes=2)
 """
 pytestmark = [linux, pytest.mark.slow]
 

@@ -9,10 +9,10 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik import tablefile
-from ik.table import SHAPES
-from ik.tablefile import digest_of, read_arrays, write_arrays
-from ik.volume import Grid, VolumeTable, build_volume
+from ik import table_archive
+from ik.table import ARRAY_AXES
+from ik.table_archive import arrays_digest, read_arrays, write_arrays
+from ik.volume import TargetGrid, VolumeTable, build_volume
 
 SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
 ACCELERATION, JERK = "acceleration = [20.0", "jerk = [1000.0"
@@ -90,7 +90,7 @@ CHANGES = {
 def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(
     saved, baxter, tmp_path, change, complains
 ) -> None:
-    about, arrays = read_arrays(saved, SHAPES)
+    about, arrays = read_arrays(saved, ARRAY_AXES)
     about.pop("format")
     write_arrays(tmp_path / "table.npz", about, {**arrays, **change(arrays)})
     with complains(ik.StaleTableError):
@@ -98,7 +98,7 @@ def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(
 
 
 def test_a_table_of_another_path_is_refused(saved, tmp_path, complains) -> None:
-    about, arrays = read_arrays(saved, SHAPES)
+    about, arrays = read_arrays(saved, ARRAY_AXES)
     about["path"]["direction"] = [1.0, 0.0, 0.0]
     write_arrays(tmp_path / "table.npz", {key: value for key, value in about.items() if key != "format"}, arrays)
     with complains(ik.StaleTableError):
@@ -107,12 +107,12 @@ def test_a_table_of_another_path_is_refused(saved, tmp_path, complains) -> None:
 
 def test_what_a_table_is_about_is_part_of_its_digest() -> None:
     arrays = {"q": np.zeros((2, 3))}
-    assert digest_of("a", arrays) != digest_of("b", arrays)
-    assert digest_of("a", arrays) != digest_of("a", {"q": np.zeros((3, 2))})
+    assert arrays_digest("a", arrays) != arrays_digest("b", arrays)
+    assert arrays_digest("a", arrays) != arrays_digest("a", {"q": np.zeros((3, 2))})
 
 
 def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, complains) -> None:
-    monkeypatch.setattr(tablefile, "LARGEST_ARRAY", 2**20)
+    monkeypatch.setattr(table_archive, "MAX_TABLE_ARRAY_BYTES", 2**20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, s=np.zeros(2**18), about=np.array("{}"))
     with complains(ik.StaleTableError):
@@ -122,7 +122,7 @@ def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, comp
 @pytest.fixture(scope="module")
 def volume(baxter, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("volume") / "small.zarr"
-    grid = Grid(np.array([0.7, -0.4, -0.2]), np.array([0.8, -0.3, -0.1]), (4, 4, 4), baxter.line.rotation[None])
+    grid = TargetGrid(np.array([0.7, -0.4, -0.2]), np.array([0.8, -0.3, -0.1]), (4, 4, 4), baxter.line.rotation[None])
     build_volume(baxter, grid, path)
     return path
 
@@ -156,7 +156,7 @@ def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(
         if all_of_it or path.name != "zarr.json":
             path.unlink()
     if array == "digests" and not all_of_it:  # nothing is lost: it counts as not done yet
-        assert len(VolumeTable.open(copy, baxter).missing()) == 1
+        assert len(VolumeTable.open(copy, baxter).unfinished_blocks()) == 1
         return
     with complains(ik.StaleTableError):
         VolumeTable.open(copy, baxter)
@@ -170,4 +170,4 @@ def test_a_grid_that_no_disk_holds_is_refused(complains) -> None:
         ((0, 0, 0), (1, 1, 1e9), (3, 3, 3)),
     ):
         with complains(InputError):
-            Grid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)
+            TargetGrid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)

@@ -7,12 +7,12 @@ import pytest
 
 from armdyn.arm.posture import arm_posture
 from armdyn.errors import InputError
-from ik.chain import Chain, rotation_error
+from ik.chain import KinematicChain, rotation_error
 
 
 @pytest.fixture(scope="module")
-def chain(robot) -> Chain:
-    return Chain.of(robot)
+def chain(robot) -> KinematicChain:
+    return KinematicChain.from_robot(robot)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def postures(robot):
 
 
 def test_tool_poses_agree_with_mujoco(robot, chain, postures, plant) -> None:
-    data, motion = mujoco.MjData(plant), chain.motion(postures)
+    data, motion = mujoco.MjData(plant), chain.forward_kinematics(postures)
     for k, q in enumerate(postures):
         data.qpos[:] = q
         mujoco.mj_kinematics(plant, data)
@@ -38,7 +38,7 @@ def test_jacobians_agree_with_pinocchio(robot, chain, postures) -> None:
     frame = model.frames[robot.tool_frame_id]
     at = frame.placement * pin.SE3(np.eye(3), robot.tool_offset)
     tool = model.addFrame(pin.Frame("tool_point", frame.parentJoint, at, pin.FrameType.OP_FRAME))
-    data, jacobian = model.createData(), chain.jacobian(chain.motion(postures))
+    data, jacobian = model.createData(), chain.jacobian(chain.forward_kinematics(postures))
     for k, q in enumerate(postures):
         expected = pin.computeFrameJacobian(model, data, q, tool, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         assert np.abs(jacobian[:, :, k] - expected).max() < 1e-13
@@ -46,9 +46,9 @@ def test_jacobians_agree_with_pinocchio(robot, chain, postures) -> None:
 
 def test_velocity_product_agrees_with_the_change_of_the_jacobian(chain, postures) -> None:
     rates = np.random.default_rng(1).normal(size=postures.shape)
-    product = chain.velocity_product(chain.motion(postures), rates)
+    product = chain.velocity_product(chain.forward_kinematics(postures), rates)
     step = 1e-6
-    ahead, behind = (chain.jacobian(chain.motion(postures + k * step * rates)) for k in (1, -1))
+    ahead, behind = (chain.jacobian(chain.forward_kinematics(postures + k * step * rates)) for k in (1, -1))
     differences = np.einsum("ijk,kj->ik", (ahead - behind) / (2 * step), rates)
     assert np.abs(product - differences).max() < 1e-7
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.pathfile import path_of
+from ik.pathfile import path_from_description
 
 DOWN = np.diag([-1.0, 1.0, -1.0])
 

@@ -7,14 +7,14 @@ import pytest
 
 import ik
 import urdf
-from ik.search import Demand, search_line, upright_rotation
+from ik.search import LineRequirements, axis_aligned_rotation, search_line
 
 
 @pytest.mark.slow
 def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
     robot = urdf.load("ur5")
     said: list[str] = []
-    found = search_line(robot, Demand(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05)), progress=said.append)
+    found = search_line(robot, LineRequirements(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05)), progress=said.append)
     assert any("m/s with" in sentence for sentence in said)
     assert found.core_speed >= found.line.core_speed
     assert found.line.origin[0] > 0
@@ -31,7 +31,7 @@ def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
 
 def test_a_line_longer_than_the_arm_is_not_found(complains) -> None:
     with complains(ik.UnreachableError):
-        search_line(urdf.load("ur5"), Demand(s_min=-2.0, s_max=2.0, core=(-1.0, 1.0)))
+        search_line(urdf.load("ur5"), LineRequirements(s_min=-2.0, s_max=2.0, core=(-1.0, 1.0)))
 
 
 def test_the_nearest_right_angled_orientation_is_a_rotation() -> None:
@@ -39,8 +39,8 @@ def test_the_nearest_right_angled_orientation_is_a_rotation() -> None:
     for _ in range(50):
         rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         rotation *= np.sign(np.linalg.det(rotation))
-        nearest = upright_rotation(rotation)
+        nearest = axis_aligned_rotation(rotation)
         assert np.linalg.det(nearest) == pytest.approx(1.0)
         assert sorted(np.abs(nearest).ravel()) == [0.0] * 6 + [1.0] * 3
     tilted = np.array([[0.0, -1.0, 0.02], [-1.0, 0.0, 0.01], [0.01, 0.02, -1.0]])
-    assert upright_rotation(tilted).tolist() == [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+    assert axis_aligned_rotation(tilted).tolist() == [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]

@@ -9,13 +9,13 @@ import pytest
 import ik
 import urdf
 from armdyn.errors import InputError
-from ik.misses import find_misses
-from ik.solver import Solver
+from ik.solver import IkSolver
+from ik.unreachable_targets import find_unreachable_targets
 
 
 @pytest.fixture(scope="module")
-def solver(baxter) -> Solver:
-    return Solver(baxter)
+def solver(baxter) -> IkSolver:
+    return IkSolver(baxter)
 
 
 @pytest.fixture(scope="module")
@@ -65,14 +65,14 @@ def shifted(robot: urdf.Robot, x: float, z: float, s_min: float, s_max: float) -
 
 
 def test_every_target_of_baxters_line_can_be_held(baxter, collisions) -> None:
-    assert find_misses(baxter, baxter.line, np.linspace(-0.3, 0.55, 30), collisions) == ()
+    assert find_unreachable_targets(baxter, baxter.line, np.linspace(-0.3, 0.55, 30), collisions) == ()
 
 
 def test_targets_beyond_reach_are_named_with_their_distance(baxter, collisions, complains) -> None:
     line = shifted(baxter, 0.55, -0.18, -0.3, 0.9)
-    misses = find_misses(baxter, line, np.array([0.2, 0.8, 0.9]), collisions)
+    misses = find_unreachable_targets(baxter, line, np.array([0.2, 0.8, 0.9]), collisions)
     assert [miss.s for miss in misses] == [0.8, 0.9]
-    assert {miss.why for miss in misses} == {"it is beyond the arm's reach"}
+    assert {miss.reason for miss in misses} == {"it is beyond the arm's reach"}
     # 0.1 m further away is missed by about 0.1 m more, because the arm is stretched along the line.
     assert 0.05 < misses[1].distance - misses[0].distance < 0.1
     with complains(ik.UnreachableError):
@@ -85,13 +85,13 @@ def test_a_target_that_only_limits_forbid_names_the_joint(baxter, collisions) ->
     narrow = replace(baxter, given_limits=replace(baxter.limits, lower=q - 0.5, upper=q + above))
     pose = baxter.tool_pose(q)
     line = replace(baxter.line, origin=pose.translation, rotation=pose.rotation)
-    (miss,) = find_misses(narrow, line, np.zeros(1), collisions)
+    (miss,) = find_unreachable_targets(narrow, line, np.zeros(1), collisions)
     # Not exactly 0.2 rad: the elbow can stretch a little less where it swings to the side.
     assert "joint 'right_e1' would pass its limit by 0.1" in miss.sentence
 
 
 def test_a_target_inside_the_torso_names_the_links_that_touch(baxter, collisions) -> None:
-    (miss,) = find_misses(baxter, shifted(baxter, 0.12, -0.30, -0.3, 0.55), np.array([0.0]), collisions)
+    (miss,) = find_unreachable_targets(baxter, shifted(baxter, 0.12, -0.30, -0.3, 0.55), np.array([0.0]), collisions)
     assert "torso would touch" in miss.sentence
 
 

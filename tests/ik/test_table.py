@@ -93,11 +93,11 @@ def test_torque_along_the_line_agrees_with_mujocos_inverse_dynamics(table, baxte
     for s, v, a in zip(rng.uniform(-0.3, 0.55, 20), rng.uniform(-1, 1, 20), rng.uniform(-8, 8, 20), strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = table.joint_motion(s, v, a)
         mujoco.mj_inverse(baxter_plant, data)
-        assert table.torque.at(table.s, s).torque(v, a) == pytest.approx(data.qfrc_inverse, abs=2e-4)
+        assert table.torque.interpolate(table.s, s).torque(v, a) == pytest.approx(data.qfrc_inverse, abs=2e-4)
 
 
 def test_springs_take_their_torque_off_the_motor(table, baxter) -> None:
-    without, helped = (table.torque.at(table.s, 0.1).torque(0.0, 0.0, springs) for springs in (False, True))
+    without, helped = (table.torque.interpolate(table.s, 0.1).torque(0.0, 0.0, springs) for springs in (False, True))
     shoulder = table.posture(0.1).q[1]
     assert (helped - without)[1] == pytest.approx(8.2 * np.sin(shoulder) + 35.3 * np.cos(shoulder), abs=1e-6)
     assert np.delete(without - helped, 1).tolist() == [0.0] * 6
@@ -111,7 +111,7 @@ def test_springs_take_their_torque_off_the_motor(table, baxter) -> None:
 def test_at_either_end_of_the_acceleration_range_one_motor_is_at_its_limit(table, springs: bool) -> None:
     s, v = np.linspace(-0.3, 0.55, 40), np.linspace(-0.4, 0.4, 40)
     for a in table.torque_acceleration_range(s, v, springs):
-        share = np.abs(table.torque.at(table.s, s).torque(v, a, springs)) / table.limits.effort
+        share = np.abs(table.torque.interpolate(table.s, s).torque(v, a, springs)) / table.limits.effort
         assert share.max(axis=1) == pytest.approx(1.0, abs=1e-9)
     low, high = table.torque_acceleration_range(s, v, springs)
     assert (low < 0).all()

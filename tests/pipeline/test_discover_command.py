@@ -10,7 +10,7 @@ import pytest
 from armdyn.discovery.result import DiscoveredLaw, Discovery
 from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter
 from pipeline.commands.discover import _next_steps
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 
 RECORDINGS = Path(__file__).parents[2] / "examples/pendulum"
 
@@ -55,7 +55,7 @@ def test_its_file_must_not_replace_an_input(armdyn, refused, complains):
 NOTHING = Discovery(
     (), {}, {}, {}, {}, {}, {}, 0.0, residual_exceeds_noise=True, has_unfitted_run=False, runs=("a.csv",), held_out=()
 )
-GIVEN = Inputs(Path("m.toml"), [Path("a.csv")])
+GIVEN = ModelAndRunInputs(Path("m.toml"), [Path("a.csv")])
 
 
 def test_where_one_motion_shows_no_law_another_one_is_asked_for():

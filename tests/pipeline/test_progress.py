@@ -14,6 +14,9 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
 from pipeline.console.screen import COUNTED, about
+from armdyn.recording.units import Known
+from pipeline.commands.trial import _render
+from pipeline.console.screen import COUNT_PATTERN, progress_display, remaining_time_text
 
 
 @pytest.mark.parametrize(
@@ -21,7 +24,7 @@ from pipeline.console.screen import COUNTED, about
     [(3.0, "a few seconds left"), (42.0, "about 40 s left"), (89.0, "about 90 s left"), (300.0, "about 5 min left")],
 )
 def test_time_that_is_left_is_as_coarse_as_it_is_known(seconds, text):
-    assert about(seconds) == text
+    assert remaining_time_text(seconds) == text
 
 
 def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
@@ -34,7 +37,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
         KnownQuantity(0.368, 1e-3, "m"),
     )
     repair(Study.of(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
-    counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
+    counts = [tuple(map(int, found.groups())) for text in told if (found := COUNT_PATTERN.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)
     assert {done for done, _ in counts} >= {0, 1}
@@ -42,7 +45,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
 
 CODE = """
 import os, threading
-from pipeline.processes import PromptThread, ask_for_real_time
+from pipeline.processes import HighPriorityThread, request_real_time_priority
 
 ready, rank = threading.Event(), {}
 
@@ -53,12 +56,12 @@ def receive():
 def guard():
     rank["later"] = os.sched_getparam(0).sched_priority
 
-receiving = PromptThread(receive, "receiving")
+receiving = HighPriorityThread(receive, "receiving")
 receiving.start()
-granted = ask_for_real_time()
+granted = request_real_time_priority()
 ready.set()
 receiving.join()
-guarding = PromptThread(guard, "guarding")
+guarding = HighPriorityThread(guard, "guarding")
 guarding.start()
 guarding.join()
 print(granted, rank["then"], rank["later"], os.sched_getparam(0).sched_priority)

@@ -6,7 +6,7 @@ import pytest
 
 from urdf.find import distribution_file
 from urdf.gripper import gripper_joints
-from urdf.infer import infer
+from urdf.infer import infer_settings
 from urdf.validate import MOVING_JOINT_TYPES
 
 LAST = {
@@ -27,11 +27,11 @@ def test_the_arm_ends_before_its_gripper_under_any_names(file, last):
     path = distribution_file("example-robot-data", file)
     text = path.read_text(encoding="utf-8")
     root = ET.fromstring(text)
-    assert infer(root, path, None, None)[0].arm.joints[-1] == last
+    assert infer_settings(root, path, None, None)[0].arm.joints[-1] == last
     for i, joint in enumerate(root.findall("joint")):
         text = text.replace(f'"{joint.get("name")}"', f'"gripper_{i}"')
     names = dict(zip(*([j.get("name") for j in r.findall("joint")] for r in (root, ET.fromstring(text))), strict=True))
-    assert infer(ET.fromstring(text), path, None, None)[0].arm.joints[-1] == names[last]
+    assert infer_settings(ET.fromstring(text), path, None, None)[0].arm.joints[-1] == names[last]
 
 
 def test_a_hand_alone_is_no_gripper():

@@ -7,7 +7,7 @@ import pytest
 from robots import LIMIT, joint, link, robot
 
 import urdf
-from urdf.find import find_meshes, make_absolute
+from urdf.find import find_meshes, make_mesh_paths_absolute
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 SPEED_ONLY = '<limit velocity="2" effort="3"/>'
@@ -208,7 +208,7 @@ def test_a_mesh_beside_the_urdf_or_in_its_package_is_found(tmp_path, uri: str) -
     shape = f'<visual><geometry><mesh filename="{uri}"/></geometry></visual>'
     root = ElementTree.fromstring(robot(link("a", shape=shape)))
     assert find_meshes(root, path) == ((tmp_path,) if uri.startswith("package") else (), ())
-    make_absolute(root, path)
+    make_mesh_paths_absolute(root, path)
     (element,) = root.iter("mesh")
     assert element.get("filename") in (uri if uri.startswith("package") else "", str(mesh))
 

@@ -1,4 +1,4 @@
-"""Feasibility: is a motion within every limit of the arm, and if not, which limit, which joint, when."""
+"""Check the feasibility of a motion: whether it is within every limit of the arm, and else which, where and when."""
 
 from pipeline.motion.feasibility.check import CheckSettings, check_joints, check_line
 from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, box_and_table

@@ -1,4 +1,4 @@
-"""The feasibility of a whole motion, along the line or of the joints, before it is run."""
+"""Check a whole motion, of the tool along the line or of the joints, against every limit before it is run."""
 
 from dataclasses import dataclass
 
@@ -12,28 +12,29 @@ from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
 from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, collision_series, swing_series
-from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
+from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuantity
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
 CHECKS_PER_SAMPLE = 5
-"""How many times a motion is looked at per sample, so that no peak between two samples is missed."""
+"""Number of checked instants per sample of the motion, so that peaks between two samples are found."""
 MAX_LINE_DISTANCE, MAX_TILT = 1e-4, 1e-3
-"""Farthest that the tool point may be from the line [m], and the tool be turned from the line's orientation [rad]."""
+"""Largest distance of the tool point from the line [m], and largest angle between tool and line's orientation [rad]."""
 MAX_START_DISTANCE = 0.02
-"""Farthest that a joint may be, at the start, from where the arm is [rad]."""
+"""Largest distance of a joint's first position from its measured position [rad]."""
 
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """What is taken into account besides the motion.
+    """Settings of the feasibility check.
 
     Attributes:
-        load_mass: hanging from the tool [kg].
-        springs: count the springs of the robot's settings; None for those that the settings switch on.
-        obstacles: blocks around the arm.
-        collision: look at collisions at all.
-        singular_value: smallest singular value of the tool's Jacobian; below it, joints race for a slow tool.
+        load_mass: mass of the load at the tool [kg].
+        springs: True to include all springs of the robot, False for none; None for those that its settings enable.
+        obstacles: obstacles around the arm.
+        collision: whether to check for collisions.
+        singular_value: smallest allowed singular value of the tool's Jacobian; near a singularity, a slow motion of the
+            tool needs fast joints.
     """
 
     load_mass: float = 0.0
@@ -51,10 +52,15 @@ def check_line(
     swing: PlannedSwing | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
-    """Judge a motion along the line: whether it stays on the line, and whether the joints can follow.
+    """Check the feasibility of a motion along the line.
 
-    The check includes the swing of a load, where one hangs, and a start at joint positions `at` (n,) [rad], where it is
-    known where the arm is.
+    Args:
+        table: IK table of the line.
+        robot: the arm.
+        trajectory: the motion.
+        settings: settings of the check; by default `CheckSettings()`.
+        swing: planned swing of a load that hangs from the tool, whose distance from the arm is checked; None without.
+        at: measured joint positions at which the motion must start, (n,) [rad]; None if they are unknown.
     """
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
@@ -66,7 +72,7 @@ def check_line(
     samples = trajectory.time, trajectory.s, trajectory.v, trajectory.a
     fine = _finer(*samples)
     motion, between = joints(*samples), joints(*fine)
-    series = [Bounded.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
+    series = [LimitedQuantity.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
     series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_series(robot, table.line, between, swing, settings.collision)
@@ -80,12 +86,17 @@ def check_joints(
     line: urdf.Line | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
-    """Judge a motion of the joints, of a tool that must stay on `line` where one is given.
+    """Check the feasibility of a motion of the joints.
 
-    The check includes a start at joint positions `at` (n,) [rad], where it is known where the arm is.
+    Args:
+        robot: the arm.
+        trajectory: the motion.
+        settings: settings of the check; by default `CheckSettings()`.
+        line: line on which the tool must stay; None if it may move anywhere.
+        at: measured joint positions at which the motion must start, (n,) [rad]; None if they are unknown.
 
     Raises:
-        InputError: if the trajectory is of other joints.
+        InputError: the trajectory's joints are not those of the arm.
     """
     settings = settings or CheckSettings()
     if trajectory.joint_names != robot.joint_names:
@@ -105,8 +116,8 @@ def _series(
     settings: CheckSettings,
     line: urdf.Line | None,
     at: ArrayLike | None,
-) -> list[Bounded]:
-    """All that is limited of a motion of the joints, from its samples and from finer ones."""
+) -> list[LimitedQuantity]:
+    """All limited quantities of a motion of the joints, from its samples and from interpolated ones."""
     series = _joint_series(robot, motion, fine, settings)
     if line is not None:
         series += _off_line_series(robot, line, fine)
@@ -116,12 +127,12 @@ def _series(
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
         start = -MAX_START_DISTANCE, MAX_START_DISTANCE
         apart = fine.q[:1] - here
-        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
+        series.append(LimitedQuantity.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
     return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-    """The samples (n, ...) and `CHECKS_PER_SAMPLE` - 1 between each two: x and v by cubics, a by straight lines."""
+    """Interpolate samples (n, ...) `CHECKS_PER_SAMPLE` times finer: x and v by cubics, a linearly."""
     if time.size == 1:
         return time, x, v, a
     fine = np.interp(np.arange(CHECKS_PER_SAMPLE * (time.size - 1) + 1) / CHECKS_PER_SAMPLE, np.arange(time.size), time)
@@ -135,16 +146,16 @@ def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Arr
 
 def _joint_series(
     robot: urdf.Robot, motion: JointTrajectory, fine: JointTrajectory, settings: CheckSettings
-) -> list[Bounded]:
-    """Position, speed, acceleration, jerk, torque and singularity against the robot's limits.
+) -> list[LimitedQuantity]:
+    """Position, velocity, acceleration, jerk, torque and singular value with the robot's limits.
 
-    Speeds and accelerations are also taken from differences of the samples, so that columns which do not belong to each
-    other, or a jump of the position, are seen.
+    Velocities and accelerations are also computed from differences of the samples, so that a jump of the position, or
+    columns that do not agree, are found.
     """
     names, limits, unit = robot.joint_names, robot.limits, _unit(robot)
 
-    def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> Bounded:
-        return Bounded.between(limit, per, names, time, value, -bound, bound)
+    def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> LimitedQuantity:
+        return LimitedQuantity.between(limit, per, names, time, value, -bound, bound)
 
     def with_differences(value: Array, slope: Array) -> tuple[Array, Array]:
         when = np.concatenate([fine.time, middle])
@@ -159,26 +170,28 @@ def _joint_series(
     force = "N m" if unit == "rad" else "N m or N"
     tool = (robot.tool_frame,)
     series = [
-        Bounded.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
+        LimitedQuantity.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
         both_ways("velocity", f"{unit}/s", *with_differences(motion.q, fine.v), limits.velocity),
         both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
         both_ways("torque", force, fine.time, torque, limits.effort),
-        Bounded.between("singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value),
+        LimitedQuantity.between(
+            "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value
+        ),
     ]
     return [bounded for bounded in series if bounded.time.size]
 
 
 def _singular_values(robot: urdf.Robot, q: Array) -> Array:
-    """Smallest singular values (m,) of the tool's Jacobian at postures (m, k): its speed in its worst direction."""
+    """Smallest singular values (m,) of the tool's Jacobian at postures q (m, k)."""
     data, frame = robot.model.createData(), robot.tool_frame_id
     jacobians = [pin.computeFrameJacobian(robot.model, data, row, frame, pin.LOCAL_WORLD_ALIGNED) for row in q]
     # Of a single joint Pinocchio gives a vector.
     return np.asarray(np.linalg.svd(np.reshape(jacobians, (len(q), 6, -1)), compute_uv=False)[:, -1])
 
 
-def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[Bounded]:
-    """How far the tool point is from the line, and how far the tool is turned."""
+def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[LimitedQuantity]:
+    """Distance of the tool point from the line, and angle between the tool and the line's orientation."""
     data = robot.model.createData()
     distance, tilt = [], []
     for row in fine.q:
@@ -188,8 +201,8 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
-        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
+        LimitedQuantity.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
+        LimitedQuantity.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
 
 

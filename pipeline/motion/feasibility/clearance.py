@@ -1,4 +1,4 @@
-"""Distances between arm, load, string and obstacles over a motion."""
+"""Compute the distances between arm, load, string and obstacles during a motion."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,34 +11,34 @@ import pinocchio as pin
 import urdf
 from armdyn.errors import InputError
 from pipeline.box import LOAD_RADIUS, Box
-from pipeline.motion.feasibility.verdict import Bounded
+from pipeline.motion.feasibility.verdict import LimitedQuantity
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
-from urdf.collision import collision_shapes, hull, link_of_shape
+from urdf.collision import collision_shapes, convex_hull, link_of_shape
 from urdf.robot import Array
 
 MIN_CLEARANCE, MIN_SWING_CLEARANCE = 0.01, 0.02
-"""Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
+"""Smallest allowed distance between links or between a link and an obstacle, and between load or string and arm [m]."""
 TABLE_SIZE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
 CHECKED_DISTANCE_SHARE = 0.25
-"""Share of the distance by which the arm may move before the next look, so that no contact is missed."""
+"""Share of the present distance by which the arm may move until the next check, so that no contact is missed."""
 MIN_CHECK_TRAVEL = 5e-3
-"""Move after which the next look is taken where two parts already touch [m]."""
+"""Smallest travel of the arm between two checks, also where bodies touch [m]."""
 DISTANCE_TIE = 1e-9
-"""Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
+"""Difference below which two distances count as equal, so that the first pair is reported [m]."""
 HAND_REACH = 0.15
-"""How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
+"""Upper bound of the hand's extent beyond the tool frame, and of a link's extent beyond its middle line [m]."""
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A block that stands still.
+    """A fixed cuboid near the robot.
 
     Attributes:
-        name: for messages.
-        centre: (3,) in the robot's base frame [m].
-        size: edge lengths (3,) [m].
-        rotation: of the block in the base frame (3, 3).
+        name: name for messages.
+        centre: centre in the robot's base frame, (3,) [m].
+        size: edge lengths, (3,) [m].
+        rotation: orientation in the robot's base frame, (3, 3).
     """
 
     name: str
@@ -48,7 +48,7 @@ class Obstacle:
 
 
 def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
-    """An open box on a table, under the line: four walls, the floor and the table top."""
+    """Obstacles of the task: the four walls and the floor of the open box under the line, and the table top."""
     top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE_SIZE[2] / 2.0])
     blocks = [
         ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.centre, 2.0 * plate.half)
@@ -59,18 +59,18 @@ def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
 
 @dataclass(frozen=True)
 class PlannedSwing:
-    """The load's swing that belongs to a motion along the line.
+    """The swing of the load during a motion along the line.
 
     Attributes:
-        time: (n,) on the clock of the motion [s].
-        angle: of the string, 0 hanging; the load is at ``gripper_x - l sin(angle)`` (n,) [rad].
-        tension: of the string (n,) [N].
-        length: of the string, to the load's centre [m].
-        radius: of the load [m].
-        least_tension: below it the string counts as slack [N].
+        time: times on the clock of the motion, (n,) [s].
+        angle: angle of the string from the vertical, (n,) [rad]; the load is at ``gripper_x - l sin(angle)``.
+        tension: tension of the string, (n,) [N].
+        length: length of the string, to the load's centre [m].
+        radius: radius of the load [m].
+        least_tension: smallest allowed tension of the string [N].
 
     Raises:
-        InputError: if the arrays do not fit together, or length or radius is not positive.
+        InputError: the arrays do not have equal lengths, or length or radius is not positive.
     """
 
     time: Array
@@ -86,17 +86,21 @@ class PlannedSwing:
             raise InputError(f"swing: length {self.length} m and radius {self.radius} m must be greater than 0")
 
 
-class Surroundings:
-    """Distances of the arm's links from other bodies, with convex hulls in place of meshes: they err on the safe side.
+class ObstacleDistances:
+    """Computes distances between the arm's links and other bodies, with convex hulls in place of meshes.
 
-    A body has a name, a shape, and the joint whose links it may touch, -1 for none.
+    The true distances are never smaller.
+
+    Args:
+        robot: the arm.
+        bodies: name and shape of each body, and the joint whose links it may touch, -1 for none.
     """
 
     def __init__(self, robot: urdf.Robot, bodies: Sequence[tuple[str, coal.CollisionGeometry, int]]) -> None:
         self._model, self._shapes = collision_shapes(robot)
         arm = [(k, shape.parentJoint) for k, shape in enumerate(self._shapes.geometryObjects) if shape.parentJoint]
         for shape in self._shapes.geometryObjects:
-            shape.geometry = hull(shape.geometry)[0]
+            shape.geometry = convex_hull(shape.geometry)[0]
         self._first = self._shapes.ngeoms
         for name, body, _ in bodies:
             self._shapes.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), body))
@@ -106,11 +110,17 @@ class Surroundings:
         self._data, self._distances = self._model.createData(), self._shapes.createData()
 
     def put(self, number: int, rotation: Array, centre: Array) -> None:
-        """Put the body of a number at an orientation (3, 3) and a place (3,) [m] in the robot's base frame."""
+        """Set the pose of a body in the robot's base frame.
+
+        Args:
+            number: index of the body.
+            rotation: orientation, (3, 3).
+            centre: position of its centre, (3,) [m].
+        """
         self._shapes.geometryObjects[self._first + number].placement = pin.SE3(rotation, centre)
 
     def closest(self, q: Array) -> tuple[float, str, str]:
-        """Smallest distance at a posture (n,), 0 or less where they touch [m], of which link, and to which body."""
+        """Smallest distance at a posture q (n,) [m], at most 0 in a collision, and the names of link and body."""
         pin.computeDistances(self._model, self._data, self._shapes, self._distances, q)
         apart = np.array([result.min_distance for result in self._distances.distanceResults])
         first = int(np.flatnonzero(apart <= apart.min() + DISTANCE_TIE)[0])
@@ -119,8 +129,10 @@ class Surroundings:
         return float(apart[first]), link_of_shape(part), body.name
 
 
-def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
-    """Distance of the arm from itself and the rest of the robot, and from what stands around it."""
+def collision_series(
+    robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]
+) -> list[LimitedQuantity]:
+    """Distances between links of the robot, and between links and obstacles, during a motion."""
     itself = urdf.CollisionModel(robot)
     travel = _travel(robot, motion.q)
 
@@ -132,7 +144,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
     if itself.pairs:  # a URDF whose meshes are missing has none
         series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_CLEARANCE)
     if obstacles:
-        around = Surroundings(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
+        around = ObstacleDistances(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
             around.put(number, block.rotation, block.centre)
 
@@ -146,14 +158,22 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: PlannedSwing, collision: bool
-) -> list[Bounded]:
-    """Tension of the string, and distances: of the load to every link, and of the string to every link but the hand."""
-    tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
+) -> list[LimitedQuantity]:
+    """Tension of the string during a motion, and distances of load and string from the arm's links.
+
+    Args:
+        robot: the arm.
+        line: line on which the tool moves.
+        motion: motion of the joints.
+        swing: swing of the load.
+        collision: whether to compute the distances; the string may touch the hand.
+    """
+    tension = LimitedQuantity.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
     hand = int(robot.model.frames[robot.tool_frame_id].parentJoint)
     bodies = [("load", coal.Sphere(swing.radius), -1), ("string", coal.Capsule(1e-3, swing.length), hand)]
-    around, data = Surroundings(robot, bodies), robot.model.createData()
+    around, data = ObstacleDistances(robot, bodies), robot.model.createData()
     along, aside, up = line.direction, -line.axes[:, 1], line.axes[:, 2]
     angle = np.interp(motion.time, swing.time, swing.angle)
 
@@ -173,11 +193,11 @@ def swing_series(
 
 def _where_it_matters(
     limit: str, time: Array, travel: Array, distance: Callable[[int], tuple[float, str]], least: float
-) -> list[Bounded]:
-    """Distances at the instants that matter, a series per pair that was the closest at one of them.
+) -> list[LimitedQuantity]:
+    """Smallest distances during a motion, computed only as often as needed; one series per closest pair.
 
-    No point of the arm has moved farther than `travel` (m,) [m] until a sample; `distance` gives, at a sample, how far
-    apart which two are [m], which must be `least` [m].
+    `travel` (m,) [m] is an upper bound of how far any point has moved until each sample. `distance` gives the smallest
+    distance at a sample [m], and the pair; it must be at least `least` [m].
     """
     found: dict[str, list[tuple[float, float]]] = {}
     k, last = 0, time.size - 1
@@ -189,13 +209,13 @@ def _where_it_matters(
         room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
-        Bounded.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
+        LimitedQuantity.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
         for pair, rows in found.items()
     ]
 
 
 def _travel(robot: urdf.Robot, q: Array) -> Array:
-    """Upper bound of the distance that any point of the arm has moved until each posture (m,) [m]."""
+    """Upper bound of how far any point of the arm has moved until each posture q (m, n): (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
     lengths.append(float(np.linalg.norm(tool)) + HAND_REACH)

@@ -1,4 +1,4 @@
-"""Trajectories from files."""
+"""Read the trajectory of an arm's joints, or of its tool along the line, from a file."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,14 +16,17 @@ from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
 NOISE_DIFFERENCE_ORDER = 6
-"""Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
+"""Order of the differences from which noise is estimated; a motion at 1 Hz, sampled at 100 Hz, contributes 1e-7."""
 
 
-def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Smoothed positions, speeds and accelerations, (n, k) each, of positions (n, k) at increasing times (n,) [s].
+def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
+    """Smooth positions (n, k) at increasing times (n,) [s], and compute velocities and accelerations.
 
-    The quintic smoothing spline fits the positions' noise, which is taken from sixth differences, so that rounding is
-    smoothed away and a clean motion is left alone, which `armdyn.smoothing` would change by a thousandth.
+    A quintic smoothing spline is fitted. The noise of the positions is estimated from their sixth differences, so that
+    a motion without noise is not changed.
+
+    Returns:
+        Smoothed positions, velocities and accelerations, (n, k) each.
     """
 
     def column(x: Array) -> tuple[Array, Array, Array]:
@@ -45,11 +48,12 @@ def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
+LINE_COLUMN_UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
+"""SI unit of each column in the file of a motion along the line."""
 
 
 def is_line_csv(path: Path) -> bool:
-    """Whether a file is text whose header has a column ``s``."""
+    """Whether a file is a CSV file of a motion along the line, with a column ``s``."""
     try:
         with path.open(encoding="utf-8-sig") as file:
             header = file.readline()
@@ -59,22 +63,26 @@ def is_line_csv(path: Path) -> bool:
 
 
 DEGREES_RANGE_FACTOR = 2.0
-"""Times its range beyond which a joint position is taken for degrees."""
+"""Ratio of a joint position to the joint's range above which positions are probably in degrees."""
 
 
 def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
-    """Read a motion of the robot's joints, or else one along the line, from a CSV file or a recording.
+    """Read a motion of the joints, or of the tool along the line, from a CSV file or a recording.
 
-    Columns ``q.<joint>`` make a motion of the joints, ``s`` or ``gripper_x`` one along the line. Speeds and
-    accelerations are taken from the file where it has them all, else derived by a smoothing spline.
+    Columns ``q.<joint>`` are a motion of the joints; a column ``s`` or ``gripper_x`` is a motion along the line.
+    Velocities and accelerations are read from the file if it contains all of them, else computed by a smoothing spline.
+
+    Args:
+        path: the file.
+        robot: the robot, whose joints the columns belong to.
 
     Raises:
-        InputError: names the file, what is wrong and what to do.
+        InputError: the file is not a motion of this robot; the message says what is wrong and what to do.
     """
     path = Path(path)
     with error_location(path):
         if is_line_csv(path):
-            return _line(read_csv(path, UNITS), ("s", "v", "a"))
+            return _line(read_csv(path, LINE_COLUMN_UNITS), ("s", "v", "a"))
         channels = read_run(path).channels
         if any(name.startswith("q.") for name in channels):
             return _joints(channels, robot)
@@ -107,9 +115,9 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
 
 
 def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> tuple[Array, Array, Array, Array]:
-    """Time (n,), positions, speeds and accelerations (n, k) of the channels named by kind; the latter two may lack.
+    """Time (n,), positions, velocities and accelerations (n, k) from channels; `kinds` are the names of each kind.
 
-    A recording leaves missing samples out, so a channel with fewer of them than another has holes.
+    Velocities and accelerations that are not recorded are computed.
     """
     given = [kind for kind in kinds if all(name in channels for name in kind)]
     names = [name for kind in given for name in kind]
@@ -121,13 +129,13 @@ def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> 
             raise InputError(f"{name} has no sample{where}: a trajectory has no missing samples; fill them in")
     values = [np.column_stack([channels[name].value for name in kind]) for kind in given]
     if kinds[1] not in given:
-        return time, *differentiate(time, values[0])
+        return time, *smooth_and_differentiate(time, values[0])
     q, v, *a = values
-    return time, q, v, a[0] if a else differentiate(time, v)[1]
+    return time, q, v, a[0] if a else smooth_and_differentiate(time, v)[1]
 
 
 def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
-    """Refuse positions that are far beyond the joints' ranges as radians and within them as degrees."""
+    """Refuse positions that exceed the joints' ranges by far as radians, and are within them as degrees."""
     reached, within = {}, True
     for name, lower, upper in zip(robot.joint_names, robot.limits.lower, robot.limits.upper, strict=True):
         channel = channels[f"q.{name}"]

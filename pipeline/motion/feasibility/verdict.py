@@ -1,4 +1,4 @@
-"""Values with their bounds, and the result of a check: every violation, and the margin to every limit."""
+"""Compare quantities of a motion with their limits, and report every violation and the margin to every limit."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import TaskFailedError
-from pipeline.fields import fields
-from urdf.robot import Array, read_only
+from pipeline.fields import attributes_as_json
+from urdf.robot import Array, read_only_copy
 
 SCHEMA = "armdyn.check/1"
 
 LIMIT_EXCESS_SHARE = 1e-6
-"""Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
+"""Relative tolerance by which a value may exceed its limit, because recordings are rounded to seven digits."""
 MIN_TOLERANCE_BOUND = 1e-3
-"""Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
+"""Smallest limit from which the tolerance is computed, in the limit's unit."""
 MIN_VIOLATION_GAP_SECONDS = 0.05
-"""Time for which a limit must be kept between two violations, to count them as two [s]."""
+"""Two violations of one limit count as one if less time lies between them [s]."""
 
 
 @dataclass(frozen=True)
-class Bounded:
-    """One kind of limit: a value per time and joint, and its bounds.
+class LimitedQuantity:
+    """A limited quantity of a motion over time, with its lower and upper bounds.
 
     Attributes:
-        limit: what is limited, such as ``"velocity"``.
+        limit: name of the quantity, such as ``"velocity"``.
         unit: SI unit of values and bounds.
-        names: of the k columns: joints or parts.
-        time: (n,) [s].
-        value: (n, k).
-        lower: lower bounds (n, k); -inf for none.
-        upper: upper bounds (n, k); inf for none.
+        names: name of each of the k columns: a joint or a pair of bodies.
+        time: times, (n,) [s].
+        value: values, (n, k).
+        lower: lower bounds, (n, k); -inf for none.
+        upper: upper bounds, (n, k); inf for none.
     """
 
     limit: str
@@ -56,11 +56,21 @@ class Bounded:
         value: ArrayLike,
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
-    ) -> Bounded:
-        """Values with bounds of any shape that fits; a value per time (n,) is one column."""
+    ) -> LimitedQuantity:
+        """Make a limited quantity from values and bounds of any shapes that numpy can broadcast to (n, k).
+
+        Args:
+            limit: name of the quantity, such as ``"velocity"``.
+            unit: SI unit of values and bounds.
+            names: name of each of the k columns.
+            time: times, (n,) [s].
+            value: values, (n, k), or (n,) for one column.
+            lower: lower bounds; by default none.
+            upper: upper bounds; by default none.
+        """
         values = np.array(value, dtype=float).reshape(-1, len(names))
         bounds = [np.broadcast_to(np.asarray(bound, dtype=float), values.shape) for bound in (lower, upper)]
-        return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
+        return cls(limit, unit, names, *map(read_only_copy, (np.array(time, dtype=float), values, *bounds)))
 
     @property
     def is_two_sided(self) -> bool:
@@ -69,15 +79,15 @@ class Bounded:
 
     @property
     def margin(self) -> Array:
-        """Distance from the nearer bound, negative beyond it (n, k)."""
+        """Distance of each value from the nearer bound, negative beyond it, (n, k)."""
         return np.minimum(self.value - self.lower, self.upper - self.value)
 
     @cached_property
     def used(self) -> Array:
-        """Share of the limit that is used, 1 at the bound, more beyond it (n, k) [1].
+        """Used share of the limit, (n, k): 1 at a bound, more beyond it.
 
-        Between two bounds it counts from their middle. Of a lower bound alone, such as a distance, the whole is used
-        where the value has come down to it.
+        With two bounds, 0 is at their middle. With a lower bound only, such as for a distance, it is the bound divided
+        by the value.
         """
         value, lower, upper = self.value, self.lower, self.upper
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -92,20 +102,23 @@ class Bounded:
             )  # fmt: skip
 
     def extreme(self, i: int, k: int) -> Margin:
-        """What there is to say of sample `i`, column `k`."""
+        """Margin of the value in sample `i` and column `k`."""
         lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
         bound = lower if value - lower < upper - value else upper
         margin, used = float(min(value - lower, upper - value)), float(self.used[i, k])
         return Margin(self.limit, self.names[k], float(self.time[i]), value, bound, self.unit, margin, used)
 
     def margins(self) -> list[Margin]:
-        """Where each column comes closest to a bound; columns without bounds are left out."""
+        """For each column with bounds, the margin of the value that comes closest to a bound."""
         margin = self.margin
         bounded = np.flatnonzero(np.isfinite(margin).any(axis=0))
         return [self.extreme(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
     def violations(self) -> list[Margin]:
-        """The worst of each stretch beyond a bound; stretches closer than `MIN_VIOLATION_GAP_SECONDS` are one."""
+        """The worst value of each time interval in which a bound is exceeded.
+
+        Intervals that are less than `MIN_VIOLATION_GAP_SECONDS` apart count as one.
+        """
         scale = np.max([np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.lower, self.upper)], axis=0)
         margin = self.margin
         beyond = margin < -LIMIT_EXCESS_SHARE * np.maximum(scale, MIN_TOLERANCE_BOUND)
@@ -121,10 +134,17 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Margin:
-    """Where a motion comes closest to one limit, or is furthest beyond it.
+    """The value of a motion that comes closest to a limit, or is furthest beyond it.
 
-    Value, bound and margin (negative beyond the bound) are in the SI `unit`, ``"1"`` for a pure number; time is in s.
-    `used` is the share of the limit that is used: 1 at the limit, more beyond it.
+    Attributes:
+        limit: name of the limited quantity, such as ``"velocity"``.
+        joint: name of the joint or of the pair of bodies.
+        time: time of the value [s].
+        value: the value, in `unit`.
+        bound: the limit, in `unit`.
+        unit: SI unit; ``"1"`` for a number without unit.
+        margin: distance of the value from the limit, negative beyond it, in `unit`.
+        used: used share of the limit: 1 at the limit, more beyond it.
     """
 
     limit: str
@@ -137,7 +157,7 @@ class Margin:
     used: float
 
     def __str__(self) -> str:
-        """Value and limit; of a distance, which must not be less, what is the least."""
+        """Value, limit and time, as a part of a sentence."""
         unit = self._unit
         if self.bound > 0.0 and abs(self.value - self.bound - self.margin) < abs(self.bound - self.value - self.margin):
             return f"{self.value:.4g}{unit}, at least {self.bound:.4g}{unit}, at {self.time:.3f} s"
@@ -145,7 +165,7 @@ class Margin:
 
     @property
     def broken(self) -> str:
-        """The same of a limit that is broken, with the limit and the joint."""
+        """Text about a violated limit, with the names of the limit and the joint, as a part of a sentence."""
         value = f"{self.value:.4g}{self._unit} (limit {self.bound:.4g}{self._unit})"
         return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
 
@@ -156,41 +176,41 @@ class Margin:
 
 @dataclass(frozen=True)
 class FeasibilityReport:
-    """Whether a motion is feasible.
+    """Result of checking whether a motion is feasible.
 
     Attributes:
-        violations: every limit that is broken, once per stretch of time, the earliest first.
-        margins: to every limit that was looked at.
-        series: the values over time against their bounds, for plots.
+        violations: violated limits, one entry per time interval, the earliest first.
+        margins: margin to every limit that was checked.
+        series: the limited quantities over time with their bounds, for charts.
     """
 
     violations: tuple[Margin, ...]
     margins: tuple[Margin, ...]
-    series: tuple[Bounded, ...]
+    series: tuple[LimitedQuantity, ...]
 
     def __repr__(self) -> str:
         return f"FeasibilityReport: {self.sentence}"
 
     @classmethod
-    def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
-        """Judge values against their bounds."""
+    def of(cls, series: Iterable[LimitedQuantity]) -> FeasibilityReport:
+        """Make a report from the limited quantities of a motion."""
         series = tuple(series)
         violations = sorted((v for b in series for v in b.violations()), key=lambda v: v.time)
         return cls(tuple(violations), tuple(m for b in series for m in b.margins()), series)
 
     @property
     def feasible(self) -> bool:
-        """Whether no limit is broken."""
+        """Whether no limit is violated."""
         return not self.violations
 
     @property
     def tightest(self) -> Margin:
-        """The limit of which most is used; the ends of the line count only where they are exceeded."""
+        """The limit with the largest used share; the ends of the line count only if they are exceeded."""
         return max(self.margins, key=lambda margin: (margin.used > 1.0 or margin.limit != "line", margin.used))
 
     @property
     def sentence(self) -> str:
-        """The answer for a person, in one line."""
+        """The result as a sentence: the tightest limit of a feasible motion, or the first violation."""
         if self.feasible:
             m = self.tightest
             return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
@@ -198,16 +218,16 @@ class FeasibilityReport:
         return f"Not feasible: the {self.violations[0].broken}{more}."
 
     def require_feasible(self, motion: str) -> None:
-        """Refuse an infeasible motion, which `motion` names, such as ``"swing"``.
+        """Check that the motion is feasible; `motion` is its name for the message, such as ``"swing"``.
 
         Raises:
-            TaskFailedError: with the first violation.
+            TaskFailedError: the motion is not feasible; the message has the first violation.
         """
         if not self.feasible:
             raise TaskFailedError(f"{motion}: {self.sentence[0].lower()}{self.sentence[1:]}")
 
     def to_json(self) -> dict[str, Any]:
-        """As in the contract, section 4; margins are distances from the limit in its unit."""
+        """JSON output of the command `check`, ``armdyn.check/1``."""
         margins: dict[str, dict[str, float]] = {}
         for margin in self.margins:
             margins.setdefault(margin.limit, {})[margin.joint] = margin.margin
@@ -215,6 +235,8 @@ class FeasibilityReport:
             "schema": SCHEMA,
             "feasible": self.feasible,
             "sentence": self.sentence,
-            "violations": [fields(violation, "limit joint time value bound unit") for violation in self.violations],
+            "violations": [
+                attributes_as_json(violation, "limit joint time value bound unit") for violation in self.violations
+            ],
             "margins": margins,
         }

@@ -13,10 +13,10 @@ import numpy as np
 import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
-from pipeline.loadcell.faults import Fault
-from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
-from pipeline.motion.transitions import Blend, Brake
-from pipeline.processes import Closing, PromptThread
+from pipeline.loadcell.faults import LoadCellFault
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, MAX_STATE_AGE_SECONDS, StreamGate
+from pipeline.motion.transitions import BrakingMotion, StreamBlend
+from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import ConnectFunction, Driver
 from pipeline.robot.link import LinkStatistics
@@ -39,7 +39,7 @@ READING_LAG_SECONDS = 0.01
 """Time before the present for which joint states are read [s]: messages of that time have usually arrived."""
 ADVERTISE_SECONDS = 1.2
 """Time without motion after `advertise` [s], because rosbridge repeats messages to new subscribers for a second."""
-RECENT_STATE_TIMEOUT_SECONDS = 2 * PERIOD
+RECENT_STATE_TIMEOUT_SECONDS = 2 * CONTROL_PERIOD_SECONDS
 """Longest time that a command waits for a recent joint state [s], below `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
 COMMAND_CHECK_SECONDS = 0.002
 """Longest time from the end of the wait for a recent joint state to the end of the command's check [s]."""
@@ -53,7 +53,7 @@ SDK_SPEED_RATIO = 0.3
 """Speed ratio that Baxter has without this program, restored at the end."""
 
 
-class RosRobot(Closing):
+class RosRobot(Closable):
     """An arm behind rosbridge, with an optional load cell on a serial line; use it in a ``with`` block.
 
     `StreamGate` checks every command. A command that it refuses ends the motion: `fault` gives the reason, `command`
@@ -93,10 +93,10 @@ class RosRobot(Closing):
         self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=REMEMBERED_COMMANDS)
         self._ended: str | None = None
         self._foreign = False
-        self._blend: Blend | None = None
+        self._blend: StreamBlend | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
-        self._reader = EvenReadingTimes(PERIOD)
+        self._reader = EvenReadingTimes(CONTROL_PERIOD_SECONDS)
         self._brake_from: tuple[Vector, Vector, Vector] | None = None
         self._braking, self._closing = threading.Event(), threading.Event()
         self.bridge = Bridge(uri, clock=clock)
@@ -107,7 +107,7 @@ class RosRobot(Closing):
             raise
         if cell is not None:
             self.telemetry = Telemetry(self.bridge, self.joint_names)
-        self._braker = PromptThread(self._brake_when_told, "braking")
+        self._braker = HighPriorityThread(self._brake_when_told, "braking")
         self._braker.start()
 
     @property
@@ -138,13 +138,13 @@ class RosRobot(Closing):
                 lambda: self.time - MAX_STATE_AGE_SECONDS + COMMAND_CHECK_SECONDS, RECENT_STATE_TIMEOUT_SECONDS
             )
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
-                self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
+                self.advance(min(self._sent_at + CONTROL_PERIOD_SECONDS - self.time, CONTROL_PERIOD_SECONDS))
         with self._lock:
             if self._ended is None:
                 self._braking.clear()
                 state = self._states.latest
                 if state is not None and q.shape == state.q.shape and self._gate.begins(self.time):
-                    self._blend = Blend(state.q, q)
+                    self._blend = StreamBlend(state.q, q)
                 if self._blend is not None and q.shape == v.shape == a.shape:
                     q, v, a = self._blend.next(q, v, a)
                 # Without a master the arm still follows, and so can be braked; but the run ends.
@@ -197,7 +197,7 @@ class RosRobot(Closing):
             return []
         samples = self._cell.read()
         if not samples and not self._cell.status().connected:
-            raise TaskFailedError(f"load cell: {Fault.DISCONNECTED.value}")
+            raise TaskFailedError(f"load cell: {LoadCellFault.DISCONNECTED.value}")
         if self.telemetry is not None:
             self.telemetry.load_force(samples)
         return samples
@@ -218,7 +218,7 @@ class RosRobot(Closing):
             self.stop()
             end = self.time + 2.0
             while self._braking.is_set() and self.time < end:
-                self.advance(PERIOD)
+                self.advance(CONTROL_PERIOD_SECONDS)
         with self._lock:
             self._closing.set()
             self._braking.set()
@@ -281,7 +281,7 @@ class RosRobot(Closing):
             return str(error)
         self.statistics.commands += 1
         self.statistics.ages.append(now - state.time)
-        if self._sent_at is not None and now - self._sent_at < 10 * PERIOD:
+        if self._sent_at is not None and now - self._sent_at < 10 * CONTROL_PERIOD_SECONDS:
             self.statistics.intervals.append(now - self._sent_at)
         self._sent, self._sent_at = (q, v, a), now
         if self.telemetry is not None:
@@ -313,10 +313,10 @@ class RosRobot(Closing):
 
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
-        brake, due = Brake(start, self._description.limits), self.time
-        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / PERIOD) + 1):
-            q, v, a = brake.at(cycle * PERIOD)
-            due = PERIOD + (due if self._sent_at is None else max(due, self._sent_at))
+        brake, due = BrakingMotion(start, self._description.limits), self.time
+        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / CONTROL_PERIOD_SECONDS) + 1):
+            q, v, a = brake.at(cycle * CONTROL_PERIOD_SECONDS)
+            due = CONTROL_PERIOD_SECONDS + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)
             with self._lock:
                 if self._closing.is_set() or not self._braking.is_set():

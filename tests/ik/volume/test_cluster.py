@@ -33,7 +33,7 @@ def test_a_volume_survives_the_death_of_a_worker(cluster, baxter, small, tmp_pat
     report = build_volume(baxter, small, tmp_path / "cluster.zarr", scheduler=address, progress=kill_one)
     assert first.wait() != 0
     assert second.poll() is None
-    assert report.table.missing() == []
+    assert report.table.unfinished_blocks() == []
     alone = build_volume(baxter, small, tmp_path / "alone.zarr").table
     assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(alone.q[:]), equal_nan=True)
 

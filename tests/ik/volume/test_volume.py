@@ -8,7 +8,7 @@ import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
 from ik.solver import Solver
-from ik.volume import Grid, Status, VolumeTable, build_volume
+from ik.volume import TargetGrid, TargetStatus, VolumeTable, build_volume
 
 
 @pytest.fixture(scope="module")
@@ -20,28 +20,28 @@ def test_every_reached_posture_holds_its_target_by_yourdfpy(volume, baxter, smal
     rng = np.random.default_rng(0)
     status, q = np.asarray(volume.status[:]), np.asarray(volume.q[:])
     positions = small.positions()
-    chosen = rng.permutation(np.argwhere(status == Status.REACHED))[:150]
+    chosen = rng.permutation(np.argwhere(status == TargetStatus.REACHED))[:150]
     rotation, position = tool_poses(baxter, q[tuple(chosen.T)])
     assert np.abs(position - positions[tuple(chosen[:, 1:].T)]).max() < 1e-8
     assert np.abs(rotation - small.rotations[chosen[:, 0]]).max() < 1e-8
-    reached = q[status == Status.REACHED]
+    reached = q[status == TargetStatus.REACHED]
     assert baxter.limits.margin(reached).min() >= -1e-9
-    assert np.isnan(q[status == Status.UNREACHABLE]).all()
+    assert np.isnan(q[status == TargetStatus.UNREACHABLE]).all()
 
 
 def test_neighbours_are_on_one_branch(volume) -> None:
-    assert volume.apart() < 0.01
-    assert volume.reached() > 0.4
+    assert volume.discontinuity_share() < 0.01
+    assert volume.reached_share() > 0.4
     q = np.asarray(volume.q[:])
     steps = np.concatenate([np.abs(np.diff(q, axis=axis)).max(axis=-1).ravel() for axis in (1, 2, 3)])
-    assert volume.apart(0.05) == pytest.approx(np.mean(steps[~np.isnan(steps)] > 0.05), rel=1e-12)
+    assert volume.discontinuity_share(0.05) == pytest.approx(np.mean(steps[~np.isnan(steps)] > 0.05), rel=1e-12)
 
 
 def test_what_is_given_up_is_out_of_reach_for_a_search_from_anywhere(volume, baxter, small) -> None:
-    missed = np.argwhere(np.asarray(volume.status[:]) == Status.UNREACHABLE)
+    missed = np.argwhere(np.asarray(volume.status[:]) == TargetStatus.UNREACHABLE)
     chosen = np.random.default_rng(1).permutation(missed)[:200]
     position = small.positions()[tuple(chosen[:, 1:].T)]
-    answers = Solver(baxter).solve(small.rotations[chosen[:, 0]], position)
+    answers = IkSolver(baxter).solve(small.rotations[chosen[:, 0]], position)
     assert answers.reached.mean() < 0.25  # what can be held on another branch only is not on this one
 
 
@@ -66,13 +66,13 @@ def test_an_interrupted_build_is_continued_by_processes_and_ends_the_same(
 
 
 def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path, complains) -> None:
-    near = Grid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
+    near = TargetGrid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
     table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
     status = np.asarray(table.status[:])
     collisions = urdf.CollisionModel(baxter)
-    for index in np.argwhere(status != Status.UNREACHABLE)[::7]:
+    for index in np.argwhere(status != TargetStatus.UNREACHABLE)[::7]:
         touches = collisions.touching(np.asarray(table.q[tuple(index)])) is not None
-        assert touches == (status[tuple(index)] == Status.TOUCHING)
+        assert touches == (status[tuple(index)] == TargetStatus.COLLIDING)
     with complains(StaleTableError):
         build_volume(baxter, near, table.path)
 
@@ -81,13 +81,13 @@ def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other,
     with complains(StaleTableError):
         VolumeTable.open(volume.path, other)
     with complains(InputError):
-        build_volume(baxter, Grid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
+        build_volume(baxter, TargetGrid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
     with complains(InputError):
         VolumeTable.open(tmp_path / "none.zarr")
     (tmp_path / "empty").mkdir()
     with complains(StaleTableError):
         VolumeTable.open(tmp_path / "empty")
-    far = Grid(np.full(3, 3.0), np.full(3, 3.2), (4, 4, 4), baxter.line.rotation[None])
+    far = TargetGrid(np.full(3, 3.0), np.full(3, 3.2), (4, 4, 4), baxter.line.rotation[None])
     with complains(UnreachableError):
         build_volume(baxter, far, tmp_path / "far.zarr")
 
@@ -97,4 +97,4 @@ def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other,
 )
 def test_grids_that_span_nothing_are_refused(low, high, counts, complains) -> None:
     with complains(InputError):
-        Grid(np.array(low), np.array(high), counts, np.eye(3)[None])
+        TargetGrid(np.array(low), np.array(high), counts, np.eye(3)[None])

@@ -9,8 +9,8 @@ import pytest
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.run import Channel, read_run, write_run_csv
-from pipeline.batch.run import JOURNAL
-from pipeline.batch.work import Job, work
+from pipeline.batch.run import JOURNAL_FILE
+from pipeline.batch.work import Job, run_job
 from pipeline.trial.folder import locked_folder
 
 from .conftest import BATCH, FEW
@@ -44,7 +44,7 @@ def test_only_what_is_new_changed_or_was_cut_off_is_done_again(done, armdyn, mon
 
     before = rows(done)
     with monkeypatch.context() as nobody:
-        nobody.setattr("pipeline.batch.run.work", None)  # may be asked for it
+        nobody.setattr("pipeline.batch.run.run_job", None)  # may be asked for it
         assert worked() == 0
     assert rows(done) == before
     journal = done / "out" / JOURNAL
@@ -128,8 +128,8 @@ def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted
     negated = {n: Channel(c.time, -c.value, c.unit) for n, c in run.channels.items() if n.startswith("tau.")}
     write_run_csv(replace(run, channels={**run.channels, **negated}), log)
     job = Job("key", "compare", lab / "robots/robot_00/model.toml", "", log, None)
-    wrong = work(job)
+    wrong = run_job(job)
     assert "all torques have the wrong sign" in wrong.problem
     assert "trust_data" in wrong.problem
     assert not wrong.verdict
-    assert "sign" not in work(replace(job, trust=True)).problem
+    assert "sign" not in run_job(replace(job, trust=True)).problem

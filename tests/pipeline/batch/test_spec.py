@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.errors import InputError
 from pipeline.batch.spec import read_spec
-from pipeline.batch.times import Clock, TimeFrom
+from pipeline.batch.times import TimeRules, TimeSource
 
 GOOD = '[[recordings]]\nmodel = "m.toml"\nruns = ["*.csv"]\n'
 
@@ -61,7 +61,7 @@ def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
 
 
 def when(name, clock=None, given=()):
-    return (clock or Clock()).of(Path("/lab") / name, Path("/lab"), dict(given))
+    return (clock or TimeRules()).of(Path("/lab") / name, Path("/lab"), dict(given))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def when(name, clock=None, given=()):
     ],
 )
 def test_a_date_in_the_name_is_read(name, time):
-    assert (when(name).time, when(name).source) == (time, TimeFrom.NAME)
+    assert (when(name).time, when(name).source) == (time, TimeSource.NAME)
 
 
 UNDATED = ["run_7.csv", "serial_12345678.csv", "04-05-2026.csv", "2026-13-45.csv", "202605041.csv", "2026-05.csv"]
@@ -93,15 +93,15 @@ def test_what_is_no_date_or_could_be_two_is_not_guessed(name, says):
 
 
 def test_a_form_reads_other_dates_and_says_where_it_fails():
-    clock = Clock(form="log_%d%m%y_%H%M")
+    clock = TimeRules(form="log_%d%m%y_%H%M")
     assert when("log_040526_1430.csv", clock).time == datetime(2026, 5, 4, 14, 30)
     assert "not of the form log_%d%m%y_%H%M" in when("log_4.csv", clock).problem
 
 
 def test_the_spec_counts_more_than_the_sidecar_and_that_more_than_the_name(folder):
     (item,) = read(folder, GOOD).items
-    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeFrom.SIDECAR)
+    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeSource.SIDECAR)
     (item,) = read(folder, GOOD + "times = { 'a.csv' = 2026-05-04T12:00:00+02:00 }").items
-    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeFrom.SPEC)
+    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeSource.SPEC)
     (item,) = read(folder, '[time]\nfrom = "name"\n' + GOOD).items
     assert item.when.time is None

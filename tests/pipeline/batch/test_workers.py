@@ -12,9 +12,9 @@ import weakref
 import pytest
 
 from armdyn.run import read_run
-from pipeline.batch.run import JOURNAL, run_batch
+from pipeline.batch.run import JOURNAL_FILE, run_batch
 from pipeline.batch.spec import read_spec
-from pipeline.batch.work import Job, work
+from pipeline.batch.work import Job, run_job
 
 from .conftest import FEW
 
@@ -23,7 +23,7 @@ pq = pytest.importorskip("pyarrow.parquet")
 
 def lines(folder):
     """Keys in the journal, as often as they were written."""
-    path = folder / "out" / JOURNAL
+    path = folder / "out" / JOURNAL_FILE
     text = path.read_text() if path.exists() else ""
     return collections.Counter(json.loads(line)["key"] for line in text.splitlines())
 
@@ -40,14 +40,14 @@ def dies(job):
     """Stands for a recording that makes its process run out of memory."""
     if job.run.name == "log_2026-01-08.csv":
         os.kill(os.getpid(), signal.SIGKILL)
-    from pipeline.batch.work import work
+    from pipeline.batch.work import run_job
 
-    return work(job)
+    return run_job(job)
 
 
 def test_a_recording_that_kills_its_process_is_a_row_and_the_others_are_done(lab, monkeypatch):
     (lab / "out").mkdir()
-    monkeypatch.setattr("pipeline.batch.run.work", dies)
+    monkeypatch.setattr("pipeline.batch.run.run_job", dies)
     monkeypatch.setattr("pipeline.batch.run.START_METHOD", "fork")  # which knows this file's function
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
     bad = [row for row in done.rows if row.outcome.problem]
@@ -93,6 +93,6 @@ def test_a_worker_keeps_nothing_of_a_recording_that_is_done(lab, monkeypatch):
 
     monkeypatch.setattr("armdyn.run.read_run", read)
     item = read_spec(lab / "spec.toml").items[0]
-    outcome = work(Job("key", "repair", item.model, "key of the model", item.run, None))
+    outcome = run_job(Job("key", "repair", item.model, "key of the model", item.run, None))
     assert outcome.verdict
     assert [one() for one in seen] == [None]

@@ -13,6 +13,8 @@ from scipy.signal import lfilter
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.fit import Plateau, Weight, fit_calibration, parse_weights
+from pipeline.loadcell.calibration import Calibration, default_calibration_path
+from pipeline.loadcell.fit import KnownWeight, WeightMeasurement, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(
     84213.5, 2.5, -5.6e-6, 6e-11, 2.2e-4, datetime(2026, 3, 2, 10, 15, tzinfo=UTC), 'calibrate COM3: "0 g", ü'
@@ -98,7 +100,7 @@ def counts_at(rng, force, samples=200, noise=NOISE, scale=SCALE):
 
 def plateaus_at(rng, weights, forces, **options):
     """The cell's answers to forces that are not always those of the weights."""
-    return [Plateau.of(w, counts_at(rng, force, **options)) for w, force in zip(weights, forces, strict=True)]
+    return [WeightMeasurement.of(w, counts_at(rng, force, **options)) for w, force in zip(weights, forces, strict=True)]
 
 
 def assert_deviations_are_as_stated(z):
@@ -131,8 +133,10 @@ def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_orde
     rng = np.random.default_rng(2)
     weights = parse_weights("0 g, 50 g +/- 0.1 g, 100 g, 200 g", G)
     counts = [NOISE * 20 * rng.standard_normal(200) + w.force / SCALE for w in weights]
-    one = fit_calibration([Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
-    other = fit_calibration([Plateau.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t")
+    one = fit_calibration([WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
+    other = fit_calibration(
+        [WeightMeasurement.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t"
+    )
     zero, slope = change(0.0), change(1.0) - change(0.0)
     assert other.offset == pytest.approx(zero + slope * one.offset, rel=1e-9)
     assert other.offset_std == pytest.approx(abs(slope) * one.offset_std, rel=1e-6)
@@ -143,10 +147,10 @@ def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_orde
 
 
 def test_slow_drift_and_correlated_noise_widen_the_mean():
-    weight, z = Weight("0 g", 0.0), []
+    weight, z = KnownWeight("0 g", 0.0), []
     for seed in range(400):
         noise = lfilter([17.0], [1.0, -0.9], np.random.default_rng(seed).standard_normal(400))
-        plateau = Plateau.of(weight, np.round(OFFSET + noise[100:]))
+        plateau = WeightMeasurement.of(weight, np.round(OFFSET + noise[100:]))
         z.append((plateau.mean - OFFSET) / plateau.mean_std)
     assert np.mean(np.abs(z) < 3.0) > 0.95
     assert np.std(z) < 1.5
@@ -161,9 +165,9 @@ def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_i
     counts[100] = OFFSET - 0.9 * limit
     if refused:
         with complains(TaskFailedError):
-            Plateau.of(Weight("x", 1.0), counts)
+            WeightMeasurement.of(KnownWeight("x", 1.0), counts)
     else:
-        plateau = Plateau.of(Weight("x", 1.0), counts)
+        plateau = WeightMeasurement.of(KnownWeight("x", 1.0), counts)
         assert (plateau.outliers, plateau.samples) == (20, 180)
         assert plateau.mean == pytest.approx(counts[wild:].mean())
         assert plateau.noise == pytest.approx(counts[wild:].std(ddof=1))
@@ -211,7 +215,7 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
     weights, wiggle = parse_weights("0 g, 100 g, 200 g", G), noise * np.resize([1.0, -1.0], 40)
     span = weights[2].force / SCALE
     counts = [w.force / SCALE + wiggle + 1.5 * share * span * (k == 1) for k, w in enumerate(weights)]
-    plateaus = [Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)]
+    plateaus = [WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)]
     with pytest.raises(TaskFailedError, match="100 g is off") if refused else contextlib.nullcontext():
         assert max(fit_calibration(plateaus, "test").residuals) == pytest.approx(share * weights[2].force, rel=1e-2)
 
@@ -219,9 +223,9 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
 def test_a_weight_that_still_swings_is_refused(complains):
     rng = np.random.default_rng(9)
     weights = parse_weights("0 g, 100 g, 200 g", G)
-    still = [Plateau.of(w, counts_at(rng, w.force)) for w in weights[:2]]
+    still = [WeightMeasurement.of(w, counts_at(rng, w.force)) for w in weights[:2]]
     angle = 0.15 * np.cos(5.2 * np.arange(200) / 80)
-    swinging = Plateau.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
+    swinging = WeightMeasurement.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
     with complains(TaskFailedError):
         fit_calibration([*still, swinging], "test")
 
@@ -235,4 +239,4 @@ SICK = {
 @pytest.mark.parametrize("counts", SICK.values(), ids=SICK)
 def test_a_dead_saturated_or_touched_cell_is_refused(counts, complains):
     with complains(TaskFailedError):
-        Plateau.of(Weight("100 g", 0.981), counts)
+        WeightMeasurement.of(KnownWeight("100 g", 0.981), counts)

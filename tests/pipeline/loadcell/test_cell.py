@@ -12,9 +12,9 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
-from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionTimes
+from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionClock
 from pipeline.loadcell.emulator import EmulatedPort
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
 
 from .cells import calibration
@@ -112,9 +112,9 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
     # Dropped are two, and the one whose line was torn.
     told = {"DISCONNECTED": 1, "SATURATED": 1, "FROZEN": 1, "MALFORMED": 3, "DROPPED": 3, "REPEATED": 1}
     assert {fault.name: count for fault, count in status.counts.items() if count} == told
-    assert status.active == (Fault.DISCONNECTED,)
+    assert status.active == (LoadCellFault.DISCONNECTED,)
     assert not status.reliable
-    lasting = (Fault.SATURATED, Fault.FROZEN, Fault.DISCONNECTED)
+    lasting = (LoadCellFault.SATURATED, LoadCellFault.FROZEN, LoadCellFault.DISCONNECTED)
     seen = [(event.fault, event.began) for event in events if event.fault in lasting]
     assert seen == [(fault, began) for fault in lasting for began in (True, False)][:-1]
 
@@ -124,12 +124,12 @@ def test_silence_is_noticed_without_a_sample_and_ends_with_one(wire, clock, cell
     until(lambda: cell.status().samples == 1)
     assert cell.status().reliable
     clock.now += 0.21
-    assert cell.status().active == (Fault.SILENT,)
+    assert cell.status().active == (LoadCellFault.SILENT,)
     assert cell.status().rate == 0.0
     assert cell.status().connected
     wire.send(wire.line(2001), 10.0)
     until(lambda: cell.status().reliable)
-    assert began(cell) == [Fault.SILENT]
+    assert began(cell) == [LoadCellFault.SILENT]
 
 
 def test_a_board_that_restarts_when_opened_has_time_to_do_so(clock, cell):
@@ -137,7 +137,7 @@ def test_a_board_that_restarts_when_opened_has_time_to_do_so(clock, cell):
     assert cell.status().active == ()
     assert not cell.status().reliable
     clock.now += 2.0
-    assert cell.status().active == (Fault.SILENT,)
+    assert cell.status().active == (LoadCellFault.SILENT,)
 
 
 def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(wire, clock, until, monkeypatch):
@@ -147,8 +147,8 @@ def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(w
             assert wire.send(wire.line(counts), 10.0)
         until(lambda: cell.status().samples == 50)
         assert [s.force for s in cell.read()] == pytest.approx([CALIBRATION.force(c) for c in COUNTS[40:50]])
-        assert cell.status().counts[Fault.OVERFLOW] == 40
-        assert began(cell) == [Fault.OVERFLOW]
+        assert cell.status().counts[LoadCellFault.OVERFLOW] == 40
+        assert began(cell) == [LoadCellFault.OVERFLOW]
 
 
 def test_a_flood_of_noise_does_not_pile_up(wire, cell, until):
@@ -157,7 +157,7 @@ def test_a_flood_of_noise_does_not_pile_up(wire, cell, until):
         assert wire.send(noise, 10.0)
     assert wire.send(b"\n" + wire.line(2000), 10.0)
     until(lambda: cell.status().samples == 1)
-    assert cell.status().counts[Fault.MALFORMED] > 100
+    assert cell.status().counts[LoadCellFault.MALFORMED] > 100
     assert len(cell.events()) <= 1000
 
 
@@ -169,7 +169,7 @@ def test_closing_ends_the_thread_and_frees_the_port_also_when_the_cable_was_pull
         cell.close()
         assert threading.active_count() == before
     assert not cell.status().connected
-    assert Fault.DISCONNECTED not in cell.status().active
+    assert LoadCellFault.DISCONNECTED not in cell.status().active
     cell = LoadCell(wire.port, CALIBRATION)
     for counts in COUNTS[:5]:
         wire.send(wire.line(counts), 10.0)
@@ -210,7 +210,7 @@ def test_a_port_that_cannot_be_opened_says_why_and_what_to_do(wire, monkeypatch,
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 20)), min_size=1))
 def test_times_strictly_increase_and_are_not_in_the_future(pieces):
-    times, now, stamps = ReceptionTimes(), 100.0, []
+    times, now, stamps = ReceptionClock(), 100.0, []
     for pause, count in pieces:
         now += pause
         new = times.stamp(now, count)
@@ -222,7 +222,7 @@ def test_times_strictly_increase_and_are_not_in_the_future(pieces):
 
 
 def test_a_sample_that_comes_alone_has_the_time_of_its_reception_and_counts_in_the_rate():
-    times = ReceptionTimes()
+    times = ReceptionClock()
     assert times.rate == 0.0
     alone = [k / 80 for k in range(500)] + [500 / 80 + k / 10 for k in range(200)]
     rates = []
@@ -234,7 +234,7 @@ def test_a_sample_that_comes_alone_has_the_time_of_its_reception_and_counts_in_t
 
 @pytest.mark.parametrize(("now", "came"), [(0.54, [0.50, 0.51, 0.52, 0.53, 0.54]), (5.0, [4.98, 4.99, 5.0])])
 def test_samples_collected_by_an_adapter_are_dated_back_to_when_they_came_but_not_over_a_silence(now, came):
-    times = ReceptionTimes()
+    times = ReceptionClock()
     for k in range(50):
         times.stamp(0.01 * k, 1)
     np.testing.assert_allclose(times.stamp(now, len(came)), came, atol=1e-9)

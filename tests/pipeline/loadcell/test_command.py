@@ -13,7 +13,7 @@ import pytest
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
-from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.faults import LoadCellFault
 
 from .cells import calibration
 
@@ -73,7 +73,7 @@ def test_a_person_calibrates_a_cell_and_monitors_it(armdyn, source, monkeypatch,
     assert seen["reliable"]
     assert seen["samples"] > 0
     assert seen["force"]["mean"] == pytest.approx(0.5, abs=2e-3)
-    assert set(seen["faults"]) == {fault.name.lower() for fault in Fault}
+    assert set(seen["faults"]) == {fault.name.lower() for fault in LoadCellFault}
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_a_cable_pulled_during_calibration_ends_it(armdyn, source, monkeypatch):
     monkeypatch.setattr(sys, "stdin", Clumsy(source, []))
     status, _, err = armdyn("calibrate", source.port)
     assert status == 1
-    assert err.endswith(f"armdyn: load cell: {Fault.DISCONNECTED.value}\n")
+    assert err.endswith(f"armdyn: load cell: {LoadCellFault.DISCONNECTED.value}\n")
 
 
 @pytest.fixture
@@ -141,10 +141,10 @@ def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, 
     arguments = ["--calibration", write_calibration(tmp_path), "--json", tmp_path / "m.json"]
     status, _, err = armdyn("monitor", source.port, *arguments, *PATIENT)
     assert status == 1
-    assert err == f"armdyn: {source.port}: {Fault.DISCONNECTED.value}\n"
+    assert err == f"armdyn: {source.port}: {LoadCellFault.DISCONNECTED.value}\n"
     seen = json.loads((tmp_path / "m.json").read_text())
     assert seen["active"] == ["disconnected"]
-    assert seen["events"][-1]["sentence"] == Fault.DISCONNECTED.value
+    assert seen["events"][-1]["sentence"] == LoadCellFault.DISCONNECTED.value
 
 
 def write_calibration(folder):

@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 
 from armdyn.pendulum.physics import STANDARD_GRAVITY
-from pipeline.loadcell.cell import count_limits
+from pipeline.loadcell.cell import count_fault_limits
 from pipeline.loadcell.emulator import swinging_load
-from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
+from pipeline.loadcell.faults import (
+    LoadCellFault,
+    LoadCellFaultDetector,
+    LoadCellFaultEvent,
+    LoadCellLimits,
+    implausible_repeats,
+)
 from pipeline.robot.protocol import ForceSample
 
 from .cells import calibration
 
-NOISY = FaultLimits.of(0.005, 5e-4, -9.8, 9.8)
+NOISY = LoadCellLimits.of(0.005, 5e-4, -9.8, 9.8)
 
 
 def stream(forces, start=0.0, period=0.01):
@@ -23,32 +29,35 @@ def stream(forces, start=0.0, period=0.01):
 @pytest.mark.parametrize(("noise", "step"), [(0.005, 5e-4), (0.0, 0.0)])
 def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step):
     forces = np.random.default_rng(0).normal(0.78, noise, 20_000)
-    detector = FaultDetector(FaultLimits.of(noise, step, -9.8, 9.8))
+    detector = LoadCellFaultDetector(LoadCellLimits.of(noise, step, -9.8, 9.8))
     assert detector.update(199.99, stream(step * np.round(forces / step) if step else forces)) is None
     assert detector.take_events() == []
 
 
 def test_identical_values_are_a_frozen_cell_until_they_change():
-    detector = FaultDetector(FaultLimits(repeats=5))
+    detector = LoadCellFaultDetector(LoadCellLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
-    assert detector.update(0.05, stream([1.0] * 2, 0.04)) is Fault.FROZEN
+    assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
-    assert detector.take_events() == [FaultEvent(0.04, Fault.FROZEN), FaultEvent(0.06, Fault.FROZEN, began=False)]
+    assert detector.take_events() == [
+        LoadCellFaultEvent(0.04, LoadCellFault.FROZEN),
+        LoadCellFaultEvent(0.06, LoadCellFault.FROZEN, began=False),
+    ]
     assert detector.take_events() == []
 
 
 @pytest.mark.parametrize("force", [9.8, -9.8, 12.0, math.inf, math.nan])
 def test_a_force_at_the_end_of_the_range_is_saturated(force):
-    detector = FaultDetector(NOISY)
-    assert detector.update(0.0, stream([force])) is Fault.SATURATED
+    detector = LoadCellFaultDetector(NOISY)
+    assert detector.update(0.0, stream([force])) is LoadCellFault.SATURATED
     assert detector.update(0.01, stream([9.7], 0.01)) is None
 
 
 def test_silence_begins_after_its_time_and_ends_with_a_sample():
-    detector = FaultDetector(FaultLimits(silent_after=0.2))
+    detector = LoadCellFaultDetector(LoadCellLimits(silent_after=0.2))
     assert detector.update(1.0, stream([0.5], 1.0)) is None
-    assert [detector.check(now) for now in (1.199, 1.201)] == [None, Fault.SILENT]
-    assert detector.active == (Fault.SILENT,)
+    assert [detector.check(now) for now in (1.199, 1.201)] == [None, LoadCellFault.SILENT]
+    assert detector.active == (LoadCellFault.SILENT,)
     assert detector.update(1.3, stream([0.6], 1.3)) is None
     # A gap between samples that come together is told as well.
     detector.update(2.5, stream([0.6], 2.0) + stream([0.7], 2.5))
@@ -56,19 +65,19 @@ def test_silence_begins_after_its_time_and_ends_with_a_sample():
 
 
 def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_granted_once():
-    limits = FaultLimits(silent_after=0.2, start_up=2.0)
-    detector = FaultDetector(limits)
-    assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, Fault.SILENT]
-    detector = FaultDetector(limits)
+    limits = LoadCellLimits(silent_after=0.2, start_up=2.0)
+    detector = LoadCellFaultDetector(limits)
+    assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, LoadCellFault.SILENT]
+    detector = LoadCellFaultDetector(limits)
     detector.update(0.0, stream([0.5]))
-    assert detector.check(0.5) is Fault.SILENT
+    assert detector.check(0.5) is LoadCellFault.SILENT
 
 
 def test_the_gravest_fault_comes_first():
-    detector = FaultDetector(FaultLimits(-1.0, 1.0, repeats=3))
+    detector = LoadCellFaultDetector(LoadCellLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
-    assert detector.active == (Fault.SATURATED, Fault.FROZEN)
-    assert detector.check(5.0) is Fault.SILENT
+    assert detector.active == (LoadCellFault.SATURATED, LoadCellFault.FROZEN)
+    assert detector.check(5.0) is LoadCellFault.SILENT
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0])
@@ -105,7 +114,7 @@ def counts_of(force, seconds, seed=0, scale=SCALE):
 
 def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
-    detector = FaultDetector(count_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
+    detector = LoadCellFaultDetector(count_fault_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
     for t, count in zip(time, counts, strict=True):
         detector.sample(float(t), int(count))
     return detector
@@ -126,7 +135,7 @@ def test_a_healthy_cell_is_reliable_for_two_minutes(force, scale):
 def test_spikes_in_one_of_twenty_samples_are_noticed(force, seed):
     time, counts = counts_of(force, 5.0, seed)
     spikes = np.random.default_rng(seed).random(time.size) < 0.05
-    assert judged(time, np.where(spikes, OFFSET + SPIKE, counts)).active == (Fault.SPIKES,)
+    assert judged(time, np.where(spikes, OFFSET + SPIKE, counts)).active == (LoadCellFault.SPIKES,)
 
 
 @pytest.mark.parametrize(("where", "told"), [(slice(200, 201), []), (slice(100, 160, 8), [True, False])])
@@ -135,13 +144,13 @@ def test_one_spike_is_bridged_and_many_are_over_when_they_have_ended(where, told
     counts[where] += SPIKE
     detector = judged(time, counts)
     assert detector.active == ()
-    assert [(event.fault, event.began) for event in detector.take_events()] == [(Fault.SPIKES, b) for b in told]
+    assert [(event.fault, event.began) for event in detector.take_events()] == [(LoadCellFault.SPIKES, b) for b in told]
 
 
 def test_values_that_are_stuck_within_one_count_are_frozen():
     time, _ = counts_of(SWING, 3.0)
     toggling = 200_000 + np.random.default_rng(0).integers(0, 2, time.size)
-    assert judged(time, toggling).active == (Fault.FROZEN,)
+    assert judged(time, toggling).active == (LoadCellFault.FROZEN,)
     assert judged(time, 200_000 + np.arange(time.size) // 2).active == ()  # goes on, slowly
 
 
@@ -159,8 +168,9 @@ def test_a_force_that_is_no_pull_a_drift_and_a_spike_are_told_from_where_they_be
     spiky[10:34:8] += share * STEP
     beyond = share > 1.0
     for stamps, counts, fault in (
-        (time[:9], pushed[:9], None), (time[:10], pushed[:10], Fault.NEGATIVE), (time, drifted, Fault.DRIFTING),
-        (time[time < 2.4], drifted[time < 2.4], None), (time[:50], spiky, Fault.SPIKES), (time[:26], spiky[:26], None),
+        (time[:9], pushed[:9], None), (time[:10], pushed[:10], LoadCellFault.NEGATIVE),
+        (time, drifted, LoadCellFault.DRIFTING), (time[time < 2.4], drifted[time < 2.4], None),
+        (time[:50], spiky, LoadCellFault.SPIKES), (time[:26], spiky[:26], None),
     ):  # fmt: skip
         wiggled = counts + 3.0 * (np.arange(len(counts)) % 2)  # a cell that stands still is frozen
         assert judged(stamps, np.round(wiggled), scale).active == ((fault,) if fault and beyond else ())

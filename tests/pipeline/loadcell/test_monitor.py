@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from pipeline.loadcell.faults import Fault, FaultEvent, LoadCellStatus
-from pipeline.loadcell.fit import CalibrationFit, Plateau, Weight
+from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultEvent, LoadCellStatus
+from pipeline.loadcell.fit import CalibrationFit, KnownWeight, WeightMeasurement
 from pipeline.loadcell.monitor import (
     LATEST_SECONDS,
-    Monitor,
+    ForceStatistics,
     calibration_json,
     calibration_table,
     monitor_json,
@@ -22,9 +22,11 @@ from pipeline.loadcell.monitor import (
 )
 from pipeline.robot.protocol import ForceSample
 
-STATUS = LoadCellStatus(True, 3, 79.96, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
-EMPTY = Plateau(Weight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
-LOADED = Plateau(Weight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
+STATUS = LoadCellStatus(
+    True, 3, 79.96, (LoadCellFault.FROZEN,), {**dict.fromkeys(LoadCellFault, 0), LoadCellFault.MALFORMED: 2}
+)
+EMPTY = WeightMeasurement(KnownWeight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
+LOADED = WeightMeasurement(KnownWeight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
 FIT = CalibrationFit(
     84213.44, 1.26, -5.60005e-6, 2.34e-10, 2.24e-4, datetime(2026, 3, 2, tzinfo=UTC), "test", (EMPTY, LOADED),
     (1e-6, -2.5e-5),
@@ -46,7 +48,7 @@ def shown(table):
 def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
     time = np.cumsum(steps[: len(forces)])
     samples = [ForceSample(float(t), 1e3 + f) for t, f in zip(time, forces, strict=True)]
-    seen = Monitor()
+    seen = ForceStatistics()
     assert (math.isnan(seen.latest[0]), math.isnan(seen.std)) == (True, True)
     for part in (samples[:at], samples[at:]):
         seen.add(part, [])
@@ -60,8 +62,8 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
 
 
 def test_a_monitor_answers_and_shows_forces_rate_and_faults():
-    seen = Monitor()
-    event = FaultEvent(12.25, Fault.FROZEN, began=False)
+    seen = ForceStatistics()
+    event = LoadCellFaultEvent(12.25, LoadCellFault.FROZEN, began=False)
     seen.add([ForceSample(0.5, 9.0), *(ForceSample(11.5 + 0.5 * k, 1.0 + 0.01 * k) for k in range(3))], [event])
     answer = monitor_json(seen, STATUS, 10.0)
     assert {key: answer[key] for key in ("reliable", "connected", "samples", "rate")} == {
@@ -71,11 +73,11 @@ def test_a_monitor_answers_and_shows_forces_rate_and_faults():
     assert answer["active"] == ["frozen"]
     assert answer["faults"]["malformed"] == 2
     assert answer["events"] == [
-        {"time": 2.25, "fault": "frozen", "began": False, "count": 1, "sentence": Fault.FROZEN.value}
+        {"time": 2.25, "fault": "frozen", "began": False, "count": 1, "sentence": LoadCellFault.FROZEN.value}
     ]
     assert shown(monitor_table(seen, STATUS, 10.0)) == (
         "force 1.0200 N last second 1.0100 N ± 10.00 mN rate 80.0 Hz, 3 samples "
-        f"now {Fault.FROZEN.value} faults malformed 2 2.25 s frozen is over"
+        f"now {LoadCellFault.FROZEN.value} faults malformed 2 2.25 s frozen is over"
     )
 
 

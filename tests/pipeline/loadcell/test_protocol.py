@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import CellReading, Decoder, checksum, decode, encode
+from pipeline.loadcell.faults import LoadCellFault
+from pipeline.loadcell.protocol import CellReading, LineDecoder, crc16, decode_line, encode_line
 
 readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
@@ -31,32 +31,34 @@ def bitwise_crc(data):
 
 @given(st.binary(max_size=40))
 def test_the_checksum_is_the_remainder_of_the_long_division(data):
-    assert checksum(data) == bitwise_crc(data)
-    assert checksum(b"123456789") == 0x31C3  # as published
+    assert crc16(data) == bitwise_crc(data)
+    assert crc16(b"123456789") == 0x31C3  # as published
 
 
 @given(readings, st.data())
 def test_only_a_whole_and_undamaged_line_gives_back_its_reading(reading, data):
-    line = encode(reading)
+    line = encode_line(reading)
     assert len(line) <= 26
     assert line.endswith(b"\n")
-    assert decode(line[:-1]) == reading
-    assert decode(line[: data.draw(st.integers(0, len(line) - 6))]) is None
+    assert decode_line(line[:-1]) == reading
+    assert decode_line(line[: data.draw(st.integers(0, len(line) - 6))]) is None
     wrong = bytearray(line[:-1])
     wrong[data.draw(st.integers(0, len(wrong) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     # A wrong bit may make a small letter of a hexadecimal digit, which changes nothing.
-    assert decode(bytes(wrong)) in (None, reading)
+    assert decode_line(bytes(wrong)) in (None, reading)
 
 
 @pytest.mark.parametrize(
     "text", [b"HX711 65536 0", b"HX711 1 8388608", b"HX711 1 -8388609", b"HX711 -1 0", b"HX712 1 0"]
 )
 def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
-    assert decode(text + b" %04X" % checksum(text)) is None
+    assert decode_line(text + b" %04X" % crc16(text)) is None
 
 
 def test_the_example_of_the_document_is_a_sample():
-    assert decode(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(4711, 259390)
+    assert decode_line(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(
+        4711, 259390
+    )
 
 
 ARDUINO = r"""
@@ -94,11 +96,11 @@ def test_the_documents_arduino_program_sends_what_its_hx711_measures(tmp_path):
 
 
 def lines(*numbers):
-    return [encode(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
+    return [encode_line(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
 
 
 def decode_all(pieces):
-    decoder, readings, faults = Decoder(), [], Counter()
+    decoder, readings, faults = LineDecoder(), [], Counter()
     for piece in pieces:
         decoded = decoder.feed(piece)
         readings += decoded.readings
@@ -114,7 +116,7 @@ def test_the_size_of_the_pieces_changes_nothing(parts, data):
     assert decode_all(pieces) == decode_all([stream])
 
 
-MALFORMED, DROPPED = Fault.MALFORMED, Fault.DROPPED
+MALFORMED, DROPPED = LoadCellFault.MALFORMED, LoadCellFault.DROPPED
 
 
 @pytest.mark.parametrize(
@@ -127,8 +129,8 @@ MALFORMED, DROPPED = Fault.MALFORMED, Fault.DROPPED
         ([*lines(0), lines(1)[0][:-1], *lines(2, 3)], [0, 2, 3], {MALFORMED: 1, DROPPED: 1}),  # a lost line feed
         ([*lines(0), b"HX711 1 1001\n", b"1001\n", b"HX711 1 1001 zzzz\n"], [0], {MALFORMED: 3}),
         (lines(*range(65530, 65545)), [n % 65536 for n in range(65530, 65545)], {}),
-        (lines(0, 1, 1, 1, 2), [0, 1, 2], {Fault.REPEATED: 2}),
-        (lines(500, 501, 0, 1), [500, 501, 0, 1], {Fault.RESTARTED: 1}),
+        (lines(0, 1, 1, 1, 2), [0, 1, 2], {LoadCellFault.REPEATED: 2}),
+        (lines(500, 501, 0, 1), [500, 501, 0, 1], {LoadCellFault.RESTARTED: 1}),
     ],
 )
 def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, faults):
@@ -138,7 +140,7 @@ def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, f
 
 
 def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():
-    decoder = Decoder()
+    decoder = LineDecoder()
     decoder.feed(lines(0)[0])
     for _ in range(1000):
         assert not decoder.feed(b"x" * 1000).readings

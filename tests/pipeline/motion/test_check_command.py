@@ -9,7 +9,7 @@ from command import called
 import ik
 import urdf
 from armdyn.recording.noise import noise_std_from_differences
-from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, differentiate
+from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, smooth_and_differentiate
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2
@@ -118,7 +118,7 @@ def test_the_noise_of_positions_is_found_under_their_motion():
 def test_derivatives_of_positions_are_near_the_true_ones(noise, tolerances):
     t, w, inside = 0.01 * np.arange(400), np.pi, slice(30, -30)
     clean = np.sin(w * t)
-    found = differentiate(t, (clean + np.random.default_rng(1).normal(0.0, noise, t.size))[:, None])
+    found = smooth_and_differentiate(t, (clean + np.random.default_rng(1).normal(0.0, noise, t.size))[:, None])
     for have, true, tolerance in zip(found, (clean, w * np.cos(w * t), -(w**2) * clean), tolerances, strict=True):
         assert np.max(np.abs(have[inside, 0] - true[inside])) < tolerance
 

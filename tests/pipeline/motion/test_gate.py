@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
 from pipeline.motion.gate import (
+    CONTROL_PERIOD_SECONDS,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    PERIOD,
     STREAM_GAP_SECONDS,
     RefusalReason,
     StreamGate,
@@ -26,7 +26,7 @@ REST = np.zeros(2)
 
 @pytest.fixture(scope="module")
 def line_gate(robot, table):
-    return LineGate(LineLimits.from_table(table), table, Gate(robot.joint_names, robot.limits))
+    return LineGate(LineLimits.from_table(table), table, CommandGate(robot.joint_names, robot.limits))
 
 
 def why(refusal):
@@ -35,10 +35,10 @@ def why(refusal):
 
 def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_gate):
     rng = np.random.default_rng(3)
-    smoother = LineSmoother(line_gate.limits, PERIOD, LineState(0.0))
+    smoother = LineSmoother(line_gate.limits, CONTROL_PERIOD_SECONDS, LineState(0.0))
     noise = [LineState(*map(float, rng.normal(0.0, [0.4, 1.0, 5.0]))) for _ in range(300)]
     smoothed = [smoother.state, *map(smoother.update, noise)]
-    finish = finish_over_box(LineState(0.13, 0.2), 0.46, line_gate.limits, PERIOD)
+    finish = finish_over_box(LineState(0.13, 0.2), 0.46, line_gate.limits, CONTROL_PERIOD_SECONDS)
     for motion in (smoothed, finish):
         assert {line_gate.check(after, before) for before, after in pairwise(motion)} == {None}
 
@@ -69,7 +69,7 @@ def test_a_limit_that_is_no_number_lets_nothing_through(line_gate, name):
 
 def test_joint_limits_and_where_the_arm_is_are_watched_besides_the_line(robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
-    gate = LineGate(generous, table, Gate(robot.joint_names, robot.limits))
+    gate = LineGate(generous, table, CommandGate(robot.joint_names, robot.limits))
     assert why(gate.check(LineState(0.0, 2.0))) is RefusalReason.VELOCITY
     assert why(gate.check(LineState(0.0, 0.0, 100.0))) is RefusalReason.ACCELERATION
     here = table.posture(0.1).q
@@ -87,7 +87,7 @@ def at(q, time=0.0):
 
 def smooth(k, reach=0.3, duration=0.8):
     """Minimum-jerk motion of joint a: peak 0.70 rad/s, 2.7 rad/s^2, 35 rad/s^3."""
-    parts = minimum_jerk(np.asarray(min(k * PERIOD / duration, 1.0)), duration)
+    parts = minimum_jerk(np.asarray(min(k * CONTROL_PERIOD_SECONDS / duration, 1.0)), duration)
     return tuple(np.array([reach * float(part), 0.0]) for part in parts)
 
 
@@ -104,7 +104,7 @@ def moving(gate):
 
 
 def follow(gate, cycles):
-    return [judge(gate, *smooth(k), now=k * PERIOD) for k in range(cycles)]
+    return [judge(gate, *smooth(k), now=k * CONTROL_PERIOD_SECONDS) for k in range(cycles)]
 
 
 def judge(gate, q, v=REST, a=REST, state=None, now=0.0):
@@ -141,13 +141,13 @@ def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, opt
 
 
 def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
-    frozen = at(smooth(39)[0], 39 * PERIOD)
-    refused = [judge(moving, *smooth(k), state=frozen, now=k * PERIOD) for k in range(40, 46)]
+    frozen = at(smooth(39)[0], 39 * CONTROL_PERIOD_SECONDS)
+    refused = [judge(moving, *smooth(k), state=frozen, now=k * CONTROL_PERIOD_SECONDS) for k in range(40, 46)]
     assert refused == [None] * 5 + [RefusalReason.STALE]
 
 
 def test_a_motion_that_paused_does_not_go_on(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
+    assert judge(moving, *smooth(40), now=39 * CONTROL_PERIOD_SECONDS + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
 
 
 def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):
@@ -171,11 +171,14 @@ def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_se
 )
 def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
     for k in range(5):
-        assert judge(gate, REST, now=k * PERIOD) is None
-    assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * PERIOD) is reason
+        assert judge(gate, REST, now=k * CONTROL_PERIOD_SECONDS) is None
+    assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * CONTROL_PERIOD_SECONDS) is reason
 
 
 def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_between_its_commands(gate):
-    said = [gate.judge(*smooth(k), at(smooth(k)[0], k * PERIOD / 10), k * PERIOD / 10) for k in range(40)]
+    said = [
+        gate.judge(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10)
+        for k in range(40)
+    ]
     first = next(refusal for refusal in said if refusal is not None)
     assert "1 ms after the command before" in first.sentence

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.motion import Gate, LineGate, LineLimits, LineState
+from pipeline.motion import CommandGate, LineGate, LineLimits, LineState
 from pipeline.motion.gate import (
+    CONTROL_PERIOD_SECONDS,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    PERIOD,
     REST_SPEED,
     STREAM_GAP_SECONDS,
     StreamGate,
@@ -31,7 +31,7 @@ asked = st.fixed_dictionaries(
         "other": st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # in place of that, for one joint
         "v": st.one_of(st.none(), st.none(), NUMBERS),
         "a": st.one_of(st.none(), st.none(), NUMBERS),
-        "wait": st.sampled_from([PERIOD] * 12 + [0.0, 1e-4, 1e-3, 0.007, 0.03, 0.049, 0.051, 0.5]),
+        "wait": st.sampled_from([CONTROL_PERIOD_SECONDS] * 12 + [0.0, 1e-4, 1e-3, 0.007, 0.03, 0.049, 0.051, 0.5]),
         "age": st.sampled_from([0.0] * 9 + [0.04, 0.06, math.nan]),
         "times": st.sampled_from([1, 1, 2, 4, 8]),
         "behind": st.sampled_from([0.0] * 8 + [0.01, 0.19, 0.21, math.nan]),
@@ -43,18 +43,18 @@ asked = st.fixed_dictionaries(
 @given(st.lists(asked, min_size=1, max_size=30))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
     gate = StreamGate(("a", "b"), LIMITS)
-    sent, spacings, at, now = [np.zeros(2)] * 3, [PERIOD] * 3, 0.0, 0.0
+    sent, spacings, at, now = [np.zeros(2)] * 3, [CONTROL_PERIOD_SECONDS] * 3, 0.0, 0.0
     assert gate.judge(*sent, JointState(now, *sent), now) is None
     for wanted in (one for one in stream for _ in range(one["times"])):
         now += wanted["wait"]
-        q = following(sent, spacings, min(max(now - at, 1e-6), PERIOD), wanted["jerk"])
+        q = following(sent, spacings, min(max(now - at, 1e-6), CONTROL_PERIOD_SECONDS), wanted["jerk"])
         if wanted["other"] is not None:
             q = np.array([wanted["other"], q[1]])
         v, a = np.zeros(2), np.zeros(2)
         v[0], a[1] = (0.0 if wanted[name] is None else wanted[name] for name in ("v", "a"))
         a *= 20.0
         state = JointState(now - wanted["age"], sent[-1] + [wanted["behind"], 0.0], np.zeros(2), np.zeros(2))
-        standing = np.all(np.abs(sent[-1] - sent[-2]) <= REST_SPEED * PERIOD)
+        standing = np.all(np.abs(sent[-1] - sent[-2]) <= REST_SPEED * CONTROL_PERIOD_SECONDS)
         if gate.judge(q, v, a, state, now) is not None:
             continue
         assert np.isfinite([q, v, a]).all()
@@ -67,8 +67,8 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
             assert standing  # a motion that paused does not go on
             assert np.all(np.abs(q - state.q) <= MAX_STREAM_START_OFFSET)
             assert np.all(np.abs(v) <= REST_SPEED)
-            sent, spacings = [q] * 3, [PERIOD] * 3
-        sent, spacings = [*sent[-3:], q], [*spacings[-2:], min(max(now - at, 1e-6), PERIOD)]
+            sent, spacings = [q] * 3, [CONTROL_PERIOD_SECONDS] * 3
+        sent, spacings = [*sent[-3:], q], [*spacings[-2:], min(max(now - at, 1e-6), CONTROL_PERIOD_SECONDS)]
         assert_within_limits(sent, spacings)
         if now > at:
             assert np.all(np.abs(sent[-1] - sent[-2]) <= MORE * LIMITS.velocity * (now - at) + 1e-9)
@@ -109,7 +109,7 @@ references = st.lists(
 def line_gate(request, robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0), 5e4)
     limits = LineLimits.from_table(table) if "table" in request.param else generous
-    return LineGate(limits, table, Gate(robot.joint_names, robot.limits))
+    return LineGate(limits, table, CommandGate(robot.joint_names, robot.limits))
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
@@ -117,7 +117,7 @@ def line_gate(request, robot, table):
 def test_no_stream_of_references_that_passes_breaks_a_limit_of_line_or_joints(line_gate, robot, table, stream, start):
     limits, last = line_gate.limits, LineState(start)
     for jerk, pull, other in ((one[0], one[2], one[3]) for one in stream for _ in range(one[1])):
-        j, h = jerk * limits.jerk, PERIOD
+        j, h = jerk * limits.jerk, CONTROL_PERIOD_SECONDS
         s = last.s + h * last.v + h**2 / 2.0 * last.a + h**3 / 6.0 * j
         reference = LineState(s, last.v + h * last.a + h**2 / 2.0 * j, last.a + h * j)
         reference = reference if pull is None else reference._replace(a=last.a + 10.0 * pull)
@@ -129,7 +129,7 @@ def test_no_stream_of_references_that_passes_breaks_a_limit_of_line_or_joints(li
         assert limits.s_min - 1e-9 <= reference.s <= limits.s_max + 1e-9
         assert abs(reference.v) <= MORE * limits.speed_at(reference.s)
         assert abs(reference.a) <= MORE * limits.acceleration_at(reference.s)
-        assert abs(reference.a - last.a) <= MORE * limits.jerk * PERIOD + 1e-9
+        assert abs(reference.a - last.a) <= MORE * limits.jerk * CONTROL_PERIOD_SECONDS + 1e-9
         at = float(np.clip(reference.s, limits.s_min, limits.s_max))
         q, v, a = table.joint_motion(at, reference.v, reference.a)
         assert np.all((q >= robot.limits.lower) & (q <= robot.limits.upper))

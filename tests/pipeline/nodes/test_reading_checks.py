@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.nodes.reading_checks import MAX_BRIDGED_READINGS, ForceReadingCheck, Refused
+from pipeline.nodes.reading_checks import MAX_BRIDGED_READINGS, ForceReadingCheck, ReadingRefusal
 from pipeline.robot.protocol import ForceSample
 
 JUMP, DRIFT, TAUT, WEIGHT = 0.25, 0.04, 0.02, 0.8
@@ -28,7 +28,7 @@ def take(check, forces, hangs_until=FOREVER):
 @pytest.mark.parametrize("count", [1, 2, int(MAX_BRIDGED_READINGS)])
 def test_spikes_are_left_out_and_counted(check, size, count):
     assert take(check, [WEIGHT + size] * count + [WEIGHT] * 3) == [WEIGHT] * 3
-    assert check.refused == {Refused.SPIKE: count}
+    assert check.refused == {ReadingRefusal.SPIKE: count}
     assert check.fault is None
 
 

@@ -17,7 +17,7 @@ from armdyn.identify.sentence import Verdict
 from armdyn.identify.tables import error_fall_sentence, link_section, step_table
 from armdyn.notebook import data_frame, html_card
 from pipeline.answers import link_answer
-from pipeline.console.screen import finish, show
+from pipeline.console.screen import finish_command, print_document
 from pipeline.report.page import page_html
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
@@ -48,7 +48,7 @@ def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level)
 def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
     heavy = link(241.0, determined=False)
     expected = "the link of elbow weighs 241 kg in the model (URDF: 7.8 kg), which these runs do not determine"
-    show(Document("Repair", "it is done", [link_section([heavy])]))
+    print_document(Document("Repair", "it is done", [link_section([heavy])]))
     shown = " ".join(capsys.readouterr().out.split())
     assert "mass 7.8 241 3 kg not by these runs" in shown
     assert "mass times centre z 0.2 0.25 0.01 kg m yes" in shown
@@ -98,7 +98,7 @@ DOCUMENT = Document(
 
 
 def on_a_terminal(capsys):
-    show(DOCUMENT)
+    print_document(DOCUMENT)
     return capsys.readouterr().out
 
 
@@ -131,16 +131,16 @@ def test_a_data_frame_holds_the_values_and_not_their_texts(complains):
 
 def test_a_long_table_says_how_much_of_it_is_left_out(capsys):
     long = Table([Column("number", list(range(MAX_CARD_ROWS + 7)))])
-    show(Document("A result", "it is so", [Section("Numbers", tables=[long])]))
+    print_document(Document("A result", "it is so", [Section("Numbers", tables=[long])]))
     assert "and 7 more" in capsys.readouterr().out
 
 
 def test_json_on_standard_output_stands_alone_and_else_the_next_steps_are_said(capsys, tmp_path):
     from pathlib import Path
 
-    finish(DOCUMENT, lambda: {"schema": "a/1"}, Path("-"), tmp_path / "r.html", lambda: DOCUMENT)
+    finish_command(DOCUMENT, lambda: {"schema": "a/1"}, Path("-"), tmp_path / "r.html", lambda: DOCUMENT)
     assert capsys.readouterr().out == '{\n "schema": "a/1"\n}\n'
     assert "it is" in (tmp_path / "r.html").read_text()
-    finish(DOCUMENT, lambda: {}, None, written=["written to m.toml"])
+    finish_command(DOCUMENT, lambda: {}, None, written=["written to m.toml"])
     said = capsys.readouterr().out
     assert said.index("look out") < said.index("written to m.toml") < said.index("add it: armdyn add m.toml")

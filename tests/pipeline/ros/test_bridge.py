@@ -120,7 +120,7 @@ def test_a_service_answers_or_is_named_where_it_fails_or_is_silent(loopback, bri
     loopback.answers["/rosapi/get_time"] = lambda arguments: asked.append(arguments) or {"time": 1}
     bridge.call("/rosapi/get_time")
     assert asked == [{}]
-    monkeypatch.setattr(bridge_module, "CONNECTING", 0.5)
+    monkeypatch.setattr(bridge_module, "ROSBRIDGE_TIMEOUT_SECONDS", 0.5)
     loopback.answers["/broken"] = lambda _arguments: None
     for service in ("/broken", "/nobody"):
         with complains(InputError):

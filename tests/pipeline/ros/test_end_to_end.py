@@ -6,7 +6,7 @@ from ros_wire.wire import Stalls, TracedTwin, Trial, Wire, missing
 
 import urdf
 from armdyn.run import read_run
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
 
@@ -49,7 +49,7 @@ def test_the_load_lands_in_the_box_over_ros(wire, tmp_path):
     assert trace["ignored"] == 0
     q, limits = trace["positions"], urdf.load("baxter").limits
     for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
-        assert np.all(np.abs(np.diff(q, n=order, axis=0)) / PERIOD**order <= 1.001 * bound + 1e-6)
+        assert np.all(np.abs(np.diff(q, n=order, axis=0)) / CONTROL_PERIOD_SECONDS**order <= 1.001 * bound + 1e-6)
     recorded = read_run(trial.out / "trial.mcap")
     assert len(recorded.channels["load_force"]) > 600
     assert (trial.out / "report.html").is_file()
@@ -62,4 +62,4 @@ def test_a_rehearsal_needs_no_load_cell(wire, tmp_path):
         trace = twin.end()
     assert status == 0, said
     assert answer["tracking_error"] < 0.05
-    assert np.max(np.abs(np.diff(trace["positions"], axis=0))) / PERIOD < 0.4
+    assert np.max(np.abs(np.diff(trace["positions"], axis=0))) / CONTROL_PERIOD_SECONDS < 0.4

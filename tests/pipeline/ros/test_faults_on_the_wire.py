@@ -20,7 +20,7 @@ from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 
 import urdf
 from armdyn.run import read_run
-from pipeline.motion.gate import PERIOD, STREAM_GAP_SECONDS
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, STREAM_GAP_SECONDS
 from pipeline.robot.drivers.ros import ADVERTISE_SECONDS
 from pipeline.ros.bridge import Bridge
 
@@ -57,7 +57,7 @@ def intrude(wire, _twin, _trial):
         intrude.began = time.monotonic()
         for _ in range(10):
             bridge.publish(TOPICS.command, message)
-            time.sleep(PERIOD)
+            time.sleep(CONTROL_PERIOD_SECONDS)
 
 
 FAULTS = {
@@ -98,7 +98,7 @@ def largest_share(trace):
     for q in np.split(trace["positions"], breaks):
         for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
             if len(q) > order:
-                worst = max(worst, np.max(np.abs(np.diff(q, n=order, axis=0)) / PERIOD**order / bound))
+                worst = max(worst, np.max(np.abs(np.diff(q, n=order, axis=0)) / CONTROL_PERIOD_SECONDS**order / bound))
     return worst
 
 
@@ -106,7 +106,7 @@ def moving_commands_after(trace, instant):
     """How many commands that arrived after an instant [s] ask for motion; those that hold do not."""
     later = np.flatnonzero(trace["received"][1:] > instant) + 1
     steps = np.max(np.abs(trace["positions"][later] - trace["positions"][later - 1]), axis=1, initial=0.0)
-    return int(np.sum(steps > STILL * PERIOD))
+    return int(np.sum(steps > STILL * CONTROL_PERIOD_SECONDS))
 
 
 def recorded(trial, recover=False):

@@ -5,8 +5,8 @@ import pytest
 
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
-from pipeline.motion.gate import PERIOD
-from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, Blend
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
+from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, StreamBlend
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.trial.moves import (
@@ -26,8 +26,8 @@ def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feas
     assert motion.q[-1] == pytest.approx(goal)
     assert np.max(np.abs(motion.v)) <= MAX_APPROACH_SPEED * 1.001
     assert motion.v[[0, -1]] == pytest.approx(0.0)
-    assert np.gradient(motion.q, PERIOD, axis=0) == pytest.approx(motion.v, abs=2e-4)
-    assert np.gradient(motion.v, PERIOD, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
+    assert np.gradient(motion.q, CONTROL_PERIOD_SECONDS, axis=0) == pytest.approx(motion.v, abs=2e-4)
+    assert np.gradient(motion.v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
     assert check_joints(baxter, motion, at=start).feasible
 
 
@@ -63,7 +63,7 @@ def test_a_late_cycle_makes_a_motion_longer_never_faster():
     robot, zero = SlowRobot(), np.zeros(1)
     play_motion(robot, [(np.array([0.01 * k]), zero, zero) for k in range(20)], 0.2)
     times = np.array([time for time, _ in robot.commands])
-    assert np.all(np.diff(times) >= PERIOD - 1e-9)
+    assert np.all(np.diff(times) >= CONTROL_PERIOD_SECONDS - 1e-9)
     assert not robot.stopped
 
 
@@ -81,16 +81,16 @@ def test_a_refused_command_stops_the_robot(complains):
 
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
-    blend = Blend(here, told)
-    steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / PERIOD) + 2)]
+    blend = StreamBlend(here, told)
+    steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / CONTROL_PERIOD_SECONDS) + 2)]
     q, v, a = (np.array(x) for x in zip(*steps, strict=True))
     assert q[0] == pytest.approx(here)
     assert q[-1] == pytest.approx(told, abs=0.0)
-    assert np.max(np.abs(np.diff(q, axis=0))) / PERIOD < 0.04
-    assert np.max(np.abs(np.diff(q, n=3, axis=0))) / PERIOD**3 < 6.0
-    assert np.gradient(q, PERIOD, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
-    assert np.gradient(v, PERIOD, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
-    assert Blend(here + 0.5, here).next(here, zero, zero)[0] == pytest.approx(here + MAX_START_OFFSET)  # too far
+    assert np.max(np.abs(np.diff(q, axis=0))) / CONTROL_PERIOD_SECONDS < 0.04
+    assert np.max(np.abs(np.diff(q, n=3, axis=0))) / CONTROL_PERIOD_SECONDS**3 < 6.0
+    assert np.gradient(q, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
+    assert np.gradient(v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
+    assert StreamBlend(here + 0.5, here).next(here, zero, zero)[0] == pytest.approx(here + MAX_START_OFFSET)  # too far
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pipeline.robot.drivers.ros as ros_module
 import pipeline.ros.master as master_module
 import pipeline.ros.states as states_module
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.gate import PERIOD
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.robot.drivers.ros import RosRobot
 from pipeline.robot.link import Percentiles
 from pipeline.ros.topics import CommandKind, RosTopics
@@ -33,7 +33,7 @@ class ObedientArm:
         with self._lock:
             end = self.time + max(duration, 0.0)
             while self.time < end - 1e-9:
-                self.time = min(self.time + PERIOD, end)
+                self.time = min(self.time + CONTROL_PERIOD_SECONDS, end)
                 self.say()
 
     def say(self):
@@ -88,7 +88,7 @@ def arm(loopback, baxter, monkeypatch):
 @pytest.fixture
 def robot(arm, baxter):
     with SteppedRobot(arm, baxter) as stepped:
-        stepped.advance(PERIOD)
+        stepped.advance(CONTROL_PERIOD_SECONDS)
         yield stepped
 
 
@@ -96,12 +96,12 @@ def stream(robot, cycles, speed=0.0, start=0.0):
     """Command joint s0 along a minimum-jerk ramp to a speed, cycle by cycle."""
     q, v = POSTURE.copy(), np.zeros(7)
     for k in range(cycles):
-        u = min(max((k * PERIOD - start) / 0.4, 0.0), 1.0)
+        u = min(max((k * CONTROL_PERIOD_SECONDS - start) / 0.4, 0.0), 1.0)
         before, v = v.copy(), np.zeros(7)
         v[0] = speed * u**3 * (10 - 15 * u + 6 * u * u)
-        q = q + 0.5 * PERIOD * (before + v)
-        robot.command(q, v, (v - before) / PERIOD)
-        robot.advance(PERIOD)
+        q = q + 0.5 * CONTROL_PERIOD_SECONDS * (before + v)
+        robot.command(q, v, (v - before) / CONTROL_PERIOD_SECONDS)
+        robot.advance(CONTROL_PERIOD_SECONDS)
     return q, v
 
 
@@ -127,9 +127,9 @@ def test_states_are_dated_on_our_clock_and_readings_are_even_and_a_little_behind
     assert robot.newest_state().q == pytest.approx(POSTURE)
     times = []
     for _ in range(20):
-        robot.advance(PERIOD)
+        robot.advance(CONTROL_PERIOD_SECONDS)
         times.append(robot.joint_state().time)
-    assert np.diff(times) == pytest.approx(PERIOD)
+    assert np.diff(times) == pytest.approx(CONTROL_PERIOD_SECONDS)
     assert 0.0 < robot.time - times[-1] < 0.02 + 1e-9
 
 
@@ -141,7 +141,7 @@ def test_stop_brakes_within_the_limits_and_holds(robot, baxter, until):
     assert path[-1] == path[-10]
     limits = baxter.limits
     for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
-        assert np.all(np.abs(np.diff(path, n=order)) / PERIOD**order <= 1.001 * bound[0])
+        assert np.all(np.abs(np.diff(path, n=order)) / CONTROL_PERIOD_SECONDS**order <= 1.001 * bound[0])
     # 0.5 rad/s is gone after 0.06 s with half of 20 rad/s^2 and of 1000 rad/s^3.
     standing = np.flatnonzero(np.abs(np.diff(path)) < 1e-9)
     assert standing[standing > 50][0] - 60 <= 10
@@ -156,7 +156,7 @@ def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until, complains)
     with complains(TaskFailedError):
         robot.command(robot.arm.q, np.zeros(7), np.zeros(7))
     path = sent(robot)
-    assert np.all(np.abs(np.diff(path)) <= 1.5 * PERIOD)
+    assert np.all(np.abs(np.diff(path)) <= 1.5 * CONTROL_PERIOD_SECONDS)
     assert len(path) > before  # the way to rest
     assert "faster than its limit" in robot.fault
 
@@ -167,8 +167,8 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until, c
 
     def go_on():
         for k in range(1, 11):
-            robot.arm.step(PERIOD)
-            robot.command(q + k * PERIOD * v, v, np.zeros(7))
+            robot.arm.step(CONTROL_PERIOD_SECONDS)
+            robot.command(q + k * CONTROL_PERIOD_SECONDS * v, v, np.zeros(7))
 
     with complains(TaskFailedError):
         go_on()
@@ -186,11 +186,11 @@ def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monke
     q, v = stream(robot, 60, speed=0.3)
     robot.arm.silent = True
     for k in range(1, 5):
-        robot.arm.step(PERIOD)
-        robot.command(q + k * PERIOD * v, v, np.zeros(7))
-    robot.arm.step(2 * PERIOD)  # the newest state is 60 ms old now
+        robot.arm.step(CONTROL_PERIOD_SECONDS)
+        robot.command(q + k * CONTROL_PERIOD_SECONDS * v, v, np.zeros(7))
+    robot.arm.step(2 * CONTROL_PERIOD_SECONDS)  # the newest state is 60 ms old now
     count = robot.statistics.commands
-    waiting = threading.Thread(target=lambda: robot.command(q + 5 * PERIOD * v, v, np.zeros(7)))
+    waiting = threading.Thread(target=lambda: robot.command(q + 5 * CONTROL_PERIOD_SECONDS * v, v, np.zeros(7)))
     waiting.start()
     waiting.join(0.1)
     assert waiting.is_alive()
@@ -204,7 +204,7 @@ def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monke
 
 def press(robot):
     robot.arm.state |= {"enabled": False, "stopped": True, "estop_button": 1, "estop_source": 1}
-    robot.advance(PERIOD)
+    robot.advance(CONTROL_PERIOD_SECONDS)
 
 
 def intrude(robot):
@@ -245,7 +245,7 @@ def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
 def sag(robot, by):
     """The arm is not quite where it was told to be [rad]."""
     robot.arm.q = POSTURE - by
-    robot.advance(PERIOD)
+    robot.advance(CONTROL_PERIOD_SECONDS)
 
 
 def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot, until):
@@ -257,8 +257,8 @@ def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a
     assert robot.fault is None
     assert path[0] == pytest.approx(POSTURE[0] - 0.01, abs=1e-9)
     assert path[-1] == POSTURE[0]
-    assert np.max(np.abs(np.diff(path))) / PERIOD < 0.04
-    assert np.max(np.abs(np.diff(path, n=3))) / PERIOD**3 < 6.0
+    assert np.max(np.abs(np.diff(path))) / CONTROL_PERIOD_SECONDS < 0.04
+    assert np.max(np.abs(np.diff(path, n=3))) / CONTROL_PERIOD_SECONDS**3 < 6.0
 
 
 def test_a_stream_that_would_begin_elsewhere_and_a_pressed_button_are_refused(robot, until, complains):
@@ -322,7 +322,7 @@ def test_enabling_resets_first_and_waits_and_closing_restores_the_robots_own_set
 def test_other_controllers_need_a_settings_file_only(arm, baxter, kind, until):
     topics = RosTopics("/robot/joint_states", "/controller/command", kind)
     with SteppedRobot(arm, baxter, topics) as robot:
-        robot.advance(PERIOD)
+        robot.advance(CONTROL_PERIOD_SECONDS)
         robot.prepare()
         robot.command(POSTURE, np.zeros(7), np.zeros(7))
         arm.loopback.wait_for(lambda: arm.loopback.published("/controller/command"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ros_wire.messages import TOPICS
 
-from pipeline.loadcell.protocol import decode
+from pipeline.loadcell.protocol import decode_line
 from pipeline.ros.topics import JOINT_COMMAND_MODES
 from pipeline.ros.twin import Twin
 
@@ -118,7 +118,7 @@ def test_the_load_cell_speaks_the_serial_protocol(twin):
     twin.pass_time(0.5)
     lines = os.read(port, 10_000).split(b"\n")
     os.close(port)
-    counts = [decode(line).counts for line in lines[1:-1]]
+    counts = [decode_line(line).counts for line in lines[1:-1]]
     forces = [twin.calibration.force(count) for count in counts]
     assert np.mean(forces) == pytest.approx(9.81 * twin.robot.truth.mass, abs=0.05)
     assert len(forces) > 40

@@ -12,7 +12,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.identify.study import Study
 from armdyn.model_file import base_pendulum, read_model_file
 from pipeline import exports
-from pipeline.console.inputs import Inputs
+from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.overlay import FITTED, HELD_OUT, prediction_quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Workbench
@@ -120,7 +120,7 @@ def test_a_pendulums_hidden_drag_is_predicted_and_then_fitted():
 
 def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains):
     model, run, held_out = files
-    inputs = Inputs(model, [run], [held_out], None, None)
+    inputs = ModelAndRunInputs(model, [run], [held_out], None, None)
     given = inputs.read()
     bench = Workbench(given.study)
     target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))

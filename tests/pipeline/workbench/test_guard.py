@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.workbench.guard import AccessGuard
-from urdf.bounds import LARGEST_UPLOAD
+from urdf.bounds import MAX_UPLOAD_BYTES
 
 from .conftest import workbench
 
@@ -95,9 +95,9 @@ def test_nobody_else_gets_in(guard, kind, wrong):
 
 def test_uploads_are_limited_whether_they_say_their_size_or_not(guard, monkeypatch):
     own = {"host": OWN, "cookie": f"armdyn-8080={guard.token}"}
-    for size in (str(LARGEST_UPLOAD + 1), "-1", "many"):
+    for size in (str(MAX_UPLOAD_BYTES + 1), "-1", "many"):
         assert asked(guard, {**own, "content-length": size})[0]["status"] == 413
-    monkeypatch.setattr("pipeline.workbench.guard.LARGEST_UPLOAD", 1000)
+    monkeypatch.setattr("pipeline.workbench.guard.MAX_UPLOAD_BYTES", 1000)
     assert is_in(asked(guard, own, bodies=[b"x" * 600, b"x" * 400]))
     assert asked(guard, own, bodies=[b"x" * 600, b"x" * 401]) == [{"type": "gone"}]
 

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.table_file import Check, TableFileError, parse_table, read_as
+from urdf.toml_tables import TomlFileError, ValueCheck, parse_toml_text, table_to_dataclass
 
 
 class Colour(Enum):
@@ -23,7 +23,7 @@ class Colour(Enum):
 
 @dataclass(frozen=True)
 class Wheel:
-    radius: Annotated[float, Check(lambda radius: radius > 0.0, "give a positive number")]
+    radius: Annotated[float, ValueCheck(lambda radius: radius > 0.0, "give a positive number")]
     colour: Colour = Colour.RED
 
 
@@ -37,7 +37,7 @@ class Cart:
 
 
 def read(text):
-    return read_as(Cart, parse_table(text))
+    return table_to_dataclass(Cart, parse_toml_text(text))
 
 
 def test_a_table_becomes_the_dataclass_that_declares_it():
@@ -48,7 +48,7 @@ def test_a_table_becomes_the_dataclass_that_declares_it():
 
 def test_everything_that_is_wrong_is_told_with_its_table():
     text = "nmae = 'a'\nsizes.x = true\n[[wheels]]\nradius = 1\n[[wheels]]\nradius = -1.0\ncolour = 'green'"
-    with pytest.raises(TableFileError) as caught:
+    with pytest.raises(TomlFileError) as caught:
         read(text)
     assert caught.value.problems == (
         "unknown key 'nmae': did you mean 'name'?",
@@ -66,7 +66,7 @@ def test_everything_that_is_wrong_is_told_with_its_table():
 @pytest.mark.parametrize("text", ["name = 3", *(f"name = 'a'\n{wrong}" for wrong in (
     "wheels = 3", "sizes = 3", "notes = [1]", "[[wheels]]"))])  # fmt: skip
 def test_an_entry_of_another_kind_is_refused(text, complains):
-    with complains(TableFileError):
+    with complains(TomlFileError):
         read(text)
 
 
@@ -78,7 +78,7 @@ def test_the_documentation_shows_every_limit_as_it_is():
     shown = {row["name"]: float(row["value"]) * (bounds.MIB if row["unit"] == "MiB" else 1.0)
              for row in ROW.finditer(SAFETY.read_text(encoding="utf-8"))}  # fmt: skip
     limits = {name: float(value) for name, value in vars(bounds).items() if name.isupper() and not name.startswith("_")}
-    for name in ("MIB", "LARGEST_INTEGER"):  # no limits of ours
+    for name in ("MIB", "TOML_INTEGER_LIMIT"):  # no limits of ours
         del limits[name]
     assert shown == limits
 
@@ -87,29 +87,29 @@ def test_the_documentation_shows_every_limit_as_it_is():
 @example(5e-324)
 @example(-0.0)
 def test_every_number_as_python_writes_it_is_read_to_the_last_digit(value):
-    assert bounds.number(repr(value)) == value
-    assert bounds.number(f" {value:.20g}\t") == float(f"{value:.20g}")
+    assert bounds.parse_number(repr(value)) == value
+    assert bounds.parse_number(f" {value:.20g}\t") == float(f"{value:.20g}")
 
 
 @pytest.mark.parametrize("text", ["1_000", "٣", "nan", "inf", "-inf", "1e999", "1e", "0x10", "", " ", ".", "--1", "1 2",
                                   "1,5", "1.2.3", "１", "1\n", "9" * 1001, "1e5f", "infinity", "\x001"])  # fmt: skip
 def test_what_is_no_number_to_a_person_is_refused(text):
     with pytest.raises(ValueError, match="number") as refused:
-        bounds.number(text)
+        bounds.parse_number(text)
     assert len(str(refused.value)) < 120
 
 
 @given(st.text())
 def test_any_text_is_a_finite_number_or_refused(text):
     with suppress(ValueError):
-        assert math.isfinite(bounds.number(text))
+        assert math.isfinite(bounds.parse_number(text))
 
 
 @pytest.mark.parametrize(
     "text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}", "1e999"]
 )
 def test_numbers_of_a_table_are_decimal_digits_and_finite(text, complains):
-    with complains(TableFileError):
-        parse_table(f"mass = {text}\n")
-    table = parse_table(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\nrmse = inf\n')
+    with complains(TomlFileError):
+        parse_toml_text(f"mass = {text}\n")
+    table = parse_toml_text(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\nrmse = inf\n')
     assert (table["joint_0_1"], table["rmse"]) == (2500.0, float("inf"))

@@ -1,4 +1,4 @@
-"""Processes that work for this one: they leave signals to it, and end with it, however it ends."""
+"""Child processes that ignore terminal signals and end when their parent process ends."""
 
 import multiprocessing
 import os
@@ -12,17 +12,19 @@ from multiprocessing import connection, get_context
 from typing import Any
 
 PARENT_GONE_STATUS = 1
-"""Exit status of a child whose parent is gone."""
+"""Exit status of a child process whose parent has ended."""
 
 
 @contextmanager
 def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose workers are ended at once where the block ends by an exception, such as Ctrl-C.
+    """A pool of processes that are killed at once if an exception, such as Ctrl-C, ends the ``with`` block.
 
-    They begin as `multiprocessing` calls it, in Python's usual way when not given. Where pools come and go,
-    ``"forkserver"``: a forked copy of a process with threads can hang.
+    Args:
+        workers: number of processes.
+        start: start method of `multiprocessing`, by default Python's own. A program that creates several pools should
+            use ``"forkserver"``, because a forked copy of a process with threads can hang.
     """
-    pool = ProcessPoolExecutor(workers, get_context(start), begin_child)
+    pool = ProcessPoolExecutor(workers, get_context(start), initialise_child)
     try:
         yield pool
     except BaseException:
@@ -34,8 +36,8 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
     pool.shutdown()
 
 
-def begin_child() -> None:
-    """To be called first in a process that `multiprocessing` has started."""
+def initialise_child() -> None:
+    """Initialise a child process: ignore terminal signals, end with the parent, compute with one thread."""
     from armdyn.threads import use_one_thread_permanently  # takes half a second, which a parent may not need
 
     _leave_signals_to_parent()
@@ -44,7 +46,7 @@ def begin_child() -> None:
 
 
 def _leave_signals_to_parent() -> None:
-    """Ignore Ctrl-C and hang-up, which a terminal sends to a whole group, so that the parent alone acts on them."""
+    """Ignore SIGINT and SIGHUP, which a terminal sends to all processes of a command: only the parent reacts."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -79,7 +81,7 @@ def _end_with(parent: Any) -> None:
 
 
 def is_running(process: int) -> bool:
-    """Whether there is a process of this number, of whomever it is."""
+    """Whether a process with this process number runs on this computer, of any user."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:

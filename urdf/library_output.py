@@ -1,4 +1,4 @@
-"""Capture the printed messages of C++ libraries, for our own message of one line."""
+"""Capture messages that C++ libraries print, in order to report them in an error message of one line."""
 
 import os
 import sys
@@ -10,22 +10,22 @@ from dataclasses import dataclass
 from urdf.robot import UrdfError
 
 CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
-"""What Python sees of a C++ exception, by its kind."""
+"""Python exceptions that a C++ exception may be converted to."""
 MAX_SHOWN_CHARACTERS = 200
-"""Characters of it that fit into a line."""
+"""Largest number of characters of a library's message that are shown."""
 
 
 @dataclass
-class Captured:
-    """Captured output in one line; complete when the block has ended."""
+class CapturedOutput:
+    """Output that `captured_output` captured, as one line; filled when its ``with`` block ends."""
 
     text: str = ""
 
 
 @contextmanager
-def captured_output() -> Iterator[Captured]:
-    """Capture all that the process prints on standard output and error in the block, as one line."""
-    said, kept = Captured(), []
+def captured_output() -> Iterator[CapturedOutput]:
+    """Capture everything that this process, C++ code included, prints during the ``with`` block."""
+    said, kept = CapturedOutput(), []
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
             stream.flush()
@@ -48,12 +48,16 @@ def captured_output() -> Iterator[Captured]:
 
 @contextmanager
 def library_errors(what: str, remedy: str) -> Iterator[None]:
-    """Run a library in the block without printing; its messages become part of the error where it fails.
+    """Convert the C++ exceptions of a library, and what it prints, during the ``with`` block to a `UrdfError`.
+
+    Args:
+        what: beginning of the message: what failed.
+        remedy: end of the message: what the user can do.
 
     Raises:
-        UrdfError: `what` is wrong, the library's own words without where in its source it noticed, and the remedy.
+        UrdfError: the library failed; the message contains the library's own message.
     """
-    said = Captured()
+    said = CapturedOutput()
     try:
         with captured_output() as said:
             yield

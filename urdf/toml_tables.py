@@ -1,4 +1,4 @@
-"""TOML files that people write: they are read with bounds, and checked against a dataclass's declarations."""
+"""Read TOML files: check their size and numbers, and convert their tables to dataclasses."""
 
 import difflib
 import math
@@ -12,16 +12,17 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
+from urdf.bounds import MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, printable_excerpt
 
 MAX_LISTED_PROBLEMS = 12
-"""Problems of a file that its line lists."""
+"""Largest number of problems of a file that its error message lists."""
 
 
-class TableFileError(ValueError):
-    """A TOML file that cannot be used, for one problem or more, each about another entry.
+class TomlFileError(ValueError):
+    """A TOML file that cannot be used because of one or more problems.
 
-    The message, which lacks the file's name, says what is wrong and what to do.
+    The message says what is wrong and what to do; the caller adds the file's name. `problems` has one text per wrong
+    entry.
     """
 
     def __init__(self, *problems: str) -> None:
@@ -30,76 +31,76 @@ class TableFileError(ValueError):
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """The first `MAX_LISTED_PROBLEMS` problems in one line; a longer line would not be read."""
+    """Join the first `MAX_LISTED_PROBLEMS` problems to a numbered list in one line; a single problem is unchanged."""
     if len(problems) == 1:
         return problems[0]
-    told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MAX_LISTED_PROBLEMS], start=1))
+    listed = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MAX_LISTED_PROBLEMS], start=1))
     more = f"; and {len(problems) - MAX_LISTED_PROBLEMS} more" if len(problems) > MAX_LISTED_PROBLEMS else ""
-    return f"{len(problems)} problems: {told}{more}"
+    return f"{len(problems)} problems: {listed}{more}"
 
 
-def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
-    """Text and content of a TOML file; with `finite`, `nan` and `inf` are refused everywhere.
+def read_toml_with_text(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
+    """Read the text and the content of a TOML file; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:
         FileNotFoundError: the file is missing.
-        TableFileError: the file cannot be read, is too large, or is not TOML.
+        TomlFileError: the file cannot be read, is too large, or is not TOML.
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_TEXT + 1)
+            data = file.read(MAX_TEXT_FILE_BYTES + 1)
     except FileNotFoundError:
         raise
     except IsADirectoryError as error:
-        raise TableFileError("is a directory: give a file in it") from error
+        raise TomlFileError("is a directory: give a file in it") from error
     except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
-        raise TableFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if len(data) > LARGEST_TEXT:
-        raise TableFileError(f"is larger than {LARGEST_TEXT / 2**20:g} MiB: give a file that a person can read")
+        raise TomlFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(data) > MAX_TEXT_FILE_BYTES:
+        raise TomlFileError(f"is larger than {MAX_TEXT_FILE_BYTES / 2**20:g} MiB: give a file that a person can read")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
-        raise TableFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
-    return text, parse_table(text, finite=finite)
+        raise TomlFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
+    return text, parse_toml_text(text, finite=finite)
 
 
-def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
-    """Content of a TOML text.
+def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
+    """Parse a TOML text; with `finite`, the numbers `nan` and `inf` are refused.
 
     Raises:
-        TableFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
+        TomlFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
     """
     try:
         table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
     except RecursionError as error:
-        raise TableFileError(_DEEP) from error
+        raise TomlFileError(_DEEP) from error
     except ValueError as error:  # raised for a number of 5000 digits too
-        raise TableFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
+        raise TomlFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
     _check_spelling(text)
     for where, value in _leaves(table, ""):
-        if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
-            raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
+        if isinstance(value, int) and not -TOML_INTEGER_LIMIT <= value < TOML_INTEGER_LIMIT:
+            raise TomlFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
-            raise TableFileError(f"{where} is {value}: write a finite number")
-        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST_SIZE:
-            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST_SIZE:g}; write SI units")
+            raise TomlFileError(f"{where} is {value}: write a finite number")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_MAGNITUDE:
+            raise TomlFileError(f"{where} is {value:g}: nothing is larger than {MAX_MAGNITUDE:g}; write SI units")
     return table
 
 
 def _float(text: str) -> float:
     value = float(text)
     if math.isinf(value) and "inf" not in text:
-        raise ValueError(f"'{shown(text)}' is too large for a number")
+        raise ValueError(f"'{printable_excerpt(text)}' is too large for a number")
     return value
 
 
 _ODD = re.compile(r"\d_\d|0[xob][0-9a-fA-F]")
-"""What may be a number that TOML allows and `urdf.bounds.number` does not; also part of many names."""
+"""Matches numbers such as `1_000` and `0x10`, which TOML allows and `bounds.parse_number` refuses, but also names."""
 
 
 def _check_spelling(text: str) -> None:
-    """Refuse `1_000` and `0x10`, as everywhere else: of a hundred people who write them ninety mean something else."""
+    """Refuse numbers such as `1_000` and `0x10`, which are probably mistakes."""
     if _ODD.search(text) is None:
         return
     import tomlkit
@@ -107,30 +108,30 @@ def _check_spelling(text: str) -> None:
 
     for where, value in _leaves(tomlkit.parse(text.replace("\r\n", "\n")), ""):
         if isinstance(value, Integer | Float) and _ODD.search(value.as_string()):
-            raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
+            raise TomlFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
 MAX_LISTED_NAMES = 60
-"""Names of a list that a message shows."""
+"""Largest number of valid names that an error message lists."""
 
 
-def hint(name: str, valid: Sequence[str]) -> str:
-    """Advice for an unknown name: the most similar valid name, or a list of all."""
+def name_suggestion(name: str, valid: Sequence[str]) -> str:
+    """Advice for an unknown name, as the end of a message: the most similar valid name, or a list of the valid ones."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
 
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse an unknown key of a table.
+    """Check that every key of a table is known.
 
     Raises:
-        TableFileError: a key is unknown; the message names it and the most similar known one.
+        TomlFileError: a key is unknown; the message suggests the most similar known one.
     """
     valid = tuple(known)
     for key in table:
         if key not in valid:
-            raise TableFileError(f"unknown key '{key[:60]}': {hint(key.lower(), valid)}")
+            raise TomlFileError(f"unknown key '{key[:60]}': {name_suggestion(key.lower(), valid)}")
 
 
 Declared = TypeVar("Declared")
@@ -143,32 +144,33 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 
 @dataclass(frozen=True)
-class Check:
-    """Condition on a value besides its type, in `Annotated[float, Check(...)]`.
+class ValueCheck:
+    """A condition on a value in a TOML file besides its type; used as `Annotated[float, ValueCheck(...)]`.
 
     Attributes:
-        fits: whether a value of the type can be used.
-        remedy: what to write instead.
+        fits: function of the value that returns whether it is valid.
+        remedy: what to write instead, for the error message.
     """
 
-    fits: Callable[[Any], bool]
+    is_valid: Callable[[Any], bool]
     remedy: str
 
 
-def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
-    """Convert a table to a dataclass, whose fields are the keys, with the types that the values must have.
+def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
+    """Convert a TOML table to a dataclass: each key is stored in the field of its name, if it has the field's type.
 
-    Types are `str`, `float`, `bool`, `datetime`, enums (a text of their values), dataclasses (tables), tuples (lists;
-    of one length where it is declared), `dict` (tables of any keys), `Any`, each of them or None, a list or one of it,
-    and any of them `Annotated` with a `Check`. A key without a default must be there.
+    A field's type may be `str`, `float`, `bool`, `datetime`, `Any`, an enum (in the file, the text of a member's
+    value), a dataclass (a table), a tuple (a list, of fixed length if the tuple's length is declared), `dict` (a table
+    with any keys), the union of a type with None, the union of a type with a list of it, and any of these `Annotated`
+    with a `ValueCheck`. A key whose field has no default is required.
 
     Args:
         kind: the dataclass; the field of a key that is a Python keyword ends in ``_``, as in ``from_``.
         table: output of tomllib for the file, or for a table in it.
-        where: place of the table, such as ``"[limits]"``; empty for the file itself.
+        where: place of the table for messages, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
-        TableFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
+        TomlFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
     """
     declared = {field.name.rstrip("_"): field for field in fields(cast(Any, kind))}
     types, values, problems = get_type_hints(kind, include_extras=True), {}, list[str]()
@@ -176,26 +178,26 @@ def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> 
         try:
             check_keys([name], declared)
             values[declared[name].name] = _value(types[declared[name].name], value, name)
-        except TableFileError as error:
+        except TomlFileError as error:
             problems += error.problems
     for name, field in declared.items():
         if name not in table and field.default is MISSING and field.default_factory is MISSING:
             problems.append(f"entry '{name}' is missing")
     if problems:
-        raise TableFileError(*(f"{where}: {problem}" if where else problem for problem in problems))
+        raise TomlFileError(*(f"{where}: {problem}" if where else problem for problem in problems))
     return kind(**values)
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
-    """Convert a value to its declared type, or refuse it."""
+    """Convert a value of the key `name` to its declared type."""
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return value
     if origin is Annotated:
         read = _value(arguments[0], value, name)
         for check in arguments[1:]:
-            if not check.fits(read):
-                raise TableFileError(f"{name} = {value!r:.60}: {check.remedy}")
+            if not check.is_valid(read):
+                raise TomlFileError(f"{name} = {value!r:.60}: {check.remedy}")
         return read
     if origin in (Union, UnionType):
         choices = [choice for choice in arguments if choice is not NoneType]
@@ -203,32 +205,35 @@ def _value(kind: Any, value: Any, name: str) -> Any:
         return _value(lists[0] if lists and isinstance(value, list) else choices[0], value, name)
     if is_dataclass(kind) or origin is dict:
         if not isinstance(value, dict):
-            raise TableFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
+            raise TomlFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
         if origin is dict:
             return {key: _value(arguments[1], part, f"{name}.{key}") for key, part in value.items()}
-        return read_as(cast(Any, kind), value, f"[{name}]")
+        return table_to_dataclass(cast(Any, kind), value, f"[{name}]")
     if origin is tuple and is_dataclass(arguments[0]):
         if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
-            raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
-        return tuple(read_as(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
+            raise TomlFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
+        return tuple(
+            table_to_dataclass(cast(Any, arguments[0]), part, f"[[{name}]] {i}")
+            for i, part in enumerate(value, start=1)
+        )
     if origin is tuple:
         if not isinstance(value, list):
             what = {str: "names", float: "numbers"}.get(arguments[0], "lists")
-            raise TableFileError(f"{name} = {value!r:.60} is not a list of {what}")
+            raise TomlFileError(f"{name} = {value!r:.60} is not a list of {what}")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
         if len(kinds) != len(value):
-            raise TableFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
+            raise TomlFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
         return tuple(_value(entry, part, name) for entry, part in zip(kinds, value, strict=True))
     if issubclass(kind, Enum):
         known = {member.value: member for member in kind}
         if not isinstance(value, str) or value not in known:
-            raise TableFileError(f"{name} = {value!r:.60}: choose one of {', '.join(known)}")
+            raise TomlFileError(f"{name} = {value!r:.60}: choose one of {', '.join(known)}")
         return known[value]
     accepted, otherwise = _KINDS[kind]
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise TableFileError(f"{name} = {value!r:.60} {otherwise}")
+        raise TomlFileError(f"{name} = {value!r:.60} {otherwise}")
     if isinstance(value, str) and "\0" in value:
-        raise TableFileError(f"{name} = {value!r:.60} holds a null character: take it out")
+        raise TomlFileError(f"{name} = {value!r:.60} holds a null character: take it out")
     return float(value) if kind is float else value
 
 
@@ -236,8 +241,8 @@ _DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"
 
 
 def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    if depth > DEEPEST_TABLE:
-        raise TableFileError(_DEEP)
+    if depth > MAX_TOML_DEPTH:
+        raise TomlFileError(_DEEP)
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(inner, f"{where}.{key}" if where else key, depth + 1)

@@ -8,14 +8,14 @@ import sys
 import pytest
 from descendants import PATIENCE, becomes, linux, marked, of_mark
 
-from ik.children import is_running, worker_pool
-from ik.workers import Lost, in_processes
+from ik.child_processes import is_running, worker_pool
+from ik.workers import LostItem, map_in_processes
 
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
 
 CODE = """
 import sys
-from ik.children import worker_pool
+from ik.child_processes import worker_pool
 from descendants import computes, waits
 if __name__ == "__main__":
     with worker_pool(3, sys.argv[1]) as pool:
@@ -74,13 +74,13 @@ class Dies:
 
 
 def test_work_of_which_processes_die_is_tried_again_alone_and_then_lost(tmp_path):
-    done = dict(in_processes(Dies(tmp_path / "died"), range(6), 2, "fork"))
+    done = dict(map_in_processes(Dies(tmp_path / "died"), range(6), 2, "fork"))
     assert {item: result for item, result in done.items() if item != 3} == {0: 0, 1: 10, 2: 20, 4: 40, 5: 50}
-    assert done[3] == Lost("the process that worked on it died 2 times")
+    assert done[3] == LostItem("the process that worked on it died 2 times")
 
 
 def test_work_that_a_user_stops_ends_at_once():
     done = []
-    for item, _ in in_processes(abs, range(1000), 2, "fork", stopped=lambda: len(done) >= 5):
+    for item, _ in map_in_processes(abs, range(1000), 2, "fork", stopped=lambda: len(done) >= 5):
         done.append(item)
     assert 5 <= len(done) < 20

@@ -1,6 +1,6 @@
-"""Write and read a table's arrays in an npz file with a digest, and check that they can guard an arm.
+"""Write and read the arrays of an IK table in an npz file with a digest, and check them against path and robot.
 
-A well-formed file may still contain any numbers, so they are checked against the path and the robot.
+The numbers are checked because an arm's motion limits are computed from them.
 """
 
 import hashlib
@@ -19,49 +19,56 @@ from armdyn.read_files import allow_overwrite
 from ik.errors import StaleTableError
 from ik.path import Path
 from urdf import Robot
-from urdf.bounds import LARGEST_ARRAY
+from urdf.bounds import MAX_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
-TABLE_FORMAT = 6  # raise it when a change of the code makes other tables out of the same robot
-REBUILD = "build it again with 'armdyn ik build'"
+TABLE_FORMAT = 6  # version of the file format; raise it when a change of the code changes the table of a robot
+REBUILD_REMEDY = "build it again with 'armdyn ik build'"
 
 
 def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
-    """Write a file; an interrupted write leaves no broken file behind.
+    """Write arrays and their description to an npz file with a digest.
+
+    An interrupted write leaves the old file unchanged.
+
+    Args:
+        target: the file.
+        about: description of the arrays, of values that JSON can contain.
+        arrays: arrays by name.
 
     Raises:
         InputError: the file cannot be written.
     """
     said = json.dumps({"format": TABLE_FORMAT, **about})
-    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": digest_of(said, arrays)})
+    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": arrays_digest(said, arrays)})
     with replace_file(target) as file:
         np.savez(file, about=np.array(text), **arrays)
 
 
 def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Read a file's description and its arrays of these names; call it within `reading`.
+    """Read the description and the arrays `names` of an npz file; call it in a ``with reading(...)`` block.
 
     Raises:
-        StaleTableError: another version wrote it, or it was changed.
+        StaleTableError: another version of armdyn wrote the file, or the file was changed afterwards.
     """
     with zipfile.ZipFile(source) as packed:
         for member in packed.infolist():  # a few kilobytes of zeros expand to as many gigabytes as one likes
-            if member.file_size > LARGEST_ARRAY:
-                raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD}")
+            if member.file_size > MAX_TABLE_ARRAY_BYTES:
+                raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD_REMEDY}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         allow_overwrite(source)  # a table that may be built again
         if about["format"] != TABLE_FORMAT:
-            raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD}")
+            raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD_REMEDY}")
         arrays = {name: file[name] for name in names}
     digest = about.pop("digest")
-    if digest != digest_of(json.dumps(about), arrays):
-        raise StaleTableError(f"{source}: its numbers were changed; {REBUILD}")
+    if digest != arrays_digest(json.dumps(about), arrays):
+        raise StaleTableError(f"{source}: its numbers were changed; {REBUILD_REMEDY}")
     return about, arrays
 
 
-def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
-    """Digest of a text and of the names, shapes, types and numbers of arrays."""
+def arrays_digest(said: str, arrays: Mapping[str, Array]) -> str:
+    """SHA-256 digest of a text and of the names, types, shapes and numbers of arrays."""
     digest = hashlib.sha256(said.encode())
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
@@ -70,38 +77,43 @@ def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
 
 
 @contextmanager
-def reading(source: File) -> Iterator[None]:
-    """Turn every error of reading a file into one line.
+def table_errors(source: File) -> Iterator[None]:
+    """Convert every exception in the ``with`` block, which reads a table's file, to an error with a clear message.
 
     Raises:
-        InputError: there is no such file.
-        StaleTableError: the file is damaged, or is no table.
+        InputError: the file does not exist.
+        StaleTableError: the file is damaged, or is not an IK table.
     """
     try:
         yield
     except FileNotFoundError as error:
-        raise InputError(f"{source}: there is no such table; {REBUILD}") from error
+        raise InputError(f"{source}: there is no such table; {REBUILD_REMEDY}") from error
     except StaleTableError:
         raise
     except IsADirectoryError as error:
         raise InputError(f"{source} is a directory: give a table's file") from error
     except Exception as error:  # bytes that are none of a table surface as a dozen exceptions of zipfile, zlib, numpy
-        raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD}") from error
+        raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD_REMEDY}") from error
 
 
 SPACING_TOLERANCE = 1e-6
-"""Relative difference of the distances between nodes, which a lookup takes as even."""
+"""Allowed relative difference of the distances between nodes; the interpolation needs equal distances."""
 LIMIT_TOLERANCE = 1e-6
-"""Excess over a position limit, rad or m, that rounding explains."""
+"""Allowed distance of a joint beyond its position limit, because of rounding [rad or m]."""
 PATH_TOLERANCE = 1e-6
-"""Distance from the path, m, and error of a posture's growth as a share of it: a table is solved to 1e-9."""
+"""Allowed distance of the tool from its path [m]; a correct table has 1e-9."""
 
 
 def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints: int) -> None:
-    """Check the shapes of arrays; each letter of `shapes` is an axis: k nodes, n joints, or a number.
+    """Check the types and shapes of a table's arrays, and that all numbers are finite and the nodes evenly spaced.
+
+    Args:
+        arrays: arrays by name.
+        shapes: axes of each array, such as ``"k6n"``: k nodes, n joints, or a number.
+        joints: number of joints n.
 
     Raises:
-        InputError: it names the array and the fault.
+        InputError: an array is wrong; the message names it and the fault.
     """
     sizes = {"k": arrays["s"].size, "n": joints, "3": 3, "6": 6}
     for name, axes in shapes.items():
@@ -117,14 +129,14 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
         raise InputError("'s' does not grow evenly")
 
 
-def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
-    """Check that postures, their derivatives, the Jacobians and the path of a table agree, and keep the joint limits.
+def check_consistency(arrays: Mapping[str, Array], path: Path) -> None:
+    """Check that a table's postures keep the joint limits and agree with their derivatives, the Jacobians and the path.
 
-    From one node to the next q grows by h (q' + q'_next)/2 + h^2 (q'' - q''_next)/12 + O(h^5 q^(5)), and J q' is the
-    path's direction. The arrays, by name, have the shapes that `check_shapes` accepts.
+    From one node to the next, h apart, q grows by h (q' + q'_next)/2 + h^2 (q'' - q''_next)/12 + O(h^5 q^(5)), and J q'
+    is the twist of the path. The arrays have been checked by `check_shapes`.
 
     Raises:
-        InputError: it names the arrays that disagree.
+        InputError: arrays disagree; the message names them.
     """
     s, q, first, second = (arrays[name] for name in ("s", "q", "dq_ds", "d2q_ds2"))
     if np.any(q < arrays["lower"] - LIMIT_TOLERANCE) or np.any(q > arrays["upper"] + LIMIT_TOLERANCE):
@@ -141,10 +153,10 @@ def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
 
 
 def check_robot(arrays: Mapping[str, Array], path: Path, robot: Robot) -> None:
-    """Check that limits, tool and postures of a table are those of the robot.
+    """Check that a table has the joint limits and tool of a robot, and that its postures put the tool on the path.
 
     Raises:
-        InputError: a limit is not the robot's, or its tool is not on the path.
+        InputError: a limit or the tool offset differs from the robot's, or the tool is away from the path.
     """
     for name, values in {"tool_offset": robot.tool_offset, **vars(robot.limits)}.items():
         if not np.array_equal(arrays[name], values):
