@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from armdyn.errors import InputError
-from armdyn.read_files import allow_overwrite, check_overwrite
+from armdyn.read_files import allow_overwrite, check_not_input
 
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
@@ -85,7 +85,7 @@ def _replaceable(path: Path) -> Path:
         raise IsADirectoryError(0, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(0, "it is write-protected")
-    check_overwrite(target)
+    check_not_input(target)
     return target
 
 

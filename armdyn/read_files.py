@@ -78,7 +78,7 @@ def allow_overwrite(path: Path) -> None:
         _opened.free.add(identity)
 
 
-def check_overwrite(path: Path) -> None:
+def check_not_input(path: Path) -> None:
     """Check that a command may write to a path: a file that it has read, also under another name, is refused.
 
     Raises:

@@ -24,7 +24,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import all_blocks, predict_runs
 from armdyn.identify.prepare import run_noise
-from armdyn.identify.problem import Block, Problem, chi2_sum
+from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -114,7 +114,7 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     return chi2
 
 
-def chi2_per_sample(blocks: Sequence[Block]) -> float:
+def chi2_per_sample(blocks: Sequence[ResidualBlock]) -> float:
     """Sum of the squared residuals, in standard deviations of the noise, over the number of samples."""
     return chi2_sum(blocks) / sum(len(block.residual) for block in blocks)
 

@@ -131,7 +131,9 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **attributes_as_json(found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"),
+        **attributes_as_json(
+            found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"
+        ),
         "not_told_apart": [
             attributes_as_json(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
         ],

@@ -44,7 +44,9 @@ def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) ->
     answer = attributes_as_json(e, "kind what") | attributes_as_json(proposal.expected, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        answer |= attributes_as_json(motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
+        answer |= attributes_as_json(
+            motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True))
+        )
     return answer
 
 

@@ -25,7 +25,7 @@ from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.model import Model
@@ -72,7 +72,7 @@ def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> fl
     return round(largest_error(study.exam_blocks(add(study, effects).steps[-1].fit)), 3)
 
 
-def largest_error(blocks: Sequence[Block]) -> float:
+def largest_error(blocks: Sequence[ResidualBlock]) -> float:
     """Largest root mean square error of a channel, over its noise."""
     return max(float(np.sqrt(np.mean(block.residual**2))) for block in blocks)
 

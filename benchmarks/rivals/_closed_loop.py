@@ -7,7 +7,7 @@ from _pendulum import Motion, Pendulum
 from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
-from armdyn.identify.estimator import Estimate, Estimator, Minimise
+from armdyn.identify.estimator import Estimate, Estimator, MinimiseFunction
 from armdyn.identify.least_squares import descend
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import gripper_path
@@ -53,7 +53,7 @@ def learn(
     duration: float,
     noise: float,
     rng: np.random.Generator,
-    minimise: Minimise = descend,
+    minimise: MinimiseFunction = descend,
 ) -> Trial:
     """Kick, then act 20 times a second on the latest estimate.
 

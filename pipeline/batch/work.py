@@ -172,7 +172,9 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.with_estimated_channels(run), model))
+    found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).events_of(
+        samples_of(model.with_estimated_channels(run), model)
+    )
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 

@@ -47,7 +47,11 @@ def batch(
     own = (JOURNAL_FILE, PARQUET_FILE, "report.html")
     check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
-    with locked_folder(output, output, "batch", own) as folder, deferred_signals(signals.append), progress_display() as say:
+    with (
+        locked_folder(output, output, "batch", own) as folder,
+        deferred_signals(signals.append),
+        progress_display() as say,
+    ):
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
         write_parquet(folder / PARQUET_FILE, asked, done.rows)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from armdyn.atomic import is_stream, make_directory
 from armdyn.errors import InputError
-from armdyn.read_files import check_overwrite
+from armdyn.read_files import check_not_input
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -36,7 +36,7 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
         if target in taken:
             raise InputError(f"{file} is {taken[target]}: choose another file to write")
-        check_overwrite(file)
+        check_not_input(file)
         taken[target] = "also to be written as something else"
         if directory:
             raise InputError(f"{file} is a directory: give the file to write")

@@ -72,7 +72,9 @@ def excitation_report(found: Excitation) -> Document:
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(BASELINE_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True)
+            for name, other, gain in zip(
+                BASELINE_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True
+            )
             if other is not None
         ]
         figures = [*better, *figures]

@@ -53,9 +53,9 @@ class RosTopics:
     joint_states: _Name
     command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
-    mode: Annotated[str, ValueCheck(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")] = (
-        "raw_position"
-    )
+    mode: Annotated[
+        str, ValueCheck(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")
+    ] = "raw_position"
     feed_forward: _Name | None = None
     timeout: _Name | None = None
     command_timeout: _Seconds = 0.1

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from armdyn.errors import InputError
-from armdyn.read_files import check_overwrite
+from armdyn.read_files import check_not_input
 
 UNFINISHED_FOLDER_PREFIX = "unfinished-"
 """Beginning of the name of a trial's temporary folder."""
@@ -95,7 +95,7 @@ def locked_folder(
         try:
             if _locked(descriptor):
                 for old in (file for pattern in writes for file in folder.glob(pattern)):
-                    check_overwrite(old)
+                    check_not_input(old)
                 yield folder
                 return
         finally:

@@ -54,7 +54,8 @@ def rehearsal_motion(table: LineTable, finish: float) -> LineTrajectory:
     """
     stops = (0.0, max(-MAX_BACKWARD_DISTANCE, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
     parts = [
-        LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, CONTROL_PERIOD_SECONDS)) for first, last in pairwise(stops)
+        LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, CONTROL_PERIOD_SECONDS))
+        for first, last in pairwise(stops)
     ]
     return reduce(LineTrajectory.then, parts)
 

@@ -78,7 +78,9 @@ class SearchProcess:
         tell: function that is called with progress, failure or answer of the search.
     """
 
-    def __init__(self, work: SearchWork, inputs: ModelAndRunInputs, effects: Sequence[str], tell: SearchListener) -> None:
+    def __init__(
+        self, work: SearchWork, inputs: ModelAndRunInputs, effects: Sequence[str], tell: SearchListener
+    ) -> None:
         # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)

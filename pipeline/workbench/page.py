@@ -33,7 +33,11 @@ class WorkbenchPage(BrowserTab):
     """
 
     def __init__(
-        self, client: Client, inputs: ModelAndRunInputs | None, open_session: OpenSession, writable: files.WritablePlaces
+        self,
+        client: Client,
+        inputs: ModelAndRunInputs | None,
+        open_session: OpenSession,
+        writable: files.WritablePlaces,
     ) -> None:
         super().__init__(client, inputs, open_session)
         self._writable = writable

@@ -48,7 +48,7 @@ def test_a_path_is_one_by_arc_length_whose_twists_are_its_derivatives_and_it_can
     assert np.abs(rate - path.twist_rate(s)).max() < 1e-5
     s = np.linspace(path.s_min, path.s_max, 50)
     assert np.linalg.norm(path.twist(s)[:3], axis=0) == pytest.approx(1.0, abs=1e-12)
-    again = path_of(path.describe())
+    again = path_from_description(path.describe())
     for one, other in zip((*path.pose(s), path.twist(s)), (*again.pose(s), again.twist(s)), strict=True):
         assert np.abs(one - other).max() < 1e-14
 

@@ -13,10 +13,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
-from pipeline.console.screen import COUNTED, about
-from armdyn.recording.units import Known
-from pipeline.commands.trial import _render
-from pipeline.console.screen import COUNT_PATTERN, progress_display, remaining_time_text
+from pipeline.console.screen import COUNT_PATTERN, remaining_time_text
 
 
 @pytest.mark.parametrize(

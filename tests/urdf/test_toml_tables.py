@@ -58,7 +58,7 @@ def test_everything_that_is_wrong_is_told_with_its_table():
         "entry 'name' is missing",
     )
     assert str(caught.value).startswith("5 problems: (1) unknown key")
-    many = str(TableFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
+    many = str(TomlFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
     assert many.startswith("46 problems: (1) entry 'p0' is missing; (2)")
     assert many.endswith("(12) entry 'p11' is missing; and 34 more")
 

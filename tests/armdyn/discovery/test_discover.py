@@ -20,7 +20,7 @@ from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
-from armdyn.identify.thresholds import PLACE_RANGE_SIZES
+from armdyn.identify.thresholds import THRESHOLD_RANGE_SIZES
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
@@ -81,7 +81,10 @@ def test_a_place_is_looked_for_where_its_joint_reaches(model):
         if "place" in term.constants:
             place = parameters[f"{law.name}.place[{joint}]"]
             assert q.min() <= place.lower < place.upper <= q.max()
-            assert (place.value - place.lower, place.prior) == (pytest.approx(PLACE_RANGE_SIZES * place.typical), None)
+            assert (place.value - place.lower, place.prior) == (
+                pytest.approx(THRESHOLD_RANGE_SIZES * place.typical),
+                None,
+            )
         if "cubic_drag" in law.name:
             typical = parameters[f"{law.name}.k[{joint}]"].typical
             rms = np.sqrt(np.mean(run.channels[f"tau.{joint}"].value ** 2))

@@ -19,7 +19,7 @@ from armdyn.identify.noise import (
     ljung_box,
     whiten,
 )
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.repair import repair
 from armdyn.identify.residual.character import periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
@@ -139,9 +139,11 @@ def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency
     rng = np.random.default_rng(0)
     time = np.arange(400) * 0.05
 
-    def block(run: str, samples: int) -> Block:
+    def block(run: str, samples: int) -> ResidualBlock:
         residual = np.sin(2.0 * np.pi * 1.3 * time[:samples]) * 5.0 + rng.standard_normal(samples)
-        return Block(run, "tau.j", Channel(time[:samples], residual, "N m"), residual, np.zeros((samples, 0)), 1.0)
+        return ResidualBlock(
+            run, "tau.j", Channel(time[:samples], residual, "N m"), residual, np.zeros((samples, 0)), 1.0
+        )
 
     blocks = (block("long", 400), block("short", 3))
     fit = Fit(None, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)

@@ -7,7 +7,7 @@ import ik.volume.build as building
 import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
-from ik.solver import Solver
+from ik.solver import IkSolver
 from ik.volume import TargetGrid, TargetStatus, VolumeTable, build_volume
 
 

@@ -47,7 +47,7 @@ def test_only_what_is_new_changed_or_was_cut_off_is_done_again(done, armdyn, mon
         nobody.setattr("pipeline.batch.run.run_job", None)  # may be asked for it
         assert worked() == 0
     assert rows(done) == before
-    journal = done / "out" / JOURNAL
+    journal = done / "out" / JOURNAL_FILE
     journal.write_bytes(journal.read_bytes()[:-40])
     assert worked() == 1
     log, other = sorted((done / "robots/robot_00/logs").glob("*.csv"))[:2]

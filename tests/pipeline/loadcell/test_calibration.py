@@ -12,8 +12,6 @@ from scipy.signal import lfilter
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.fit import Plateau, Weight, fit_calibration, parse_weights
-from pipeline.loadcell.calibration import Calibration, default_calibration_path
 from pipeline.loadcell.fit import KnownWeight, WeightMeasurement, fit_calibration, parse_weights
 
 CALIBRATION = Calibration(

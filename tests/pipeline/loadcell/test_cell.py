@@ -175,7 +175,7 @@ def test_closing_ends_the_thread_and_frees_the_port_also_when_the_cable_was_pull
         wire.send(wire.line(counts), 10.0)
     until(lambda: cell.status().samples == 5)
     wire.close()
-    until(lambda: began(cell) == [Fault.DISCONNECTED])
+    until(lambda: began(cell) == [LoadCellFault.DISCONNECTED])
     assert [len(cell.read()), len(cell.read())] == [5, 0]  # what came before can be read, once
     cell.close()
     assert threading.active_count() == before

@@ -15,7 +15,7 @@ from scipy.stats import binomtest
 from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.errors import InputError
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
-from pipeline.report.page import packed, page_html, table_html, write_page
+from pipeline.report.page import gzip_base64, page_html, table_html, write_page
 from pipeline.report.table import success_interval, table_one_report
 from pipeline.report.theme import number_text
 from pipeline.report.trial import STRING_SNAPSHOTS
@@ -32,7 +32,7 @@ class Page(HTMLParser):
     def __init__(self, report):
         super().__init__()
         self.open, self.texts, self.elements = [], [], []
-        self.html, library = page_html(report), packed(get_plotlyjs())
+        self.html, library = page_html(report), gzip_base64(get_plotlyjs())
         assert self.html.count(library) == 1
         self.html = self.html.replace(library, "")
         self.feed(self.html)

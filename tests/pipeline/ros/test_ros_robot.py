@@ -300,7 +300,7 @@ def test_enabling_resets_first_and_waits_and_closing_restores_the_robots_own_set
         arm.say()
 
     with SteppedRobot(arm, baxter) as robot:
-        robot.advance(PERIOD)
+        robot.advance(CONTROL_PERIOD_SECONDS)
         arm.state |= {"enabled": False, "stopped": True, "estop_source": 2, "estop_button": 2}
         arm.say()
         thread = threading.Thread(target=obey)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.trial import SimulatedTrial, TrialSettings, simulate
+from pipeline.trial import SimulatedTrial, TrialSettings, simulate_trial
 
 
 @pytest.fixture(scope="session")
@@ -32,4 +32,4 @@ def off_target() -> Callable[[SimulatedTrial], float]:
 @pytest.fixture(scope="session")
 def learnt(tmp_path_factory):
     """A trial that begins with a wrong guess, and its folder."""
-    return simulate(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
+    return simulate_trial(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
