@@ -26,7 +26,7 @@ def main(out: Path) -> None:
         recordings = [work(arm, 1, load=0.3, begin=20.0), work(arm, 4, 30.0, begin=18.0, until=20.0, outside=CONTACT)]
         for minute, recording in enumerate(recordings):
             for sample in samples(recording, later=61.0 * minute):
-                page.take(watch.take(*sample))
+                page.take(watch.process_sample(*sample))
         tab.go(page.address)
         tab.wait("document.querySelectorAll('svg').length")
         keep(tab, out / "watch.png")

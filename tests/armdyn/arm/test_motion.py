@@ -95,7 +95,7 @@ def test_what_is_heavier_than_described_makes_more_noise_of_the_positions(effect
     noise = np.random.default_rng(0).standard_normal((3, len(world.stamps), 7))
     values = {f"{effect}.{short}[{hidden.joint}]": value for short, value in hidden.values.items()}
     model = arm_model(robot="panda").with_effect(CATALOGUE[effect].on(hidden.joint)).with_values(values)
-    ready = model.prepared(world.recorded([hidden], noise, effect))
+    ready = model.prepare_run(world.recorded([hidden], noise, effect))
     found, there = model.predict(ready, model.theta()), model.noise(ready, model.theta())
     left = {c: ready.channels[c].value - found.values[rows] for c, rows in found.slices.items()}
     described, known = (np.array([np.mean((r / std[c]) ** 2) for c, r in left.items()]) for std in (ready.noise, there))

@@ -57,7 +57,7 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
         shapes.power_term(STRING, SPEED, 3, "cubic drag", "drag"),
         *shapes.stop_terms(STRING, ANGLE),
         *shapes.one_sided_friction_terms(STRING, ANGLE, SPEED),
-        shapes.magnet(STRING, ANGLE),
+        shapes.magnet_term(STRING, ANGLE),
         *shapes.cable_terms(STRING, ANGLE),
         *shapes.cogging_terms(STRING, ANGLE, [0.1]),
         shapes.curve_term(STRING, ANGLE),

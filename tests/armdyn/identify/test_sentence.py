@@ -32,8 +32,13 @@ EXAM = [
 AT_NOISE, HALF = step({"tau.a": 0.5, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
 TIED = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
 REPAIRS = {
-    "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.IN_TURN, ARM, Rest(True, "it depends on v.b")),
-    "one that explains a little": ([GIVEN, SPRING], HELD_OUT, ARM, Rest(True, further="rotor_inertia on left_e0")),
+    "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.LEAVE_ONE_OUT, ARM, Rest(True, "it depends on v.b")),
+    "one that explains a little": (
+        [GIVEN, SPRING],
+        HELD_OUT,
+        ARM,
+        Rest(True, further_effect="rotor_inertia on left_e0"),
+    ),
     "an exam": (EXAM, HoldoutKind.EXAM, ARM, NOISE),
     "an effect that was asked for": ([GIVEN, SPRING], HELD_OUT, ARM, Rest(True, searched=False)),
     "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, Rest(True)),
