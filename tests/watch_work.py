@@ -1,6 +1,7 @@
 """A simulated arm at work: rigid bodies, dry friction and coloured noise; and what may happen to it."""
 
 import numpy as np
+from worlds import coloured
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.rigid import inverse_dynamics
@@ -38,11 +39,7 @@ def work(arm, seed, seconds=60.0, *, load=0.0, friction=1.0, begin=0.0, outside=
     own[after, 1] *= friction
     tau += own * np.sign(v)
     noise = rng.standard_normal(tau.shape)
-    slow = np.empty_like(noise)  # the model's own error: new every half a second
-    slow[0] = noise[0]
-    keep = np.exp(-1 / (0.5 * RATE))
-    for i in range(1, len(noise)):
-        slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * noise[i]
+    slow = coloured(noise, np.exp(-1 / (0.5 * RATE)))  # the model's own error: new every half a second
     tau += NOISE * slow + 0.05 * rng.standard_normal(tau.shape)
     if outside is not None:
         tau[after] += outside

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from armdyn.run import Channel, Run
 
+from . import coloured
 from .drive import SMALL, Hidden, Imperfections, Lump
 from .motions import Derivatives, Fourier, Motion, random_fourier
 from .plant import Plant, World
@@ -97,7 +98,7 @@ def generate(
     effort = _torque(names, size, path, time)
     if beyond is not None:
         effort = effort + beyond(*path.at(time))
-    effort = effort + noise * EFFORT_NOISE * _coloured(rng, effort.shape, colour)
+    effort = effort + noise * EFFORT_NOISE * coloured(rng.standard_normal(effort.shape), colour)
     q = q + noise * POSITION_NOISE * rng.standard_normal(q.shape)
     channels = {f"q.{joint}": Channel(time, q[:, i], "rad") for i, joint in enumerate(JOINTS)}
     if rates:
@@ -154,14 +155,6 @@ def _torque(names: Sequence[str], size: float, path: Motion, time: np.ndarray) -
 def _gravity(tilt: Sequence[float]) -> np.ndarray:
     """(3,) m/s^2 in the frame of a base that is turned about its x axis and then about the level y axis, rad."""
     return -9.81 * Rotation.from_euler("xy", tilt).inv().apply([0.0, 0.0, 1.0])
-
-
-def _coloured(rng: np.random.Generator, shape: tuple[int, int], colour: float) -> np.ndarray:
-    """(n, 7) noise of unit standard deviation."""
-    white = rng.standard_normal(shape)
-    for k in range(1, len(white)):
-        white[k] = colour * white[k - 1] + np.sqrt(1.0 - colour**2) * white[k]
-    return white
 
 
 def rigid_torque(

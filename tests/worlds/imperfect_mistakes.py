@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from armdyn.run import Channel, Run
 
@@ -129,8 +130,5 @@ def _paced(run: Run, names: list[str], pace: float) -> Run:
 
 def _low_passed(c: Channel, lag: float) -> Channel:
     """After a first-order lag, s."""
-    found, keep = np.empty_like(c.value), float(np.exp(-np.median(np.diff(c.time)) / lag))
-    found[0] = c.value[0]
-    for k in range(1, len(found)):
-        found[k] = keep * found[k - 1] + (1.0 - keep) * c.value[k]
-    return Channel(c.time, found, c.unit)
+    keep = float(np.exp(-np.median(np.diff(c.time)) / lag))
+    return Channel(c.time, lfilter([1.0 - keep], [1.0, -keep], c.value, zi=[keep * c.value[0]])[0], c.unit)

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
-from . import dry_swing
+from . import coloured, dry_swing
 from .dry_swing import G
 
 REALISTIC: Mapping[str, float] = {
@@ -84,7 +84,7 @@ def record(name: str, setup: Setup, rng: np.random.Generator, motion: Callable |
     time = np.arange(0.0, setup.duration, 0.01)
     truth = simulate(setup, motion, time)
     force = sensor(setup, time, truth)
-    noise = correlated(len(time), setup.correlation, rng)
+    noise = coloured(rng.normal(size=len(time)), setup.correlation)
     x = motion(time)[0] + setup.encoder_noise * rng.normal(size=len(time))
     channels = {
         "gripper_x": Channel(time, x, "m"),
@@ -98,14 +98,6 @@ def record(name: str, setup: Setup, rng: np.random.Generator, motion: Callable |
         channels["swing_angle"] = Channel(time, angle, "rad")
         stated["swing_angle"] = setup.angle_noise
     return Run(name, channels, {}, stated)
-
-
-def correlated(n: int, correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """(n,) noise of standard deviation 1, each sample of which has so much in common with the one before."""
-    noise = rng.normal(size=n)
-    for i in range(1, n):
-        noise[i] = correlation * noise[i - 1] + np.sqrt(1 - correlation**2) * noise[i]
-    return noise
 
 
 def weighed(run: Run, mass: KnownQuantity, length: KnownQuantity) -> Run:

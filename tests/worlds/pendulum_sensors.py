@@ -13,9 +13,9 @@ import numpy as np
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
+from . import coloured
 from .dry_swing import G, Motion, Pendulum, Push, reading, swing
 from .output_error import Record
-from .pendulum import correlated
 
 FRICTIONS = ("pivot_viscous_friction", "pivot_coulomb_friction", "quadratic_drag", "pivot_load_friction")
 ANGLE = ("angle_offset", "angle_gain", "angle_skew", "angle_distortion")
@@ -246,7 +246,7 @@ def recorded_run(
         seen[1:-1] += 0.1 * sensor.jitter / sensor.rate * rng.normal(size=len(time) - 2)
     stamped = reading(real.effects, sensor.channel, swing(real, ideal.start, push, time))
     true = reading(real.effects, sensor.channel, swing(real, ideal.start, push, seen)) if sensor.jitter else stamped
-    noise = correlated(len(time), sensor.correlation, rng)
+    noise = coloured(rng.normal(size=len(time)), sensor.correlation)
     minutes = time[-1] / 60.0
     for begin in rng.uniform(0.0, time[-1], rng.poisson(sensor.clusters * minutes)):
         noise[(time >= begin) & (time < begin + rng.uniform(0.2, 1.0))] *= 3.0

@@ -12,7 +12,7 @@ import numpy as np
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
-from . import pendulum
+from . import coloured, pendulum
 
 Motion = Callable[[np.ndarray | float], np.ndarray]
 RAMP = 0.5  # s in which a gripper that rested gets under way
@@ -134,7 +134,7 @@ def _run(
         stated["gripper_x"] = 0.0
     if situation.force:
         std = 3e-3 * situation.force_noise * mass / 0.1
-        force = pendulum.sensor(setup, time, truth) + std * pendulum.correlated(len(time), situation.correlation, rng)
+        force = pendulum.sensor(setup, time, truth) + std * coloured(rng.normal(size=len(time)), situation.correlation)
         force, spread = _electronics(situation, force, mass * pendulum.G, rng)
         noise["load_force"] = float(np.hypot(std, spread))
         channels["load_force"] = Channel(time, force, "N")
