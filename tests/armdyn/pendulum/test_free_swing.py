@@ -20,7 +20,7 @@ def recorded(amplitude, seconds, *, viscous=0.0, coulomb=0.0, held=0.0, caught=0
         return [s[1], push - 9.81 / LENGTH * np.sin(s[0]) - viscous * s[1] - coulomb * np.tanh(s[1] / 1e-3)]
 
     start = [0.0 if pushed else amplitude, 0.0]
-    states = solve_ivp(change, (0.0, seconds), start, t_eval=time, max_step=0.01, rtol=1e-8).y
+    states = solve_ivp(change, (0.0, seconds), start, "LSODA", time, max_step=0.01, rtol=1e-8).y
     value = states[1 if rate else 0]
     before = np.full(round(held * RATE), value[0])
     after = np.full(round(caught * RATE), 0.0 if rate else value[-1])

@@ -106,7 +106,7 @@ class Case:
 
         step = 0.25 / f.rate
         found = solve_ivp(
-            moves, (0.0, time[-1]), start, t_eval=time, max_step=step,
+            moves, (0.0, time[-1]), start, "LSODA", time, max_step=step,
             rtol=1e-8, atol=1e-9 * max(map(abs, f.start), default=1.0) + 1e-14,
         )  # fmt: skip
         assert found.success, (f.name, found.message)
