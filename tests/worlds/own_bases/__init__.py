@@ -65,11 +65,8 @@ class Case:
     true: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
-        return self.true.get(name, 0.0)
-
-    def has(self, effect: str) -> bool:
-        """Whether this effect is the hidden one."""
-        return self.hidden == effect
+        """A value; 0 of an effect that is not hidden."""
+        return self.true[name] if name.rpartition(".")[0] in ("", self.hidden) else 0.0
 
     @property
     def shows(self) -> float:
@@ -134,6 +131,11 @@ class Case:
             return f.push[0] + f.push[1] * shape
 
         return smooth
+
+
+def beyond(value: float, gap: float) -> float:
+    """How far a value is outside of a gap on either side of 0."""
+    return float(value - np.clip(value, -gap, gap))
 
 
 def case(family: Family, seed: int, hidden: str | None = None) -> Case:

@@ -2,17 +2,13 @@
 
 import numpy as np
 
-from . import Case, Family
+from . import Case, Family, beyond
 
 
 def _filter(c: Case, s: np.ndarray, u: float) -> list[float]:
     i, v = s
-    leak = 0.0
-    if c.has("diode"):
-        leak = c["diode.conductance"] * max(v - c["diode.knee"], 0.0)
-    if c.has("leakage"):
-        leak = c["leakage.size"] * v
-    drop = c["varistor.size"] * i * abs(i) if c.has("varistor") else 0.0
+    leak = c["diode.conductance"] * max(v - c["diode.knee"], 0.0) + c["leakage.size"] * v
+    drop = c["varistor.size"] * i * abs(i)
     return [(u - v - c["resistance"] * i - drop) / c["inductance"], (i - leak) / c["capacity"]]
 
 
@@ -63,13 +59,7 @@ def varistor(coil: Coil, size: Expression = quantity("ohm/A", typical=3.0, lower
 
 def _motor(c: Case, s: np.ndarray, u: float) -> list[float]:
     i, w = s
-    drag = 0.0
-    if c.has("fan"):
-        drag = c["fan.size"] * w * abs(w)
-    if c.has("bearing"):
-        drag = c["bearing.size"] * w
-    if c.has("brake"):
-        drag = c["brake.torque"] * np.tanh(w / 0.05)
+    drag = c["fan.size"] * w * abs(w) + c["bearing.size"] * w + c["brake.torque"] * np.tanh(w / 0.05)
     return [(u - c["resistance"] * i - c["constant"] * w) / c["inductance"], (c["constant"] * i - drag) / c["inertia"]]
 
 
@@ -114,16 +104,9 @@ def brake(rotor: Rotor, torque: Expression = quantity("N m", typical=0.02, lower
 
 def _geared(c: Case, s: np.ndarray, u: float) -> list[float]:
     a, v, b, w = s
-    twist = a / 20.0 - b
-    if c.has("backlash"):
-        gap = c["backlash.width"]
-        twist = twist - np.clip(twist, -gap, gap)
+    twist = beyond(a / 20.0 - b, c["backlash.width"])
     torque = c["stiffness"] * twist + 0.3 * (v / 20.0 - w)
-    lost = 0.0
-    if c.has("load_drag"):
-        lost = c["load_drag.size"] * w
-    if c.has("load_friction"):
-        lost = c["load_friction.torque"] * np.tanh(w / 0.02)
+    lost = c["load_drag.size"] * w + c["load_friction.torque"] * np.tanh(w / 0.02)
     return [v, (u - 2e-4 * v - torque / 20.0) / c["motor"], w, (torque - lost) / c["load"]]
 
 
@@ -177,15 +160,9 @@ def load_friction(load: Load, torque: Expression = quantity("N m", typical=0.1, 
 
 def _masses(c: Case, s: np.ndarray, u: float) -> list[float]:
     x, v, y, w = s
-    pull = c["spring"] * (x - y) + c["damper"] * (v - w)
-    if c.has("hardening"):
-        pull += c["hardening.size"] * (x - y) ** 3
-    more = 0.0
-    if c.has("end_stop"):
-        more = -c["end_stop.stiffness"] * max(x - c["end_stop.place"], 0.0)
-    if c.has("air_drag"):
-        more = -c["air_drag.size"] * v * abs(v)
-    return [v, (u - pull + more) / c["first"], w, (pull - 40.0 * y) / c["second"]]
+    pull = c["spring"] * (x - y) + c["damper"] * (v - w) + c["hardening.size"] * (x - y) ** 3
+    less = c["end_stop.stiffness"] * max(x - c["end_stop.place"], 0.0) + c["air_drag.size"] * v * abs(v)
+    return [v, (u - pull - less) / c["first"], w, (pull - 40.0 * y) / c["second"]]
 
 
 MASSES = Family(
@@ -239,13 +216,7 @@ def air_drag(slide: Slide, size: Expression = quantity("N s^2/m^2", typical=1.0,
 
 def _cart(c: Case, s: np.ndarray, u: float) -> list[float]:
     _, v, a, w = s
-    more, turn = 0.0, 0.0
-    if c.has("rail"):
-        more = -c["rail.size"] * v
-    if c.has("rail_friction"):
-        more = -c["rail_friction.force"] * np.tanh(v / 0.02)
-    if c.has("pivot"):
-        turn = -c["pivot.size"] * w
+    more, turn = -c["rail.size"] * v - c["rail_friction.force"] * np.tanh(v / 0.02), -c["pivot.size"] * w
     m, length, M = c["pole"], c["length"], c["cart"]
     A = np.array([[M + m, m * length * np.cos(a)], [m * length * np.cos(a), m * length**2]])
     acc = np.linalg.solve(A, [u + more + m * length * w * w * np.sin(a), -m * 9.81 * length * np.sin(a) + turn])
@@ -302,14 +273,8 @@ def pivot(pivot: Pivot, size: Expression = quantity("N m s/rad", typical=0.01, l
 def _double(c: Case, s: np.ndarray, _: float) -> list[float]:
     a, v, b, w = s
     l1, l2, r = c["upper"], c["lower"], c["masses"]
-    t1 = t2 = 0.0
-    if c.has("shoulder"):
-        t1 = -c["shoulder.size"] * v
-    if c.has("elbow"):
-        t2 = -c["elbow.size"] * (w - v)
-        t1 = -t2
-    if c.has("shoulder_friction"):
-        t1 = -c["shoulder_friction.torque"] * np.tanh(v / 0.05)
+    t2 = -c["elbow.size"] * (w - v)
+    t1 = -t2 - c["shoulder.size"] * v - c["shoulder_friction.torque"] * np.tanh(v / 0.05)
     d = a - b
     A = np.array([[(1 + r) * l1**2, r * l1 * l2 * np.cos(d)], [r * l1 * l2 * np.cos(d), r * l2**2]])
     f = [-r * l1 * l2 * w**2 * np.sin(d) - (1 + r) * 9.81 * l1 * np.sin(a) + t1,
@@ -365,13 +330,8 @@ def shoulder_friction(hinge: Hinge, torque: Expression = quantity("m^2/s^2", typ
 def _train(c: Case, s: np.ndarray, u: float) -> list[float]:
     a, v, b, w, d, z = s
     first = c["first_shaft"] * (a - b) + 0.02 * (v - w)
-    twist = b - d
-    if c.has("coupling_backlash"):
-        gap = c["coupling_backlash.width"]
-        twist -= np.clip(twist, -gap, gap)
-    second = c["second_shaft"] * twist + 0.02 * (w - z)
-    lost = c["end_drag.size"] * z if c.has("end_drag") else 0.0
-    lost += c["end_fan.size"] * z * abs(z) if c.has("end_fan") else 0.0
+    second = c["second_shaft"] * beyond(b - d, c["coupling_backlash.width"]) + 0.02 * (w - z)
+    lost = c["end_drag.size"] * z + c["end_fan.size"] * z * abs(z)
     return [v, (u - first - 0.01 * v) / c["motor"], w, (first - second) / c["middle"], z, (second - lost) / c["end"]]
 
 
@@ -426,14 +386,8 @@ def end_fan(end: End, size: Expression = quantity("N m s^2/rad^2", typical=0.003
 
 def _hydraulic(c: Case, s: np.ndarray, u: float) -> list[float]:
     x, v, p = s
-    leak = c["inner_leak.size"] * p if c.has("inner_leak") else 0.0
-    valve = u
-    if c.has("valve_dead_zone"):
-        z = c["valve_dead_zone.width"]
-        valve = u - np.clip(u, -z, z)
-    more = -c["seal.size"] * v if c.has("seal") else 0.0
-    return [v, (1e-3 * p - c["spring"] * x + more) / c["mass"],
-            c["bulk"] * (c["valve"] * valve - 1e-3 * v - leak)]  # fmt: skip
+    flow = c["valve"] * beyond(u, c["valve_dead_zone.width"]) - 1e-3 * v - c["inner_leak.size"] * p
+    return [v, (1e-3 * p - c["spring"] * x - c["seal.size"] * v) / c["mass"], c["bulk"] * flow]
 
 
 CYLINDER = Family(

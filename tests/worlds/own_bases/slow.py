@@ -7,14 +7,8 @@ from . import Case, Family
 
 def _oven(c: Case, s: np.ndarray, u: float) -> list[float]:
     (T,) = s
-    power = u
-    if c.has("heater_limit"):
-        power = min(u, c["heater_limit.most"])
-    loss = (T - 293.0) / c["resistance"]
-    if c.has("radiation"):
-        loss += c["radiation.size"] * (T**4 - 293.0**4)
-    if c.has("draught"):
-        loss += c["draught.size"] * (T - 293.0) * abs(T - 293.0)
+    power, warmer = min(u, c["heater_limit.most"] or np.inf), T - 293.0
+    loss = warmer / c["resistance"] + c["radiation.size"] * (T**4 - 293.0**4) + c["draught.size"] * warmer * abs(warmer)
     return [(power - loss) / c["capacity"]]
 
 
@@ -62,15 +56,9 @@ def neighbour(wall: Wall, heat: Expression = quantity("W", typical=10.0)) -> Wal
 
 def _room(c: Case, s: np.ndarray, u: float) -> list[float]:
     element, air = s
-    across = (element - air) / c["coupling"]
-    loss = (air - 283.0) / c["insulation"]
-    extra = 0.0
-    if c.has("leak"):
-        extra = -c["leak.size"] * (air - 283.0) * abs(air - 283.0)
-    if c.has("radiated"):
-        extra = 0.0
-        across += c["radiated.size"] * (element**4 - air**4)
-    return [(u - across) / c["element"], (across - loss + extra) / c["air"]]
+    across = (element - air) / c["coupling"] + c["radiated.size"] * (element**4 - air**4)
+    loss = (air - 283.0) / c["insulation"] + c["leak.size"] * (air - 283.0) * abs(air - 283.0)
+    return [(u - across) / c["element"], (across - loss) / c["air"]]
 
 
 ROOM = Family(
@@ -126,15 +114,10 @@ def person(air: Air, heat: Expression = quantity("W", typical=50.0)) -> Air:
 
 def _tanks(c: Case, s: np.ndarray, u: float) -> list[float]:
     upper, lower = np.maximum(s, 0.0)
-    pumped = u
-    if c.has("pump_dead_zone"):
-        pumped = max(u - c["pump_dead_zone.width"], 0.0)
-    over = 0.0
-    if c.has("overflow"):
-        over = c["overflow.slope"] * max(upper - c["overflow.edge"], 0.0)
+    pumped = max(u - c["pump_dead_zone.width"], 0.0)
     out1, out2 = c["first_hole"] * np.sqrt(upper), c["second_hole"] * np.sqrt(lower)
-    seep = c["seepage.size"] * lower if c.has("seepage") else 0.0
-    return [c["pump"] * pumped - out1 - over, out1 - out2 - seep]
+    over = c["overflow.slope"] * max(upper - c["overflow.edge"], 0.0)
+    return [c["pump"] * pumped - out1 - over, out1 - out2 - c["seepage.size"] * lower]
 
 
 TANKS = Family(
@@ -190,12 +173,8 @@ def pump_dead_zone(pump: Pump, width: Expression = quantity("V", typical=0.5, lo
 
 def _vessel(c: Case, s: np.ndarray, u: float) -> list[float]:
     (p,) = s
-    flow = c["supply"] * (u - p) - c["outlet"] * np.sqrt(max(p, 0.0))
-    if c.has("leakage"):
-        flow -= c["leakage.size"] * p
-    if c.has("relief_valve"):
-        flow -= c["relief_valve.slope"] * max(p - c["relief_valve.opens"], 0.0)
-    return [flow]
+    lost = c["leakage.size"] * p + c["relief_valve.slope"] * max(p - c["relief_valve.opens"], 0.0)
+    return [c["supply"] * (u - p) - c["outlet"] * np.sqrt(max(p, 0.0)) - lost]
 
 
 VESSEL = Family(
@@ -232,14 +211,11 @@ def relief_valve(chamber: Chamber, slope: Expression = quantity("1/s", typical=1
 
 def _battery(c: Case, s: np.ndarray, u: float) -> list[float]:
     charge, relaxation = s
-    leak = c["self_discharge.size"] * charge if c.has("self_discharge") else 0.0
-    return [-u - leak, u / c["double_layer"] - relaxation / c["relaxing"]]
+    return [-u - c["self_discharge.size"] * charge, u / c["double_layer"] - relaxation / c["relaxing"]]
 
 
 def _battery_voltage(c: Case, y: np.ndarray, u: np.ndarray) -> np.ndarray:
-    drop = c["resistance"] * u
-    if c.has("warming"):
-        drop = drop + c["warming.size"] * u * abs(u)
+    drop = c["resistance"] * u + c["warming.size"] * u * abs(u)
     return c["open_circuit"] + 1e-4 * y[0] - y[1] - drop
 
 
