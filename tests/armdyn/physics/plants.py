@@ -24,7 +24,7 @@ DOUBLE = """
 """
 
 
-def double_pendulum(start, damping=(0.0, 0.0), dry=(0.0, 0.0), seconds=8.0):
+def double_pendulum(start, damping=(0.0, 0.0), dry=(0.0, 0.0), seconds=5.0):
     """Columns time, angle of the upper hinge, angle of the lower one, from rest at `start`, (2,) rad."""
     inertias = {"i1": 0.5 * 0.32**2 / 12, "i2": 0.3 * 0.25**2 / 12}
     model = mujoco.MjModel.from_xml_string(DOUBLE.format(step=STEP, damping=damping, dry=dry, **inertias))

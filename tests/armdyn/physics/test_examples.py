@@ -38,12 +38,12 @@ def swings(tmp_path):
 
 @pytest.fixture
 def lifts(tmp_path):
-    def make(**hidden):
+    def make(count=3, **hidden):
         head = "time [s],gripper_x [m],q.hoist [m],swing_angle [rad],load_force [N]"
         noise = np.array([1e-4, 1e-4, 5e-4, 0.1])
         return [
             plants.write(tmp_path / f"lift_{k}.csv", head, plants.crane(plants.carried(k), **hidden), noise, k)
-            for k in range(3)
+            for k in range(count)
         ]
 
     return make
@@ -135,11 +135,11 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, crane, 
         "    return sheave.with_pull(sheave.pull - drag * sheave.speed)\n"
     )
     mine.write_text(text)
-    runs, output = lifts(), tmp_path / "stiff.toml"
-    armdyn("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
+    (run,), output = lifts(1), tmp_path / "stiff.toml"
+    armdyn("add", crane, "stiff_rope", run, "--effects", mine, "--output", output)
     assert 'effects = ["stiff_rope"]' in output.read_text()
     mine.write_text(text.replace("sheave'", "sheeve'"))
-    said = refused("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
+    said = refused("add", crane, "stiff_rope", run, "--effects", mine, "--output", output)
     assert "acts on 'sheeve': choose one of" in said
 
 
