@@ -136,17 +136,14 @@ def _descended(pendulum: Pendulum, adapts: Sequence[str], records: Sequence[Reco
 
     begin = np.array([begun.get(name, 0.0) / units[name] for name in adapts] + [x for r in records for x in r.start])
     own = block_diag(*(np.ones((len(at), 2)) for at in places))  # what belongs to one run changes that run alone
-    found = least_squares(
+    ended = begin if steps == 0 else least_squares(
         lambda x: np.concatenate(residuals(x)), begin, bounds=(floor + [-np.inf] * 2 * len(records), np.inf),
-        x_scale="jac", jac_sparsity=np.hstack([np.ones((len(own), len(adapts))), own]),
-        ftol=1e-5, max_nfev=steps,
-    )  # fmt: skip
-    rmse = [r.noise * float(np.linalg.norm(left)) for r, left in zip(records, residuals(found.x), strict=True)]
-    starts = found.x[len(adapts) :].reshape(-1, 2).tolist()
-    return Fitted(
-        built(found.x), tuple((a, b) for a, b in starts),
-        tuple(r / np.sqrt(n) for r, n in zip(rmse, valid, strict=True)), tuple(valid),
-    )  # fmt: skip
+        x_scale="jac", jac_sparsity=np.hstack([np.ones((len(own), len(adapts))), own]), ftol=1e-5, max_nfev=steps,
+    ).x  # fmt: skip
+    left = [float(np.linalg.norm(run)) / np.sqrt(n) for run, n in zip(residuals(ended), valid, strict=True)]
+    rmse = tuple(record.noise * one for record, one in zip(records, left, strict=True))
+    starts = tuple((a, b) for a, b in ended[len(adapts) :].reshape(-1, 2).tolist())
+    return Fitted(built(ended), starts, rmse, tuple(valid))
 
 
 def _read(pendulum: Pendulum, start: tuple[float, float], record: Record, at: np.ndarray) -> np.ndarray:
