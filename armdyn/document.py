@@ -193,7 +193,7 @@ class KeyFigure:
 
 @dataclass(frozen=True)
 class NextStep:
-    """A next step for the reader.
+    """A step that a report suggests to its reader, with the command to run.
 
     Attributes:
         what: the step in a few words.

@@ -21,7 +21,7 @@ def servo_gain(
     joint: Joint,
     error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is asked too much"),
 ) -> Joint:
-    """Torque by the drive's law R = (1 + e) tau, tau the actual torque."""
+    """Torque from the drive's control law R = (1 + e) tau, tau the actual torque."""
     return joint.with_gain(1 + error)
 
 
@@ -36,7 +36,7 @@ def servo_damping(
     joint: Joint,
     coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per error of velocity"),
 ) -> Joint:
-    """Torque tau = R + d (v_cmd - v) while the drive is on, R by its law, v_cmd the commanded velocity."""
+    """Torque tau = R + d (v_cmd - v) while the drive is on, R from its control law, v_cmd the commanded velocity."""
     return joint.with_offset(coefficient * (joint.velocity - joint.told.velocity) * joint.on)
 
 
@@ -49,7 +49,7 @@ def servo_integral(
     joint: Joint,
     rate: Expression = quantity("1/s", typical=0.5, lower=0.0, upper=50.0, summary="over that of the error itself"),
 ) -> Joint:
-    """Torque tau = R + r int R dt, R by the drive's law."""
+    """Torque tau = R + r int R dt, R from the drive's control law."""
     return joint.with_offset(-rate * joint.told.total)
 
 
@@ -78,7 +78,7 @@ def command_delay(
     joint: Joint,
     time: Expression = quantity("s", typical=0.005, lower=-0.05, upper=0.2, summary="how much later"),
 ) -> Joint:
-    """Torque tau = R - T dR/dt, R by the drive's law, dR/dt its change by the command alone."""
+    """Torque tau = R - T dR/dt, R from the drive's control law, dR/dt its change by the command alone."""
     return joint.with_offset(time * joint.told.rate)
 
 
@@ -93,7 +93,7 @@ def supply_voltage(
     joint: Joint,
     share: Expression = quantity("1", typical=0.5, lower=-2.0, upper=2.0, summary="1 where it follows wholly"),
 ) -> Joint:
-    """Torque tau = R (1 + s (V/V_0 - 1)), R by the drive's law at the supply voltage V_0."""
+    """Torque tau = R (1 + s (V/V_0 - 1)), R from the drive's control law at the supply voltage V_0."""
     return joint.with_offset(-share * joint.told.voltage * joint.told.torque)
 
 
@@ -111,7 +111,7 @@ def torque_limit(
         "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="torque beyond which it is lost"
     ),
 ) -> Joint:
-    """Torque tau = R - l (R - clip(R, +-L)), R by the drive's law."""
+    """Torque tau = R - l (R - clip(R, +-L)), R from the drive's control law."""
     asked = joint.told.torque
     return joint.with_offset(lost * (asked - ca.fmax(-torque, ca.fmin(torque, asked))))
 
@@ -125,7 +125,7 @@ def dead_band(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="what it asks for in vain"),
 ) -> Joint:
-    """Torque tau = R - clip(R, +-B), R by the drive's law."""
+    """Torque tau = R - clip(R, +-B), R from the drive's control law."""
     asked = joint.told.torque
     return joint.with_offset(ca.fmax(-torque, ca.fmin(torque, asked)))
 
@@ -140,5 +140,5 @@ def starting_duty(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="beyond what it asks for"),
 ) -> Joint:
-    """Torque tau = R + S sign(R), R by the drive's law."""
+    """Torque tau = R + S sign(R), R from the drive's control law."""
     return joint.with_offset(-torque * ca.sign(joint.told.torque))

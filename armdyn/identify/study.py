@@ -47,7 +47,7 @@ class Study(ABC):
     """
 
     later_ties: ClassVar[bool]
-    """Whether a diagnosis is undecided if runs cannot tell the effects of any step apart; else the first step decides."""
+    """Whether a diagnosis is undecided if the effects of any step have rivals that fit as well, not only the first."""
     sums_predict: ClassVar[bool] = False
     """Whether one linearisation predicts the fit of any set of effects."""
     ignored_chi2: ClassVar[float] = 0.0
