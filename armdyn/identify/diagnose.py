@@ -96,9 +96,9 @@ class Diagnosis(Displayable):
             text = f"These runs cannot tell {self.suspects[0].effect} from {', '.join(best)}."
             text += f" What would: {'; '.join(self.remedies)}." if self.remedies else ""
         else:
-            text = f"{self.suspects[0].effect} explains most, and nothing ties with it."
+            text = f"{self.suspects[0].effect} explains most, and these runs can tell it from every other effect."
         unseen = (
-            f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
+            f"{name} cannot be identified in these runs: {', '.join(imitators)} has the same influence."
             for name, imitators in self.unidentified_effects.items()
         )
         return " ".join((text, *unseen))
