@@ -112,7 +112,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     model = arm_model(urdf=path)
     terms = named_terms(arm_terms(Study.of(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
-    assert any(term.site.joint == joint for term in terms.values())
+    assert any(term.location.joint == joint for term in terms.values())
 
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
@@ -129,9 +129,9 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
         fit = study.fit_with(effects, steps[-1].fit)
         steps.append(SearchStep((one,), (), effects, fit, residual_tests(fit, [])))
     found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
-    (law,) = found.findings
+    (law,) = found.laws
     assert law.joints == ("shoulder", "elbow")
-    assert law.explains == pytest.approx(found.explains)
+    assert law.explained_share == pytest.approx(found.explained_share)
 
 
 @pytest.mark.slow
@@ -142,4 +142,4 @@ def test_a_law_of_a_joint_is_discovered_beside_friction(model, kind, seed):
     found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
     (law,) = found.new
     assert (law.kind, law.joints) == (kind, ("elbow",))
-    assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}
+    assert {one.effect for one in found.laws} > {"joint_viscous_friction", "joint_coulomb_friction"}
