@@ -129,8 +129,8 @@ class Discovery(Displayable):
         """The result in one or two sentences, for a reader."""
         if not self.laws:
             return self._why_nothing()
-        text = f"Found {'; '.join(one.sentence for one in self.laws)}. It explains {percent_text(self.explained_share)} of "
-        text += "the misfit"
+        text = f"Found {'; '.join(one.sentence for one in self.laws)}. "
+        text += f"It explains {percent_text(self.explained_share)} of the misfit"
         text += (
             "."
             if self.has_unfitted_run
@@ -190,7 +190,8 @@ class Discovery(Displayable):
         text = f"Fitted to {', '.join(self.runs)}" + (
             f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
         )
-        text += f": it explains {percent_text(one.explained_share)} of the misfit; rms error {errors(self.rmse_before, self.rmse_after)}"
+        text += f": it explains {percent_text(one.explained_share)} of the misfit; rms error "
+        text += errors(self.rmse_before, self.rmse_after)
         if self.held_out_rmse:
             text += f"; of runs not fitted {errors(self.held_out_rmse_before, self.held_out_rmse)}"
         if one.rivals:
