@@ -1,4 +1,4 @@
-"""A study whose recordings are inspected first: the beginning of every question to a model and recordings.
+"""Compare, diagnose, repair and extend a model with recordings that are inspected for mistakes first.
 
 A mistake in a recording, such as torques with the wrong sign, looks like a missing effect. So the recordings are
 inspected before an effect is named or a value is reported, and impossible fitted values are refused.
@@ -37,7 +37,7 @@ Say: TypeAlias = Callable[[str], None]
 
 
 def read_runs(given: Runs) -> list[Run]:
-    """Read recordings from their files, where they are not in memory; a single one gives a list of one.
+    """Read recordings from their files; runs in memory are taken as they are, and a single one gives a list of one.
 
     Raises:
         InputError: a recording cannot be read.
@@ -52,8 +52,8 @@ class ModelWithCatalogue:
 
     Attributes:
         file: the model, with its history.
-        catalogue: effects of the catalogue, of the model's base, and of the user's file.
-        path: path of the model's file; ``M.toml`` where it comes from no file.
+        catalogue: effects that the model can have: those of the catalogue, of its base and of the user's file.
+        path: path of the model's file; ``M.toml`` for a model that was made in memory.
     """
 
     file: ModelFile
@@ -62,7 +62,11 @@ class ModelWithCatalogue:
 
     @classmethod
     def of(cls, model: AnyModel, effects: Path | None = None) -> "ModelWithCatalogue":
-        """Read a model, or take one, with a file of the user's own effects.
+        """Read a model from its file, or take one in memory, and collect the effects that it can have.
+
+        Args:
+            model: the model, or its file.
+            effects: file of the user's own effects, for a model that is read from a file.
 
         Raises:
             InputError: a file cannot be used.
@@ -74,22 +78,27 @@ class ModelWithCatalogue:
         return cls(file, available_effects(file.model, own, effects), Path(model))
 
     def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
-        """Inspect recordings for this model with the effects `adding`."""
+        """Inspect recordings for mistakes, with this model as a reference.
+
+        Args:
+            runs: the recordings.
+            adding: effects that the model is about to get, whose values the recordings may state.
+        """
         return inspect_runs(runs, self.file.model, self.catalogue, adding).with_model_path(self.path)
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedStudy:
-    """A study with the inspection of its recordings, and the answers that it gives.
+    """A model and inspected recordings, with methods that compare, diagnose, repair and extend the model.
 
-    Each answer raises a `WrongRecordingError` where fitted values are physically impossible, unless the recordings are
+    Each method raises a `WrongRecordingError` if fitted values are physically impossible, unless the recordings are
     trusted.
 
     Attributes:
-        known: the model as given.
-        study: study of the model; where effects are chosen, without its background, which is then found anew.
+        known: the model as given, and the effects that it can have.
+        study: the fits; if effects are to be chosen, the model's background of small values is left out.
         effects: effects to choose from.
-        inspection: findings on the recordings.
+        inspection: mistakes that were found in the recordings.
         trusted: whether to go on where a recording contradicts its declaration.
         declared: the model as its user wrote it, before drives were identified from recordings.
     """
@@ -113,7 +122,7 @@ class CheckedStudy:
         adding: str = "",
         trusted: bool = False,
     ) -> "CheckedStudy":
-        """Inspect recordings and make a study of them.
+        """Inspect recordings for mistakes, and prepare them for fits of a model.
 
         Args:
             model: the model, or its file.
@@ -153,14 +162,17 @@ class CheckedStudy:
 
     @property
     def set_aside(self) -> tuple[str, ...]:
-        """Sentences, without their full stops, on parts of the given model that the study does not use."""
+        """Sentences, without full stops, on parts of the given model that are not used, such as its background."""
         given = self.known.file.model.background
         if given is None or self.study.model.background is not None:
             return ()
         return (f"The {given.label} of the model as given is set aside, to be found anew",)
 
     def with_effects(self, labels: Sequence[str]) -> "CheckedStudy":
-        """The same recordings with a model that has more effects, named by labels such as ``payload(right_w2)``.
+        """A copy with the same recordings and a model that has more effects.
+
+        Args:
+            labels: names of the effects, with joints, such as ``"joint_spring:elbow,wrist"``.
 
         Raises:
             InputError: no effect has such a label, or the model has it already.
@@ -184,10 +196,10 @@ class CheckedStudy:
         return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:
-        """Diagnose and add effects until nothing is left to explain.
+        """Find the effects that the model lacks and add them, until the remaining error is noise or no effect helps.
 
-        Where recordings contain commands, the motion judges: an effect whose values it finds to be nothing, such as a
-        dead band that made up for a wrong delay, is no candidate of a second repair.
+        Where recordings contain commands, the values are then fitted to the simulated motion. If an effect has the
+        value zero there, such as a dead band that imitated a wrong delay, the repair is repeated without it.
         """
         found = repair(self.study, say)
         self._require_plausible(found.model)
@@ -199,7 +211,7 @@ class CheckedStudy:
         return replace(self, study=self.study.choosing_from(left), effects=left).repair(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
-        """Add these effects, one after the other, whether or not the recordings need them."""
+        """Add effects to the model, one after the other, whether or not the recordings need them, and refit it."""
         found = add(self.study, wanted)
         self._require_plausible(found.model)
         return self._moved(found)
@@ -240,7 +252,7 @@ class CheckedStudy:
 
 
 def absent_in_motion(found: Repair) -> frozenset[str]:
-    """Names of added effects none of whose values the motion distinguishes from zero by `BELIEF_NATS`."""
+    """Names of the effects, added by a repair, whose values are zero within their uncertainty in simulated motion."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
     present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > ACCEPTANCE_NATS * (p.std or 0.0) ** 2}

@@ -193,7 +193,7 @@ class KeyFigure:
 
 @dataclass(frozen=True)
 class NextStep:
-    """A next step for the reader.
+    """A step that a report suggests to its reader, with the command to run.
 
     Attributes:
         what: the step in a few words.
@@ -209,7 +209,7 @@ class Curve:
     """One curve of a figure over time, drawn as a line or as points.
 
     Attributes:
-        row: panel in which it is drawn, and title of its axis.
+        panel: panel in which it is drawn, and title of its axis.
         label: label of the curve; curves with the same label have the same colour.
         time: (n,) times, s.
         value: (n,) values in the unit of the row.
@@ -218,7 +218,7 @@ class Curve:
         half_width: (n,) half the width of a band around it; None for no band.
     """
 
-    row: str
+    panel: str
     label: str
     time: "FloatArray"
     value: "FloatArray"
@@ -243,7 +243,7 @@ class Document:
         command: command that makes this document again.
         data: long tables by name; they are computed when a data frame of one is requested.
         curves: curves to plot; None where there are none.
-        default: name of the table for the default data frame; where empty, the first one.
+        default_table: name of the table for the default data frame; where empty, the first one.
     """
 
     title: str
@@ -257,7 +257,7 @@ class Document:
     command: str = ""
     data: Mapping[str, Callable[[], Columns]] = field(default_factory=dict)
     curves: Callable[[], Iterable[Curve]] | None = None
-    default: str = ""
+    default_table: str = ""
 
     @property
     def tables(self) -> list[Table]:

@@ -112,7 +112,7 @@ class Model(EffectModel, Displayable):
         return ()
 
     def start_window(self, theta: np.ndarray) -> float:
-        """Length of the first part of a run, s, that suffices to choose among `possible_starts`.
+        """Length of the first part of a run, s, that suffices to choose among `possible_start_states`.
 
         Args:
             theta: (p,) parameter values.

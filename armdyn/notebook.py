@@ -37,7 +37,7 @@ def data_frame(document: Document, what: str) -> Any:
     """Convert the table `what` of a document to a pandas data frame; see `Displayable.to_dataframe`."""
     tables = {table.name: lambda table=table: table.values for table in document.tables if table.name}
     made = tables | dict(document.data)
-    name = what or document.default or next(iter(made))
+    name = what or document.default_table or next(iter(made))
     if name not in made:
         raise UnknownNameError(f"table of a {document.title.lower()}", name, made)
     try:
@@ -59,14 +59,14 @@ def plotly_figure(document: Document) -> Any:
     except ImportError as error:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
-    rows, runs = list(dict.fromkeys(c.row for c in curves)), list(dict.fromkeys(c.run for c in curves))
+    rows, runs = list(dict.fromkeys(c.panel for c in curves)), list(dict.fromkeys(c.run for c in curves))
     labels = list(dict.fromkeys(c.label for c in curves if not c.drawn_as_points))
     palette = (ORANGE, BLUE)[-len(labels) :] if any(c.drawn_as_points for c in curves) else PALETTE
     made = make_subplots(len(rows), 1, shared_xaxes=True, vertical_spacing=0.15 / max(len(rows), 1))
     listed: set[tuple[str, str]] = set()
     for curve in curves:
         if curve.half_width is not None:
-            made.add_trace(_band(go, curve, curve.run == runs[0]), 1 + rows.index(curve.row), 1)
+            made.add_trace(_band(go, curve, curve.run == runs[0]), 1 + rows.index(curve.panel), 1)
         thin = slice(None, None, -(-len(curve.time) // MAX_CURVE_POINTS))
         shown: dict[str, Any] = {"legendgroup": curve.label, "showlegend": (curve.run, curve.label) not in listed}
         listed.add((curve.run, curve.label))
@@ -84,7 +84,7 @@ def plotly_figure(document: Document) -> Any:
             meta=curve.run,
             **shown,
         )
-        made.add_trace(trace, 1 + rows.index(curve.row), 1)
+        made.add_trace(trace, 1 + rows.index(curve.panel), 1)
     for number, title in enumerate(rows, start=1):
         made.update_yaxes(title_text=title, row=number, col=1)
     made.update_xaxes(title_text="time [s]", row=len(rows), col=1)

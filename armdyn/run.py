@@ -172,7 +172,7 @@ class Run(Displayable):
             [Section("Channels", tables=[Table(columns, name="channels")])],
             data={"samples": self._samples},
             curves=self._curves,
-            default="samples",
+            default_table="samples",
         )
 
     @property

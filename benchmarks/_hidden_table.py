@@ -81,7 +81,7 @@ def answered(case: Callable[..., Row], arguments: Sequence[tuple[Any, ...]], pro
 
 def judged(found: Diagnosis, truth: str) -> Row:
     """Right first name; that or an honest tie that contains it; whether a tie was reported; nothing else named."""
-    first = found.suspects[0] if found.suspects else None
+    first = found.ranked_effects[0] if found.ranked_effects else None
     if first is None or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
         return {"named": False, "honest": False, "tie": False, "alone": False}
     tie = found.verdict.key == "cannot_tell_apart"

@@ -64,7 +64,7 @@ def judged(name: str, data: Path) -> dict[str, object]:
         with tempfile.TemporaryDirectory() as file:
             effects = effects_found(repaired, found, Path(file))
         study = Study.of(repaired, runs, held_out, effects, exam)
-        row |= {"found": [one.sentence for one in found.findings], "sentence": found.sentence}
+        row |= {"found": [one.sentence for one in found.laws], "sentence": found.sentence}
         row |= {"after": errors(study, add(study, effects).steps[-1].fit)}
     return row | {"seconds": round(time.process_time() - begun)}
 

@@ -140,8 +140,8 @@ def named(found: Excitation, motion: ExpectedResults, truth: str, seed: int) -> 
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
     said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT_EFFECTS))
-    first = said.suspects[0].effect if said.suspects else ""
-    tied = said.suspects[0].tied_with if said.suspects else ()
+    first = said.ranked_effects[0].effect if said.ranked_effects else ""
+    tied = said.ranked_effects[0].tied_with if said.ranked_effects else ()
     right = first == truth and said.verdict.key == "effect_missing"
     return right, right or truth in (first, *tied)
 

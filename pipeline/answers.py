@@ -43,7 +43,7 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
         **attributes_as_json(found, "verdict sentence"),
         **fit_answer(found.comparison),
         "candidates": [
-            attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects
+            attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.ranked_effects
         ],
         **attributes_as_json(found, "remedies cannot_be_seen=unidentified_effects"),
         "unknown": unknown_answer(found.residual_character),

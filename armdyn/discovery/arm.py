@@ -84,10 +84,10 @@ def _joints(fit: Fit) -> Iterator[tuple[TermLocation, dict[str, TermVariable]]]:
 
 def _as_declared(fit: Fit, term: CandidateTerm) -> CandidateTerm:
     """A term in the units of a typical joint, which the arm scales to the actual joint; see `Arm.parameter`."""
-    model, joint = cast(ArmModel, fit.problem.model), term.site.joint
+    model, joint = cast(ArmModel, fit.problem.model), term.location.joint
 
     def declared(constant: TermParameter) -> TermParameter:
         return constant.scaled(model.arm.parameter(Quantity(constant.unit, 1.0), "term", "size", joint).typical)
 
-    constants = {name: declared(constant) for name, constant in term.constants.items()}
-    return replace(term, size=declared(term.size), constants=constants)
+    constants = {name: declared(constant) for name, constant in term.parameters.items()}
+    return replace(term, size_parameter=declared(term.size_parameter), parameters=constants)

@@ -90,7 +90,7 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
 
 def _searched(given: Study, say: ProgressCallback, terms: dict[str, CandidateTerm]) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
-    size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
+    size = len(given.catalogue) + len(effects) // max(len({t.location.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
     if isinstance(study, LinearStudy):
         names = _promising(study, terms, search(given, say).last)
@@ -119,7 +119,7 @@ def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: Se
         term = terms.get(score.candidate.effect)
         if term is None:
             continue
-        joint, kind = term.site.joint, term.kind
+        joint, kind = term.location.joint, term.kind
         if looked_at[joint,] < MAX_TERMS_PER_JOINT and looked_at[joint, kind] < MAX_TERMS_PER_KIND:
             looked_at.update([(joint,), (joint, kind)])
             found.add(term.name)
@@ -153,14 +153,14 @@ def describe_discovery(
     unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
     scale = ChannelScale.of(last.fit.blocks)
     return Discovery(
-        findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
-        before=start.fit.rmse(),
-        after=last.fit.rmse(),
-        held_out_before=channel_rmse(unfitted[0]),
+        laws=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
+        rmse_before=start.fit.rmse(),
+        rmse_after=last.fit.rmse(),
+        held_out_rmse_before=channel_rmse(unfitted[0]),
         held_out_rmse=channel_rmse(unfitted[1]),
         noise=scale.noise,
         units=scale.units,
-        explains=shares[-1],
+        explained_share=shares[-1],
         residual_exceeds_noise=last.tests.fails,
         has_unfitted_run=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
@@ -185,19 +185,19 @@ def _finding(
     if len(candidate.joints) == 1:
         values = {name.partition("[")[0]: value for name, value in values.items()}
     effect, term = study.effects[candidate.effect], terms.get(candidate.effect)
-    tied = [c.effect for step in steps for c in step.tied]
+    tied = [c.effect for step in steps for c in step.tied_effects]
     other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
-        term = term.with_start_values({name: values[name].value for name in term.constants if name in values})
+        term = term.with_start_values({name: values[name].value for name in term.parameters if name in values})
     return DiscoveredLaw(
         effect=candidate.effect,
         joints=candidate.joints,
         acts_on=effect.acts_on,
         kind=candidate.effect if term is None else term.kind,
-        says=effect.summary.rstrip("."),
+        description=effect.summary.rstrip("."),
         formula=_formula(candidate.effect, terms, known),
         values=values,
-        explains=sum(gains[step] for step in steps),
+        explained_share=sum(gains[step] for step in steps),
         known_as=candidate.effect if term is None else next((name for name in tied if name in known), None),
         rivals=tuple(dict.fromkeys(_formula(name, terms, known) for name in other_kind)),
         term=term,

@@ -33,10 +33,10 @@ class DiscoveredLaw:
         joints: joints on which it acts, for an arm; empty for other bases.
         acts_on: the stage (part of the equations) on which it acts.
         kind: the kind of law in a word or two; the effect's name where it is an effect of the catalogue.
-        says: what the law does, in words.
+        description: what the law does, in words.
         formula: the formula, for a reader.
         values: its parameters by short name.
-        explains: share of the squared error that it explains in addition to the laws found before it.
+        explained_share: share of the squared error that it explains in addition to the laws found before it.
         known_as: name of the catalogue's effect that it is, or that explains as much; None where there is none.
         rivals: formulas of another kind that these runs cannot distinguish from it.
         term: the term that can be written to a file of effects; None for an effect of the catalogue.
@@ -46,10 +46,10 @@ class DiscoveredLaw:
     joints: tuple[str, ...]
     acts_on: str
     kind: str
-    says: str
+    description: str
     formula: str
     values: Mapping[str, Parameter]
-    explains: float
+    explained_share: float
     known_as: str | None
     rivals: tuple[str, ...]
     term: CandidateTerm | None
@@ -87,15 +87,15 @@ class Discovery(Displayable):
     """Result of a discovery.
 
     Attributes:
-        findings: discovered laws, the one that explains most first; empty where none was found.
-        before: root mean square error of the model as given on the fitted runs, by channel.
-        after: root mean square error of the model with all findings on the fitted runs, by channel.
-        held_out_before: root mean square error of the model as given, by channel, on held-out runs or on runs predicted
-            from the others; empty for a single run.
+        laws: discovered laws, the one that explains most first; empty where none was found.
+        rmse_before: root mean square error of the model as given on the fitted runs, by channel.
+        rmse_after: root mean square error of the model with all findings on the fitted runs, by channel.
+        held_out_rmse_before: root mean square error of the model as given, by channel, on held-out runs or on runs
+            predicted from the others; empty for a single run.
         held_out_rmse: root mean square error of the model with all findings, on the runs of `held_out_before`.
         noise: standard deviation of the noise by channel.
         units: unit by channel.
-        explains: share of the squared error that all findings explain.
+        explained_share: share of the squared error that all findings explain.
         residual_exceeds_noise: whether the residual is more than noise.
         has_unfitted_run: whether the error was measured on at least one run that was not fitted.
         runs: names of the fitted runs.
@@ -104,14 +104,14 @@ class Discovery(Displayable):
         missing_force: curves of the missing force before and after.
     """
 
-    findings: tuple[DiscoveredLaw, ...]
-    before: Mapping[str, float]
-    after: Mapping[str, float]
-    held_out_before: Mapping[str, float]
+    laws: tuple[DiscoveredLaw, ...]
+    rmse_before: Mapping[str, float]
+    rmse_after: Mapping[str, float]
+    held_out_rmse_before: Mapping[str, float]
     held_out_rmse: Mapping[str, float]
     noise: Mapping[str, float]
     units: Mapping[str, str]
-    explains: float
+    explained_share: float
     residual_exceeds_noise: bool
     has_unfitted_run: bool
     runs: tuple[str, ...]
@@ -120,30 +120,30 @@ class Discovery(Displayable):
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
-    def new(self) -> tuple[DiscoveredLaw, ...]:
+    def new_laws(self) -> tuple[DiscoveredLaw, ...]:
         """The discovered laws that are no effects of the catalogue."""
-        return tuple(one for one in self.findings if one.term is not None)
+        return tuple(one for one in self.laws if one.term is not None)
 
     @property
     def sentence(self) -> str:
         """The result in one or two sentences, for a reader."""
-        if not self.findings:
+        if not self.laws:
             return self._why_nothing()
-        text = (
-            f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {percent_text(self.explains)} of "
-        )
-        text += "the misfit"
+        text = f"Found {'; '.join(one.sentence for one in self.laws)}. "
+        text += f"It explains {percent_text(self.explained_share)} of the misfit"
         text += (
             "."
             if self.has_unfitted_run
             else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
-        in_catalogue = [one for one in self.new if one.known_as]
+        in_catalogue = [one for one in self.new_laws if one.known_as]
         known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
-        rivals = dict.fromkeys(r for one in self.findings for r in one.rivals)
+        rivals = dict.fromkeys(r for one in self.laws for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
         text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""
-        return text + (" More than noise is left." if self.residual_exceeds_noise and self.explains < 0.99 else "")
+        return text + (
+            " More than noise is left." if self.residual_exceeds_noise and self.explained_share < 0.99 else ""
+        )
 
     def _why_nothing(self) -> str:
         if not self.residual_exceeds_noise:
@@ -162,11 +162,13 @@ class Discovery(Displayable):
         Raises:
             InputError: no law was discovered that the catalogue lacks.
         """
-        if not self.new:
+        if not self.new_laws:
             raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
-        evidence = {one.effect: self._evidence(one) for one in self.new}
+        evidence = {one.effect: self._evidence(one) for one in self.new_laws}
         return effects_file_text(
-            "Discovered by armdyn: what the model lacked, as effects.", [o.term for o in self.new if o.term], evidence
+            "Discovered by armdyn: what the model lacked, as effects.",
+            [o.term for o in self.new_laws if o.term],
+            evidence,
         )
 
     def write(self, path: Path | str) -> None:
@@ -188,9 +190,10 @@ class Discovery(Displayable):
         text = f"Fitted to {', '.join(self.runs)}" + (
             f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
         )
-        text += f": it explains {percent_text(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
+        text += f": it explains {percent_text(one.explained_share)} of the misfit; rms error "
+        text += errors(self.rmse_before, self.rmse_after)
         if self.held_out_rmse:
-            text += f"; of runs not fitted {errors(self.held_out_before, self.held_out_rmse)}"
+            text += f"; of runs not fitted {errors(self.held_out_rmse_before, self.held_out_rmse)}"
         if one.rivals:
             text += f". These runs cannot tell it from {'; '.join(one.rivals)}"
         parts = [f"{text}.", "\n".join(one.value_texts.values())]
@@ -203,20 +206,22 @@ class Discovery(Displayable):
     def document(self) -> Document:
         """Build the tables: the laws with their values, then the errors."""
         laws = [
-            [o.formula, o.label, ", ".join(o.value_texts.values()), percent_text(o.explains), o.known_as or "",
+            [o.formula, o.label, ", ".join(o.value_texts.values()), percent_text(o.explained_share), o.known_as or "",
              "; ".join(o.rivals)]
-            for o in self.findings
+            for o in self.laws
         ]  # fmt: skip
-        nothing = dict.fromkeys(self.after, float("nan"))
-        kinds = (nothing | dict(errors) for errors in (self.held_out_before, self.held_out_rmse))
-        columns = (self.units, self.noise, self.before, self.after, *kinds)
-        errors = [[channel, *(column[channel] for column in columns)] for channel in self.after]
+        nothing = dict.fromkeys(self.rmse_after, float("nan"))
+        kinds = (nothing | dict(errors) for errors in (self.held_out_rmse_before, self.held_out_rmse))
+        columns = (self.units, self.noise, self.rmse_before, self.rmse_after, *kinds)
+        errors = [[channel, *(column[channel] for column in columns)] for channel in self.rmse_after]
         found = Table.of(["formula", "effect", "values", "explains", "known as", "as good"], laws)
         heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
         level = (
-            ResultLevel.CAUTION if self.residual_exceeds_noise and self.explains < MIN_LAW_SHARE else ResultLevel.GOOD
+            ResultLevel.CAUTION
+            if self.residual_exceeds_noise and self.explained_share < MIN_LAW_SHARE
+            else ResultLevel.GOOD
         )
         data = {"missing_force": lambda: missing_force_columns(self.missing_force)}
         return Document("Discover", self.sentence, sections, level, data=data)

@@ -262,12 +262,14 @@ def curve_term(site: TermLocation, v: TermVariable, speed: TermVariable | None =
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     if speed is None:
         says = f"a smooth function of {v.name_in_sentence}"
-        return CandidateTerm(f"curve over {v.name_in_sentence}", says, site, (v,), shapes, _size(site), lines=lines)
+        return CandidateTerm(
+            f"curve over {v.name_in_sentence}", says, site, (v,), shapes, _size(site), preceding_code=lines
+        )
     shapes = {size: f"{site.resisting_sign}{speed.name} * {shape}" for size, shape in shapes.items()}
     says = f"friction in proportion to {speed.name}, by a smooth function of {v.name_in_sentence}"
     size = _size(site, [(speed, 1)])
     return CandidateTerm(
-        f"curve of friction over {v.name_in_sentence}", says, site, (v, speed), shapes, size, lines=lines
+        f"curve of friction over {v.name_in_sentence}", says, site, (v, speed), shapes, size, preceding_code=lines
     )
 
 

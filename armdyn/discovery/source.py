@@ -45,7 +45,7 @@ def effects_of_terms(terms: Sequence[CandidateTerm]) -> tuple[Effect, ...]:
         path = Path(folder, "terms.py")
         path.write_text(effects_file_text("Candidate terms.", terms))
         found = effects_defined_in(path, vars(load_module(path, "terms")))
-    return tuple(e.on(t.site.joint) if t.site.joint else e for e, t in zip(found, terms, strict=True))
+    return tuple(e.on(t.location.joint) if t.location.joint else e for e, t in zip(found, terms, strict=True))
 
 
 def effects_file_text(title: str, terms: Iterable[CandidateTerm], evidence: Mapping[str, str] | None = None) -> str:
@@ -63,36 +63,36 @@ def effects_file_text(title: str, terms: Iterable[CandidateTerm], evidence: Mapp
 
 
 def _effect_text(term: CandidateTerm, evidence: str) -> str:
-    constants = {**dict.fromkeys(term.shapes, term.size), **term.constants}
+    constants = {**dict.fromkeys(term.shapes, term.size_parameter), **term.parameters}
     arguments = [_argument(name, constant) for name, constant in constants.items()]
     columns = [(v.name, v.column) for v in term.variables if v.column is not None]
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
     reads = [f"{v.name} = {v.source}" for v in term.variables if v.column is None]
-    doc = f"{SYMBOL_BY_UNIT.get(term.site.unit, 'y')} = {term.formula}."
+    doc = f"{SYMBOL_BY_UNIT.get(term.location.unit, 'y')} = {term.formula}."
     return EFFECT_TEMPLATE.format(
-        stage=term.site.stage,
+        stage=term.location.stage,
         summary=f"{term.description[:1].upper()}{term.description[1:]}",
         name=term.name,
         arguments=indent(",\n".join(arguments) + ",", INDENT),
         doc=doc + (f"\n\n{evidence}\n{INDENT}" if evidence else ""),
-        body=indent("\n".join([*reads, *term.lines, *_returned(term)]), INDENT),
+        body=indent("\n".join([*reads, *term.preceding_code, *_returned(term)]), INDENT),
     )
 
 
 def _returned(term: CandidateTerm) -> list[str]:
     """Lines that return the changed stage; a sum of many terms gets a variable and a line for each."""
     if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
-        return [f"return {term.site.code.format(term.force)}"]
+        return [f"return {term.location.code.format(term.force)}"]
     first, *others = term.summands
     total = ["total = (", f"    {first}", *(f"    + {other}" for other in others), ")"]
-    return [*total, f"return {term.site.code.format('total')}"]
+    return [*total, f"return {term.location.code.format('total')}"]
 
 
 def _argument(name: str, of: TermParameter) -> str:
     """``name=quantity(...)``: a size has no spread, a constant starts at its value."""
-    numbers = {"typical": of.typical or of.spread, "null": of.value, "lower": of.lower, "upper": of.upper}
+    numbers = {"typical": of.typical or of.prior_std, "null": of.start_value, "lower": of.lower, "upper": of.upper}
     needed = {key: x for key, x in numbers.items() if abs(x) < np.inf and (x or key != "null")}
-    needed |= {"spread": of.spread} if of.spread else {}
+    needed |= {"spread": of.prior_std} if of.prior_std else {}
     parts = [f'"{of.unit}"', *(f"{key}={_short(x)}" for key, x in needed.items())]
     parts += [f'scope="{of.scope}"'] if of.scope != "shared" else []
     return f"{name}=quantity({', '.join(parts)})"

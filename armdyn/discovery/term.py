@@ -131,8 +131,9 @@ class TermParameter:
 
     Attributes:
         unit: SI unit.
-        value: start value of a fit.
-        spread: prior standard deviation about the start value: half the distance to the next start value; 0 for none.
+        start_value: start value of a fit.
+        prior_std: prior standard deviation about the start value: half the distance to the next start value; 0 for
+            none.
         lower: smallest value.
         upper: largest value.
         scale: factor from the value that an effect declares to the value for its joint of an arm.
@@ -141,8 +142,8 @@ class TermParameter:
     """
 
     unit: str
-    value: float
-    spread: float
+    start_value: float
+    prior_std: float
     lower: float = -np.inf
     upper: float = np.inf
     scale: float = 1.0
@@ -162,23 +163,23 @@ class CandidateTerm:
     Attributes:
         kind: kind of the law in a word or two, such as ``"stop"`` or ``"cubic drag"``.
         description: what the force does, for a sentence.
-        site: the place in the equations.
+        location: the place in the equations.
         variables: quantities on which the term depends.
         shapes: CasADi expression of each shape, by the name of the size that multiplies it.
-        size: declaration of each size; its lower bound is zero for friction, which only takes energy.
-        constants: declarations of further parameters, such as a position, by name.
-        lines: lines of code that are needed before the shapes, such as a state or a function.
+        size_parameter: declaration of each size; its lower bound is zero for friction, which only takes energy.
+        parameters: declarations of further parameters, such as a position, by name.
+        preceding_code: lines of code that are needed before the shapes, such as a state or a function.
         name: name of the term's effect.
     """
 
     kind: str
     description: str
-    site: TermLocation
+    location: TermLocation
     variables: tuple[TermVariable, ...]
     shapes: Mapping[str, str]
-    size: TermParameter
-    constants: Mapping[str, TermParameter] = field(default_factory=dict)
-    lines: tuple[str, ...] = ()
+    size_parameter: TermParameter
+    parameters: Mapping[str, TermParameter] = field(default_factory=dict)
+    preceding_code: tuple[str, ...] = ()
     name: str = ""
 
     @property
@@ -207,12 +208,16 @@ class CandidateTerm:
         """The formula for a reader, such as ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth {self.kind} through {len(self.shapes)} values"
-        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.formula_pattern.format(self.force)).replace("**", "^")
+        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.location.formula_pattern.format(self.force)).replace(
+            "**", "^"
+        )
 
     def with_start_values(self, values: Mapping[str, float]) -> "CandidateTerm":
         """A copy of the term with other start values of its constants, given by name."""
-        moved = {n: replace(self.constants[n], value=float(x / self.constants[n].scale)) for n, x in values.items()}
-        return replace(self, constants={**self.constants, **moved})
+        moved = {
+            n: replace(self.parameters[n], start_value=float(x / self.parameters[n].scale)) for n, x in values.items()
+        }
+        return replace(self, parameters={**self.parameters, **moved})
 
 
 def named_terms(terms: Iterable[CandidateTerm], taken: Collection[str] = ()) -> dict[str, CandidateTerm]:

@@ -14,42 +14,42 @@ from armdyn.parameter import quantity
 
 @effect(
     acts_on="drive",
-    summary="The gain of a joint's drive is another one than its kind's, by a constant share.",
+    summary="The gain of a joint's drive differs from the gain of its group of drives by a constant factor.",
     source="sensitivity error: JCGM 200 (VIM), §4.12, of the servo as a torque sensor",
 )
 def servo_gain(
     joint: Joint,
-    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is asked too much"),
+    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="relative error of the gain"),
 ) -> Joint:
-    """Torque by the drive's law R = (1 + e) tau, tau the actual torque."""
+    """Torque from the drive's control law R = (1 + e) tau, tau the actual torque."""
     return joint.with_gain(1 + error)
 
 
 @effect(
     acts_on="drive",
-    summary="A position servo damps the error of the velocity that it was told.",
+    summary="A position servo gives a torque in proportion to the error of the commanded velocity.",
     source="proportional-derivative control: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §8.5.1; of one "
     "that is told no velocity it is joint_viscous_friction",
     needs=("v_cmd",),
 )
 def servo_damping(
     joint: Joint,
-    coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per error of velocity"),
+    coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per velocity error"),
 ) -> Joint:
-    """Torque tau = R + d (v_cmd - v) while the drive is on, R by its law, v_cmd the commanded velocity."""
+    """Torque tau = R + d (v_cmd - v) while the drive is on, R from its control law, v_cmd the commanded velocity."""
     return joint.with_offset(coefficient * (joint.velocity - joint.told.velocity) * joint.on)
 
 
 @effect(
     acts_on="drive",
-    summary="The drive adds up its error, and gives torque in proportion to the sum.",
+    summary="The drive integrates its error over time, and gives torque in proportion to the integral.",
     source="integral action: Åström & Murray, Feedback Systems, 2008, §10.1; the sum is none when a recording begins",
 )
 def servo_integral(
     joint: Joint,
-    rate: Expression = quantity("1/s", typical=0.5, lower=0.0, upper=50.0, summary="over that of the error itself"),
+    rate: Expression = quantity("1/s", typical=0.5, lower=0.0, upper=50.0, summary="integral over proportional gain"),
 ) -> Joint:
-    """Torque tau = R + r int R dt, R by the drive's law."""
+    """Torque tau = R + r int R dt, R from the drive's control law."""
     return joint.with_offset(-rate * joint.told.total)
 
 
@@ -70,62 +70,62 @@ def back_emf(
 
 @effect(
     acts_on="drive",
-    summary="A joint's command acts later than those of its kind.",
+    summary="A command of a joint acts later than those of the other joints in its group of drives.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2; in what is read to first order, in motion "
     "whole",
 )
 def command_delay(
     joint: Joint,
-    time: Expression = quantity("s", typical=0.005, lower=-0.05, upper=0.2, summary="how much later"),
+    time: Expression = quantity("s", typical=0.005, lower=-0.05, upper=0.2, summary="additional delay"),
 ) -> Joint:
-    """Torque tau = R - T dR/dt, R by the drive's law, dR/dt its change by the command alone."""
+    """Torque tau = R - T dR/dt, R from the drive's control law, dR/dt its change by the command alone."""
     return joint.with_offset(time * joint.told.rate)
 
 
 @effect(
     acts_on="drive",
-    summary="What a drive gives follows the voltage of its supply.",
+    summary="The torque of a drive depends on the voltage of its supply.",
     source="a duty cycle is a share of the supply: Mohan, Undeland & Robbins, Power Electronics, 2003, §7.7; with "
     "[drives] supply it follows wholly",
     needs=("voltage",),
 )
 def supply_voltage(
     joint: Joint,
-    share: Expression = quantity("1", typical=0.5, lower=-2.0, upper=2.0, summary="1 where it follows wholly"),
+    share: Expression = quantity("1", typical=0.5, lower=-2.0, upper=2.0, summary="1: in proportion to the voltage"),
 ) -> Joint:
-    """Torque tau = R (1 + s (V/V_0 - 1)), R by the drive's law at the supply voltage V_0."""
+    """Torque tau = R (1 + s (V/V_0 - 1)), R from the drive's control law at the supply voltage V_0."""
     return joint.with_offset(-share * joint.told.voltage * joint.told.torque)
 
 
 @effect(
     acts_on="drive",
-    summary="Beyond some torque a drive gives less than it asks for.",
+    summary="Above some torque a drive gives less torque than its control law demands.",
     source="saturation: Khalil, Nonlinear Systems, 2002, §1.2.7",
 )
 def torque_limit(
     joint: Joint,
     lost: Expression = quantity(
-        "1", typical=0.5, lower=0.0, upper=1.0, summary="share of what is beyond; 1: all of it"
+        "1", typical=0.5, lower=0.0, upper=1.0, summary="share of the torque above the limit that is lost"
     ),
     torque: Expression = quantity(
-        "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="torque beyond which it is lost"
+        "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="limit above which torque is lost"
     ),
 ) -> Joint:
-    """Torque tau = R - l (R - clip(R, +-L)), R by the drive's law."""
+    """Torque tau = R - l (R - clip(R, +-L)), R from the drive's control law."""
     asked = joint.told.torque
     return joint.with_offset(lost * (asked - ca.fmax(-torque, ca.fmin(torque, asked))))
 
 
 @effect(
     acts_on="drive",
-    summary="A small error gives no torque: a dead zone around what the drive was told.",
+    summary="A small error gives no torque: the drive has a dead zone around its command.",
     source="dead zone: Khalil, Nonlinear Systems, 2002, §1.2.7",
 )
 def dead_band(
     joint: Joint,
-    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="what it asks for in vain"),
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="largest demanded torque that has no effect"),
 ) -> Joint:
-    """Torque tau = R - clip(R, +-B), R by the drive's law."""
+    """Torque tau = R - clip(R, +-B), R from the drive's control law."""
     asked = joint.told.torque
     return joint.with_offset(ca.fmax(-torque, ca.fmin(torque, asked)))
 
@@ -138,7 +138,7 @@ def dead_band(
 )
 def starting_duty(
     joint: Joint,
-    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="beyond what it asks for"),
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="torque in addition to the demanded one"),
 ) -> Joint:
-    """Torque tau = R + S sign(R), R by the drive's law."""
+    """Torque tau = R + S sign(R), R from the drive's control law."""
     return joint.with_offset(-torque * ca.sign(joint.told.torque))

@@ -14,7 +14,7 @@ from armdyn.pendulum.physics import Expression, Gripper
 )
 def gripper_scale(
     gripper: Gripper,
-    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that the measurement misses"),
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="relative error of the measurement"),
 ) -> Gripper:
     """x_true = (1 + s) x, x the measured position."""
     along, across, up = ca.vertsplit(gripper.position)
@@ -35,7 +35,7 @@ def gripper_lag(
 
 
 @effect(
-    summary="The gripper gives way along the line, in proportion to the string's pull.",
+    summary="The gripper is compliant along its line: it moves in proportion to the string's pull.",
     source="joint and link compliance seen at the tool: Siciliano et al., Robotics, 2009, §9.1",
     needs=("gripper_x",),
 )
@@ -48,7 +48,7 @@ def gripper_compliance(
 
 
 @effect(
-    summary="The gripper rises and falls along its way: the line is an arc.",
+    summary="The gripper rises and falls as it moves: its path is an arc instead of a line.",
     source="second-order term of a path that is not straight: do Carmo, Differential Geometry, §1-5",
     needs=("gripper_x",),
 )

@@ -61,7 +61,7 @@ def joint_stribeck_friction(
     joint: Joint,
     torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="additional friction at standstill"),
     speed: Expression = quantity(
-        "rad/s", typical=0.1, null=0.1, lower=0.005, upper=2.0, spread=0.1, summary="speed at which 1/e of it is left"
+        "rad/s", typical=0.1, null=0.1, lower=0.005, upper=2.0, spread=0.1, summary="speed at which 1/e of it remains"
     ),
 ) -> Joint:
     """Torque tau = f sign(v) exp(-(v/v_s)^2), v the joint's velocity."""
@@ -84,12 +84,12 @@ def joint_load_friction(
 
 
 @effect(
-    summary="The rotor turns with the joint, seen through the gears.",
+    summary="The motor's rotor turns with the joint and adds inertia through the gears.",
     source="Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.1: gear ratio squared times the rotor's inertia",
 )
 def rotor_inertia(
     joint: Joint,
-    inertia: Expression = quantity("kg m^2", typical=0.1, lower=0.0, summary="behind the gears"),
+    inertia: Expression = quantity("kg m^2", typical=0.1, lower=0.0, summary="inertia at the joint, after the gears"),
 ) -> Joint:
     """Torque tau = I a, a the joint's acceleration."""
     return joint.with_torque(inertia * joint.acceleration)
@@ -113,19 +113,19 @@ def torque_offset(
 )
 def torque_gain(
     joint: Joint,
-    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is read too much"),
+    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="relative error of the reading"),
 ) -> Joint:
     """Measured torque = (1 + e) tau, tau the true one."""
     return joint.with_gain(1 + error)
 
 
 @effect(
-    summary="The torque's samples arrive late by a constant time.",
+    summary="The samples of the torque arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
 )
 def torque_delay(
     joint: Joint,
-    time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
+    time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="delay"),
 ) -> Joint:
     """Measured torque(t) = tau(t - T), tau the true one."""
     return joint.with_delay(time)
@@ -176,17 +176,17 @@ def joint_coupling(
 
 
 @effect(
-    summary="The last link carries a small heavy thing that its description does not know.",
+    summary="The last link carries a small body that the robot's description does not contain.",
     source="Khalil, Gautier & Lemoine, Identification of the Payload Inertial Parameters of Industrial Manipulators, "
     "ICRA 2007, for a point mass",
     reach="last",
 )
 def payload(
     joint: Joint,
-    mass: Expression = quantity("kg", typical=1.0, lower=0.0, summary="of what is carried"),
-    x: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
-    y: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
-    z: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
+    mass: Expression = quantity("kg", typical=1.0, lower=0.0, summary="mass of the body"),
+    x: Expression = quantity("m", typical=0.1, spread=0.2, summary="position of the body in the last joint's frame"),
+    y: Expression = quantity("m", typical=0.1, spread=0.2, summary="position of the body in the last joint's frame"),
+    z: Expression = quantity("m", typical=0.1, spread=0.2, summary="position of the body in the last joint's frame"),
 ) -> Joint:
     """Pseudo-inertia J = J_link + m p p' of the last link, with the mass m at p = (x, y, z, 1)."""
     return joint.with_link(joint.link.with_point_mass(mass, ca.vertcat(x, y, z)))
@@ -198,7 +198,7 @@ def _extent(stretch: Expression) -> Expression:
 
 
 @effect(
-    summary="The moved link's mass is not distributed as described: more of it, elsewhere, farther out; always a body.",
+    summary="The moved link has another mass or mass distribution than described; it stays a possible body.",
     source="Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L 7, "
     "2022",
 )

@@ -53,7 +53,7 @@ def wind(
 
 
 @effect(
-    summary="The load is no point: it turns with the string.",
+    summary="The load is an extended body that turns with the string, not a point.",
     source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
     needs=("load_force", "gripper_x"),
 )

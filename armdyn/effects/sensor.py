@@ -34,7 +34,7 @@ def vertical_sensing_axis(
 
 
 @effect(
-    summary="The load cell also feels a share of the string's pull along the line.",
+    summary="The load cell also measures a share of the string's pull along the gripper's line.",
     source="cross-axis sensitivity: ISO 376; Doebelin, Measurement Systems, 5th ed., §5.3",
     needs=("load_force",),
 )
@@ -47,7 +47,7 @@ def cross_axis_sensitivity(
 
 
 @effect(
-    summary="The load cell's reading curves.",
+    summary="The load cell's reading is not linear in the force.",
     source="second-order nonlinearity: Doebelin, Measurement Systems, 5th ed., §3.2",
     needs=("load_force",),
 )
@@ -66,7 +66,7 @@ def sensor_nonlinearity(
 )
 def sensor_gain(
     sensor: Sensor,
-    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=10.0, summary="share that is read too much"),
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=10.0, summary="relative error of the reading"),
 ) -> Sensor:
     """Reading F = (1 + g) T of the load cell, T the string's tension."""
     return sensor.with_force((1 + error) * sensor.force)
@@ -93,7 +93,7 @@ def sensor_bias(
 
 
 @effect(
-    summary="The load cell's zero moves at a constant rate.",
+    summary="The load cell's zero drifts at a constant rate.",
     source="zero drift: JCGM 200 (VIM), §4.21",
     needs=("load_force",),
 )
@@ -128,9 +128,9 @@ def sensor_lag(
 )
 def sensor_delay(
     sensor: Sensor,
-    time: Expression = _late("load_force", 0.01, 0.5, "of a load cell: how late"),
-    angle_time: Expression = _late("swing_angle", 0.01, 0.5, "of a camera or an encoder: how late"),
-    rate_time: Expression = _late("swing_rate", 0.01, 0.5, "of a rate gyro: how late"),
+    time: Expression = _late("load_force", 0.01, 0.5, "of a load cell: delay"),
+    angle_time: Expression = _late("swing_angle", 0.01, 0.5, "of a camera or an encoder: delay"),
+    rate_time: Expression = _late("swing_rate", 0.01, 0.5, "of a rate gyro: delay"),
 ) -> Sensor:
     """y(t) = x(t - tau), y the reading, x the reading without delay.
 
@@ -146,7 +146,7 @@ def sensor_delay(
 )
 def angle_gain(
     sensor: Sensor,
-    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that is read too much"),
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="relative error of the reading"),
 ) -> Sensor:
     """Reading = (1 + g) phi at the swing angle phi; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + error * sensor.true_angle)
@@ -166,7 +166,7 @@ def angle_skew(
 
 
 @effect(
-    summary="The angle sensor's reading curves alike on both sides, as behind a lens or on a worn potentiometer.",
+    summary="The angle sensor's reading is not linear, alike on both sides, as behind a lens or with a worn track.",
     source="radial distortion, first term: Brown, Photogrammetric Engineering 37(8), 1971",
     needs=("swing_angle",),
 )
@@ -179,7 +179,7 @@ def angle_distortion(
 
 
 @effect(
-    summary="The angle sensor's zero is off.",
+    summary="The angle sensor's reading has a constant offset.",
     source="offset error: JCGM 200 (VIM), §4.20",
     needs=("swing_angle",),
 )

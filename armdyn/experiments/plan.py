@@ -207,7 +207,7 @@ class ExperimentPlan(Displayable):
 def _moved(run: Run) -> list[Curve]:
     """The curves of the gripper's motion."""
     curves = run.document().curves
-    return [curve for curve in curves() if curve.row.startswith("gripper")] if curves else []
+    return [curve for curve in curves() if curve.panel.startswith("gripper")] if curves else []
 
 
 @one_thread

@@ -134,7 +134,7 @@ def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) ->
     leading = {c.effect for c in steps[1].added}
     rest = tuple(c for c in added if c.effect not in leading)
     by_name = _by_name(study)
-    others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
+    others = [s.effect for s in found.ranked_effects if s.effect not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
     # Otherwise the fall of chi2 that a diagnosis requires of one effect among the catalogue is required.

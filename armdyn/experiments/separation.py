@@ -57,7 +57,7 @@ class RefittedRival:
     def best_refit(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
         """Fit the rival; return the rise of chi2 at its best values, and these (m,) values."""
         found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
-        return 2.0 * found.at.cost, found.values
+        return 2.0 * found.expansion.cost, found.values
 
 
 def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:

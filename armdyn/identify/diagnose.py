@@ -45,7 +45,7 @@ class Diagnosis(Displayable):
         verdict: the result as one value of `Verdict`.
         sentence: the result in words, for a reader.
         comparison: the model as given, compared with the runs.
-        suspects: effects that may be missing, the most probable first.
+        ranked_effects: effects that may be missing, the most probable first.
         unidentified_effects: effects that these runs do not identify, each with the parameters that imitate it.
         remedies: commands or experiments that would distinguish effects which these runs cannot tell apart.
         residual_character: description of the residual where no effect of the catalogue explains it; else None.
@@ -56,7 +56,7 @@ class Diagnosis(Displayable):
     verdict: Verdict
     sentence: str
     comparison: Comparison
-    suspects: tuple[RankedEffect, ...]
+    ranked_effects: tuple[RankedEffect, ...]
     unidentified_effects: dict[str, tuple[str, ...]]
     remedies: tuple[str, ...]
     residual_character: ResidualCharacter | None
@@ -74,8 +74,10 @@ class Diagnosis(Displayable):
         if self.verdict is Verdict.LOST:
             return replace(compared, title="Diagnosis", verdict=self.sentence, level=ResultLevel.BAD)
         rmse = {name: channel.rmse for name, channel in given.channels.items()}
-        candidates = candidate_table(self.suspects, rmse, given.scale, summaries or {})
-        evidence = Section("Which effect is missing", self._evidence, tables=[candidates] if self.suspects else [])
+        candidates = candidate_table(self.ranked_effects, rmse, given.scale, summaries or {})
+        evidence = Section(
+            "Which effect is missing", self._evidence, tables=[candidates] if self.ranked_effects else []
+        )
         fits = {"as given": given.fit} | ({"with what is missing": steps[-1].fit} if len(steps) > 1 else {})
         return replace(
             compared,
@@ -90,15 +92,15 @@ class Diagnosis(Displayable):
     @property
     def _evidence(self) -> str:
         """A sentence on the evidence of the candidates and on the effects that these runs do not identify."""
-        if not self.suspects:
+        if not self.ranked_effects:
             text = "Nothing in the catalogue makes a difference."
-        elif best := self.suspects[0].tied_with:
-            text = f"These runs cannot tell {self.suspects[0].effect} from {', '.join(best)}."
+        elif best := self.ranked_effects[0].tied_with:
+            text = f"These runs cannot tell {self.ranked_effects[0].effect} from {', '.join(best)}."
             text += f" What would: {'; '.join(self.remedies)}." if self.remedies else ""
         else:
-            text = f"{self.suspects[0].effect} explains most, and nothing ties with it."
+            text = f"{self.ranked_effects[0].effect} explains most, and these runs can tell it from every other effect."
         unseen = (
-            f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
+            f"{name} cannot be identified in these runs: {', '.join(imitators)} has the same influence."
             for name, imitators in self.unidentified_effects.items()
         )
         return " ".join((text, *unseen))
@@ -129,7 +131,7 @@ def diagnose(study: Study, progress: ProgressCallback | None = None) -> Diagnosi
         verdict=verdict,
         sentence=law + said + outlier_sentence(study.runs),
         comparison=comparison(study, start.fit, start.tests),
-        suspects=found.suspects,
+        ranked_effects=found.ranked_effects,
         unidentified_effects=unseen,
         remedies=advice,
         residual_character=unknown,
@@ -161,7 +163,7 @@ def diagnosis_sentence(study: Study, found: Search, unknown: ResidualCharacter |
     """
     steps = [repair_step(study, step) for step in found.steps]
     scale = ChannelScale.of(found.last.fit.blocks)
-    further = found.further.name_in_sentence if found.further is not None else ""
+    further = found.further_effect.name_in_sentence if found.further_effect is not None else ""
     left = RepairResidual(
         found.last.tests.fails, unknown.sentence if unknown is not None else "", further_effect=further
     )

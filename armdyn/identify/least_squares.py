@@ -56,7 +56,7 @@ class Descent(NamedTuple):
     """Result of a minimisation: (p,) values, the cost's expansion there, the number of evaluations, why it ended."""
 
     values: np.ndarray
-    at: Expansion
+    expansion: Expansion
     evaluations: int
     outcome: Outcome
 

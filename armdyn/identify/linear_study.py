@@ -1,4 +1,4 @@
-"""A study of a model whose predictions are linear in most values, such as an arm: one expansion scores every set."""
+"""Fits of a model whose predictions are linear in most parameters, such as an arm's."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,13 +15,13 @@ from armdyn.identify.selection.sums import sums, with_places
 from armdyn.identify.study import Study
 
 MAX_QUICK_STEPS = 8
-"""Steps of a quick fit; a candidate that needs more is no small correction of the present fit."""
+"""Largest number of steps of a fit with added effects."""
 CACHED_SCORERS = 3
-"""Number of cached scorers, those used last: a search returns to them."""
+"""Number of scorers that are cached, the most recently used ones."""
 
 
 class LinearStudy(Study):
-    """Fits of a model whose predictions are linear in most values; see `Study`."""
+    """Fits a model whose predictions are linear in most parameters, with any effects, to runs; see `Study`."""
 
     later_ties = False
     sums_predict = True
@@ -38,9 +38,12 @@ class LinearStudy(Study):
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """Fit the model's base with exactly these effects, from (P,) `values` or those that sums at `near` predict.
+        """Fit the base model with some effects and no others.
 
-        A threshold shows only where its effect is, so what is determined is asked there.
+        Args:
+            effects: the effects.
+            near: fit at which the model is linearised to predict start values.
+            values: (P,) start values, if they are known.
         """
         if values is None:
             scorer = self.scorer(near)
@@ -59,27 +62,27 @@ class LinearStudy(Study):
         return replace(at, values=values)
 
     def explained_share(self, before: Fit, after: Fit) -> float:
-        """Share of the squared error that is explained, on held-out runs where there are any; see `explained_share`."""
+        """Share of the squared error of the fit `before` that the fit `after` removes; on held-out runs, if any."""
         first, last = (self.held_out_blocks(one) if self.held_out else one.blocks for one in (before, after))
         return explained_error_share(channel_rmse(first), channel_rmse(last), ChannelScale.of(first))
 
     def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
-        """Predictions of training runs from each other, beside those of held-out runs, where there are any."""
+        """Predictions of training runs from each other, if there are held-out runs as well; else an empty list."""
         return self.predictions_in_turn(found) if self.held_out else []
 
     def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
-        """Store predictions of the training runs from each other that are known already."""
+        """Store predictions of the training runs from each other that were computed elsewhere, for later use."""
         self._in_turn[found] = list(in_turn)
 
     def leaves_noise(self, fit: Fit) -> bool:
-        """Whether the residual of each channel of the training runs is noise, as a mean over channels.
+        """Whether the residual of the training runs is only noise, on average over the channels.
 
-        The fitted model determines the noise: a heavy rotor makes more torque of the positions' noise.
+        The noise depends on the fitted model, because a heavier rotor turns noise of a position into more torque.
         """
         return self._are_noise([fit])
 
     def predicts_to_noise(self, fit: Fit) -> bool:
-        """Whether the residual is noise (see `leaves_noise`), in the held-out runs as well where there are any."""
+        """Whether the residual of the training runs, and of held-out runs if there are any, is only noise."""
         return self.leaves_noise(fit) and not (self.held_out and not self._are_noise(self.held_out_predictions(fit)))
 
     def _are_noise(self, fits: Sequence[Fit]) -> bool:
@@ -96,10 +99,10 @@ class LinearStudy(Study):
         return float(np.mean(shares)) >= 1.0
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
-        """Scorer of sets of effects, from sums at a fit; the last few are cached.
+        """Scorer of sets of effects, linearised at a fit; the last few are cached.
 
         Args:
-            at: the fit of the expansion.
+            at: the fit at which the model is linearised.
             given_misfit: squared error of the model as given, see `LinearScorer`; None where `at` is its fit.
         """
         found = self._scorers.pop(at, None)

@@ -131,9 +131,9 @@ def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
     """
     found = search(study, progress)
     told = _concluded(study, found)
-    if found.full is None or told.verdict is Verdict.LOST:
+    if found.all_effects_fit is None or told.verdict is Verdict.LOST:
         return told
-    return with_background(told, found.full)
+    return with_background(told, found.all_effects_fit)
 
 
 def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
@@ -158,7 +158,7 @@ def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
         n: p.with_value(joint[n], p.std) for n, p in repaired.model_without_background.parameters.items() if n in joint
     }
     model = repaired.model_without_background.with_parameters(named).with_background(
-        small.width, small.values, study.effects.values()
+        small.prior_width, small.values, study.effects.values()
     )
     path, scale = (*repaired.path, described), repaired.after.scale
     after = replace(
@@ -237,7 +237,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         exceeds_noise=verdict is not Verdict.EXPLAINED,
         description=unknown.sentence if unknown is not None else "",
         searched=searched,
-        further_effect=found.further.name_in_sentence if found.further is not None else "",
+        further_effect=found.further_effect.name_in_sentence if found.further_effect is not None else "",
         warnings=[link.warning for link in links if link.warning],
     )
     repaired = len(path) > 1

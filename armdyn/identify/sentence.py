@@ -25,7 +25,7 @@ class Verdict(Enum):
     EFFECT_MISSING = "An effect is missing, and these runs name it."
     CANNOT_TELL_APART = "Something is missing, and these runs cannot tell which of several effects it is."
     UNKNOWN_EFFECT = "Something is missing, and nothing in the catalogue explains it."
-    NOT_EXPLAINED = "Something is left to explain, and nobody asked what it is."
+    NOT_EXPLAINED = "The model does not explain these runs: what is left is more than noise."
     LOST = "The fit is lost: it says nothing of what the model lacks."
 
     @property

@@ -1,4 +1,4 @@
-"""A study: a model, runs and a catalogue, with every fit that a diagnosis or a repair needs, each computed once."""
+"""The base class of studies: fits of a model, with any effects of a catalogue, to runs; each fit is computed once."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
@@ -22,16 +22,16 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 CHANCE_DEVIATES, SURE_DEVIATES = 0.5, 3.0
-"""Standard deviations of a mean square: the smallest error that is compared, and the largest that may be noise
-alone."""
+"""Excess of a mean squared residual over that of noise, in standard deviations of the latter: the smallest one that is
+used in comparisons, and the largest one that may be noise alone."""
 
 
 class Study(ABC):
-    """Fits of one model with any of the catalogue's effects.
+    """Base class of studies, which fit one model, with any effects of a catalogue, to runs.
 
-    One formulation contains every effect at its null value; a fit frees the columns that it needs. Models whose
-    predictions are linear in most values and models with states are fitted in different ways: `Study.of` gives a
-    `LinearStudy` or a `StateSpaceStudy`.
+    The least-squares problem contains every effect at its null value; a fit varies the unknowns of its effects. Models
+    whose predictions are linear in most parameters are fitted by a `LinearStudy`, models that simulate a motion by a
+    `StateSpaceStudy`; `Study.of` makes one of them.
 
     Args:
         model: the model, with the effects that it has.
@@ -39,19 +39,19 @@ class Study(ABC):
         held_out: whole runs that are never fitted but help to choose effects.
         catalogue: effects that may be missing.
         exam: whole runs that are used for nothing else; only `exam_blocks` uses them.
-        asked: names of effects for which the last run was designed; their residual need not exceed all other errors.
-        catalogue_size: number of effects among which the catalogue was chosen, where there were more.
+        asked: names of effects to distinguish which the last run was designed; a small influence of these is enough.
+        catalogue_size: number of effects from which the catalogue was chosen, if it is larger than the catalogue.
 
     Raises:
         InputError: a run cannot be used; see `prepare_runs`.
     """
 
     later_ties: ClassVar[bool]
-    """Whether a diagnosis is undecided where any step of the search has a tie, and not the first step only."""
+    """Whether a diagnosis is undecided if the effects of any step have rivals that fit as well, not only the first."""
     sums_predict: ClassVar[bool] = False
-    """Whether sums at one fit predict the result of any set of effects, and of held-out runs."""
+    """Whether one linearisation predicts the fit of any set of effects."""
     ignored_chi2: ClassVar[float] = 0.0
-    """Chi2 per sample that the errors of measured inputs cause in the predictions, and that is no missing effect."""
+    """Chi2 per sample up to which a residual may come from errors of the measured inputs, and is no missing effect."""
 
     @staticmethod
     def of(
@@ -63,7 +63,7 @@ class Study(ABC):
         asked: Collection[str] = (),
         catalogue_size: int = 0,
     ) -> "Study":
-        """Make the study that suits a model; arguments and errors are those of the class."""
+        """Make the study that suits a model: a `LinearStudy` or a `StateSpaceStudy`; see `Study` for the arguments."""
         from armdyn.identify.linear_study import LinearStudy
         from armdyn.identify.state_space.study import StateSpaceStudy
 
@@ -116,7 +116,13 @@ class Study(ABC):
     def choosing_from(
         self, catalogue: Sequence[Effect], model: Model | None = None, catalogue_size: int = 0
     ) -> "Study":
-        """A study of the same runs with other effects to choose from, and with another model where one is given."""
+        """A study of the same runs with other effects to choose from.
+
+        Args:
+            catalogue: effects that may be missing.
+            model: another model; None keeps the model.
+            catalogue_size: see `Study`.
+        """
         return Study.of(
             self.model if model is None else model,
             self.runs,
@@ -129,7 +135,7 @@ class Study(ABC):
 
     @one_thread
     def first(self) -> Fit:
-        """The fit of the model as given."""
+        """The fit of the model as given, without added effects; it is computed once."""
         return self._first
 
     @cached_property
@@ -142,53 +148,66 @@ class Study(ABC):
 
     @abstractmethod
     def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """Fit the model's base with exactly these effects.
+        """Fit the base model with some effects and no others.
 
         Args:
             effects: the effects.
-            near: a fit of a similar set, at which the fit may start.
-            values: (P,) start values that are better than those of `near`, where there are any.
+            near: fit of a similar set of effects, from which start values follow.
+            values: (P,) better start values, if they are known.
         """
 
     @abstractmethod
     def explained_share(self, before: Fit, after: Fit) -> float:
-        """Share of the squared error of a fit `before` that effects explain which were added in the fit `after`."""
+        """Share of the squared error of the fit `before` that the fit `after`, with more effects, removes."""
 
     def model_error_weight(self, fit: Fit) -> float:
-        """Weight of the model's own error against the noise in a residual, 0 to 1."""
+        """Weight of the model's own error in a residual, from 0 (only noise) to 1 (the noise does not matter)."""
         return 1.0 - MAX_CHI2_OF_STATED_NOISE / max(MAX_CHI2_OF_STATED_NOISE, fit.chi2_per_sample)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer | None:
-        """Scorer of sets of effects from sums at a fit; None for models that are not linear in most values."""
+        """Scorer of sets of effects, linearised at a fit; None for models that are not linear in most parameters.
+
+        Args:
+            at: the fit.
+            given_misfit: squared error of the model as given; None where `at` is its fit.
+        """
         del at, given_misfit
         return None
 
     def unidentified(self, fit: Fit) -> tuple[UnidentifiedCombination, ...]:
-        """Combinations of values that the runs do not identify; none where priors and links show that already."""
+        """Combinations of parameters that the runs do not identify; empty for models that report this otherwise."""
         del fit
         return ()
 
     def is_lost(self, fit: Fit) -> bool:
-        """Whether the fit ended in a minimum that is unrelated to the recordings; never where there is only one."""
+        """Whether a fit has failed: it ended in a minimum that has nothing to do with the recordings."""
         del fit
         return False
 
     def describe_glitches(self, fit: Fit) -> list[str]:
-        """Sentences, without full stops, on samples that had little weight in choosing, for each run and channel."""
+        """Sentences, without full stops, on suspected glitches, which had little weight in the choice of effects."""
         del fit
         return []
 
     def squared_error(self, fit: Fit) -> float:
-        """Mean squared error above the noise, over it, of training plus held-out runs; at least that of chance."""
+        """Sum of `excess`: the squared error of a fit above the noise, relative to the noise variance."""
         return float(self.excess(fit).sum())
 
     def excess(self, fit: Fit) -> np.ndarray:
-        """(1,) or (2,) mean squared error above the noise, over it: training, held-out; at least that of chance."""
+        """Mean squared error of a fit above the noise, relative to the noise variance, for each kind of runs.
+
+        Returns:
+            (1,) for training runs, or (2,) for training and held-out runs; not below what noise may have by chance.
+        """
         excess, by_chance = self._excess(fit)
         return np.maximum(excess, by_chance)
 
     def chi2_of_stated(self, blocks: Sequence[ResidualBlock]) -> tuple[float, int]:
-        """Squared error of the samples with a stated noise, over that noise, and the number of these samples."""
+        """Sum of squared errors over the stated noise variance, for samples whose recording states the noise.
+
+        Returns:
+            The sum, and the number of these samples.
+        """
         stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
         known = [(block, std) for block, std in stated if std]
         chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
@@ -202,7 +221,7 @@ class Study(ABC):
         return means - 1.0, CHANCE_DEVIATES * float(np.sqrt(2.0 / samples.min()))
 
     def model_with(self, effects: Collection[Candidate]) -> Model:
-        """The model with exactly these effects."""
+        """The base model with some effects of the catalogue and no others."""
         model = self.model
         for candidate in self.present:
             if candidate not in effects:
@@ -214,7 +233,7 @@ class Study(ABC):
         return model
 
     def without_unused_effects(self, found: Fit) -> Fit:
-        """The same fit, of a model with only the fitted effects besides those of the model as given."""
+        """The same fit for a smaller model, which has only the given and the fitted effects; it is faster."""
         fitted = {column.parameter.name for column, fits in zip(self.problem.columns, found.free, strict=True) if fits}
         used = group_by_effect(
             [a for c in self.candidates for a in c.split_by_joint() if not fitted.isdisjoint(a.names)]
@@ -224,29 +243,29 @@ class Study(ABC):
         return Fit(problem, free, transfer_values(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def own_values(self, scorer: SetScorer, one: SetScore) -> np.ndarray:
-        """(P,) values of the study's unknowns for a scored set."""
+        """(P,) values of the study's unknowns that a scorer predicts for a set of effects."""
         return self.own(scorer.values(one), scorer.problem)
 
     def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
-        """(P,) values of the study's unknowns, from those of a problem with more or other runs."""
+        """(P,) values of the study's unknowns, transferred from those of another problem of the same model."""
         return transfer_values(values, problem, self.problem)
 
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[ScoreTest]:
-        """Predicted contributions of effects that are not in `effects`; an effect may be there on other joints."""
+        """Predicted contributions to a fit of all effects that are not in `effects`, or not on all joints."""
         taken = {name for c in effects for name in c.names}
         left = (c.without_parameters(taken) for c in (*self.candidates, *self.present))
         return score_tests(at, [c for c in left if c.names])
 
     def tests(self, at: Fit, effects: Sequence[Candidate]) -> ResidualTests:
-        """Tests of the residual of a fit with these effects."""
+        """Test the residual of a fit with some effects against noise and against all other effects."""
         return residual_tests(at, self.scores(at, effects))
 
     def held_out_blocks(self, found: Fit) -> list[ResidualBlock]:
-        """Residuals of the held-out runs; without any, of every training run predicted from the others."""
+        """Residuals of the held-out runs; if there are none, of every training run as predicted from the others."""
         return all_blocks(self.held_out_predictions(found))
 
     def held_out_predictions(self, found: Fit) -> list[Fit]:
-        """Predictions of the held-out runs; without any, of every training run from the others."""
+        """Predictions of the held-out runs; if there are none, of every training run from the others."""
         if found not in self._held_out:
             self._held_out[found] = self._of_held_out(found) if self.held_out else self.predictions_in_turn(found)
         return self._held_out[found]
@@ -258,35 +277,35 @@ class Study(ABC):
         return predict_runs(found, runs)
 
     def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
-        """Predictions of training runs from each other, beside those of held-out runs; empty where they take long."""
+        """Predictions of training runs from each other, in addition to those of held-out runs; empty by default."""
         del found
         return []
 
     def predictions_in_turn(self, found: Fit) -> list[Fit]:
-        """Predictions of every training run from the others; an empty list for a single run."""
+        """Predictions of every training run from the other training runs; an empty list for a single run."""
         if found not in self._in_turn:
             self._in_turn[found] = leave_one_out_predictions(found)
         return self._in_turn[found]
 
     @property
     def recordings(self) -> list[tuple[Run, str]]:
-        """All recordings before their preparation, each with its role: training, held_out or exam."""
+        """All recordings as they were before preparation, each with its role: training, held_out or exam."""
         roles = {"training": self.runs, "held_out": self.held_out, "exam": self.exam}
         return [(run.recording, role) for role, runs in roles.items() for run in runs]
 
     @property
     def holdout_kinds(self) -> tuple[HoldoutKind, ...]:
-        """Kinds of the runs that judge a model besides the fitted runs, the most independent first."""
+        """Kinds of runs on which the model's error is measured in addition to training runs, the least used first."""
         several = HoldoutKind.LEAVE_ONE_OUT if len(self.runs) > 1 else HoldoutKind.TRAINING
         others = HoldoutKind.HELD_OUT if self.held_out else several
         return (HoldoutKind.EXAM, others) if self.exam else (others,)
 
     def exam_blocks(self, found: Fit) -> list[ResidualBlock]:
-        """Residuals of the exam runs, empty where there are none; only for use after all choices are made."""
+        """Residuals of the exam runs, empty if there are none; to be used only after all choices are made."""
         return all_blocks(self.exam_predictions(found))
 
     def exam_predictions(self, found: Fit) -> list[Fit]:
-        """Predictions of the exam runs; only for use after all choices are made."""
+        """Predictions of the exam runs; to be used only after all choices are made."""
         if found not in self._exam:
             self._exam[found] = self._predictions(found, self.exam)
         return self._exam[found]

@@ -43,27 +43,31 @@ class Uncertainty:
 
     Attributes:
         fit: the fit.
-        inflation: factor on the noise variance by channel, for the model's own error; empty where the residual is of
-            the size of the noise.
+        variance_inflation: factor on the noise variance by channel, for the model's own error; empty where the residual
+            is of the size of the noise.
     """
 
     fit: Fit
-    inflation: dict[str, float]
+    variance_inflation: dict[str, float]
 
     @property
     def std_inflation(self) -> float:
         """Factor by which the model's own error widens the standard deviations, for the worst channel; 1 if small."""
-        return float(np.sqrt(max(self.inflation.values(), default=1.0)))
+        return float(np.sqrt(max(self.variance_inflation.values(), default=1.0)))
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P) covariance of all unknowns; zero for unknowns that are fixed or on a bound."""
-        return _covariance(self.fit, self.inflation) if self.inflation else whitened_covariance(self.fit)
+        return (
+            _covariance(self.fit, self.variance_inflation) if self.variance_inflation else whitened_covariance(self.fit)
+        )
 
     @cached_property
     def covariance_without_priors(self) -> np.ndarray:
         """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
-        return _covariance(self.fit, self.inflation or _inflation(self.fit), REDUCED_PRIOR_WEIGHT, bounded=False)
+        return _covariance(
+            self.fit, self.variance_inflation or _inflation(self.fit), REDUCED_PRIOR_WEIGHT, bounded=False
+        )
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:

@@ -39,12 +39,12 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     start = time.process_time()
     found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
     seconds = time.process_time() - start
-    kinds = [one.kind for one in found.findings] + [one.known_as for one in found.findings if one.known_as]
+    kinds = [one.kind for one in found.laws] + [one.known_as for one in found.laws if one.known_as]
     before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
     return {
         "kind": kind, "seed": seed, "kinds": kinds, "before": before, "after": after,
-        "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.new),
-        "found": [one.sentence for one in found.findings], "seconds": round(seconds),
+        "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.new_laws),
+        "found": [one.sentence for one in found.laws], "seconds": round(seconds),
     }  # fmt: skip
 
 
@@ -59,11 +59,11 @@ def _model(given: World, folder: Path) -> Model:
 def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
     """What was found as effects to add: its file is written to a folder, and read as a user's."""
     own: dict[str, Effect] = {}
-    if found.new:
+    if found.new_laws:
         found.write(folder / "effect.py")
         own = {e.name: e for e in load_effects(folder / "effect.py")}
     known = {e.name: e for e in available_effects(model)} | own
-    return [known[o.effect].on(*o.joints) if o.joints else known[o.effect] for o in found.findings]
+    return [known[o.effect].on(*o.joints) if o.joints else known[o.effect] for o in found.laws]
 
 
 def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:

@@ -85,7 +85,7 @@ def judged(mended: Repair, truth: set[Atom]) -> tuple[set[Atom], set[Atom]]:
                     missed, false = missed - hidden, false - said
     for step in mended.steps:
         for one in atoms(step.added) & false:
-            for other in [(tie, one[1]) for tie, joint in atoms(step.tied) if joint == one[1]]:
+            for other in [(tie, one[1]) for tie, joint in atoms(step.tied_effects) if joint == one[1]]:
                 if other in missed:
                     missed, false = missed - {other}, false - {one}
     return missed, false

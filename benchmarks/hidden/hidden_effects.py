@@ -75,7 +75,7 @@ def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_tabl
     runs, length, _ = recordings(seed, {name: size}, keep)
     study, found, row = _diagnosed(runs)
     row |= {"what": name, "seed": seed, **hidden_table.judged(found, name)}
-    for suspect in found.suspects:
+    for suspect in found.ranked_effects:
         if suspect.effect == name and row["honest"]:
             parameter = next(iter(suspect.parameters.values()))
             true = size**2 if name == "out_of_plane_swing" else size
@@ -142,8 +142,8 @@ def _diagnosed(runs: list[Run]) -> tuple[Study, Diagnosis, hidden_table.Row]:
         found,
         {
             "verdict": found.verdict.key,
-            "first": found.suspects[0].effect if found.suspects else "",
-            "tied_with": list(found.suspects[0].tied_with) if found.suspects else [],
+            "first": found.ranked_effects[0].effect if found.ranked_effects else "",
+            "tied_with": list(found.ranked_effects[0].tied_with) if found.ranked_effects else [],
             "found": [effect.label for effect in last.effects],
             "chi2": last.fit.chi2_per_sample,
             **hidden_table.held_out_chi2(study, last.fit, runs[2:]),

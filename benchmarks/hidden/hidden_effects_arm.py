@@ -63,9 +63,9 @@ def true_joints(effect: str) -> set[str]:
 
 def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
     """Right first name; right first name or an honest tie that contains it; the right joints with the right name."""
-    if not found.suspects or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
+    if not found.ranked_effects or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
         return False, False, False
-    first = found.suspects[0]
+    first = found.ranked_effects[0]
     added = {c.effect: set(c.joints) for c in found.search.last.effects}
     same = set(hidden_table.SAME_TORQUE.get(truth, ()))
     if same and set(added) == same and len({frozenset(joints) for joints in added.values()}) == 1:
@@ -112,9 +112,9 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     row |= {"seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu}
     row |= {
         "verdict": found.verdict.key,
-        "first": found.suspects[0].effect if found.suspects else "",
-        "joints_found": list(found.suspects[0].joints) if found.suspects else [],
-        "tied_with": list(found.suspects[0].tied_with) if found.suspects else [],
+        "first": found.ranked_effects[0].effect if found.ranked_effects else "",
+        "joints_found": list(found.ranked_effects[0].joints) if found.ranked_effects else [],
+        "tied_with": list(found.ranked_effects[0].tied_with) if found.ranked_effects else [],
         "steps": [[c.label for c in step.added] for step in found.search.steps[1:]],
         "before": found.search.steps[0].fit.chi2_per_sample,
         "last": found.search.last.fit.chi2_per_sample,

@@ -74,7 +74,7 @@ def named(world: object) -> hidden_table.Row:
     begun = time.process_time()
     found = diagnose(study)
     cpu = time.process_time() - begun
-    leading = found.suspects[0] if found.suspects else None
+    leading = found.ranked_effects[0] if found.ranked_effects else None
     tie = found.verdict.key == "cannot_tell_apart"
     says = leading is not None and (tie or found.verdict.key == "effect_missing")
     row: hidden_table.Row = {
@@ -103,7 +103,7 @@ def quiet(world: object) -> hidden_table.Row:
     """Whether anything is named where nothing is hidden."""
     begun = time.process_time()
     found = diagnose(_study(world))
-    said = found.suspects[0].effect if found.suspects else ""
+    said = found.ranked_effects[0].effect if found.ranked_effects else ""
     silent = found.verdict.key == "explained"
     return {"cpu": time.process_time() - begun, "verdict": found.verdict.key, "first": said, "quiet": silent}
 

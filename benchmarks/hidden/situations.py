@@ -94,7 +94,7 @@ def diagnosed(name: str, effect: str, seed: int, keep: Path | None) -> hidden_ta
     study = study_of(given(name), recorded)
     found = diagnose(study)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    first = found.suspects[0] if found.suspects else None
+    first = found.ranked_effects[0] if found.ranked_effects else None
     row = {
         "what": name, "hidden": effect, "seed": seed, **start_found(name, recorded, hidden),
         "verdict": found.verdict.key, "first": first.effect if first else "", "tied": first.tied_with if first else (),

@@ -22,7 +22,7 @@ def diagnose(inputs: StudyInputs) -> None:
     if found.remedies and given.study.model.hangs_from_gripper and moved:
         command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
-    if found.suspects:
+    if found.ranked_effects:
         steps.append(NextStep("add it", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS)))
     inputs.finish(
         given,

@@ -26,7 +26,7 @@ def discover(
     with inputs.begin(output) as (given, say):
         found = given.discover(say)
     written = []
-    if output is not None and found.new:
+    if output is not None and found.new_laws:
         found.write(output)
         written = [f"written to {output}"]
     aside = [f"{text}." for text in given.set_aside]
@@ -35,7 +35,7 @@ def discover(
     def page() -> Document:
         from pipeline.report.missing_force import missing_force_sections
 
-        added = " + ".join(one.effect for one in found.findings)
+        added = " + ".join(one.effect for one in found.laws)
         return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
 
     inputs.finish(given, document, lambda: _answer(found, output), page, written)
@@ -44,19 +44,19 @@ def discover(
 def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | None) -> list[NextStep]:
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.has_unfitted_run else []
-    if not found.findings:
+    if not found.laws:
         return judge if found.residual_exceeds_noise else []
-    first = found.findings[0]
+    first = found.laws[0]
     file = output or Path("effect.py")
     own = ["--effects", file] if first.term is not None else []
     held_out = [word for path in inputs.held_out or () for word in ("--held-out", path)]
     words = (inputs.model, first.label, *inputs.runs, *held_out, *own, "--output", "repaired.toml")
     steps = [NextStep("add it", command_text("add", *words))]
-    if len(found.findings) > 1:
+    if len(found.laws) > 1:
         steps = [
             NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
         ]
-    rival = next((one for one in found.new if one.known_as and one.joint is None), None)
+    rival = next((one for one in found.new_laws if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
         apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
         judge.append(NextStep("tell them apart", inputs.command("next", *apart)))
@@ -74,12 +74,12 @@ def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
             {
                 **attributes_as_json(one, "effect joint acts_on kind formula depends_on"),
                 "values": parameters_answer(one.values),
-                "explains": one.explains,
+                "explains": one.explained_share,
                 "held_out_rmse": json_value(found.held_out_rmse),
                 **attributes_as_json(one, "known_as rivals"),
                 "output": str(output) if output is not None and one.term is not None else None,
             }
-            for one in found.findings
+            for one in found.laws
         ],
         "missing_force": missing_force_answer(found.missing_force),
     }

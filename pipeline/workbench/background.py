@@ -152,5 +152,5 @@ def run_discovery(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callab
         InputError: a file or a label cannot be used.
     """
     found = inputs.read().with_effects(effects).discover(say)
-    labels = [one.label for one in found.findings]
-    return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new else ""}
+    labels = [one.label for one in found.laws]
+    return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new_laws else ""}

@@ -70,7 +70,7 @@ def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experimen
     term = CandidateTerm("flexure", "a spring", site, (), {}, size, name="discovered_flexure")
     law = DiscoveredLaw("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
-    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), has_unfitted_run=True), Path("law.py"))
+    steps = _next_steps(GIVEN, replace(NOTHING, laws=(law,), has_unfitted_run=True), Path("law.py"))
     assert steps[-1].command == (
         "armdyn next m.toml a.csv --effects law.py --rivals discovered_flexure,pivot_stiffness --output motion.csv"
     )

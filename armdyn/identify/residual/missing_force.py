@@ -151,7 +151,7 @@ def _kicked(box: GreyBox, point: LinearisationPoint, index: int) -> list[Missing
     """The missing acceleration of one run, for each speed of the model."""
     run, states = box.runs[index], point.states[index]
     model, theta = run.pieces.model, point.values[run.unknowns]
-    around = run.linearise(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
+    around = run.linearise(point.values, states, point.sample_weights[index], np.zeros(len(point.values), dtype=bool))
     _, kicks = around.smooth(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.start_values(theta, states)
     lasting = np.diff(run.pieces.starts)

@@ -61,13 +61,13 @@ def select_for_arm(
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
     full = fit_all_effects(study, leading.effects, leading.fit, say)
     sure = leading
-    if set(full.sure.effects) != set(full.scorer.split_into_candidates(leading.effects)):
-        sure = _to_fixed_point(LinearPath(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
+    if set(full.strong_effects.effects) != set(full.scorer.split_into_candidates(leading.effects)):
+        sure = _to_fixed_point(LinearPath(study, full.scorer, full.strong_effects, study.present, full.fit), _sure, say)
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
         sure = _to_fixed_point(leading, _sure, say)  # a set whose own optimum is far from that of all effects
     first: tuple[Candidate, ...] = ()
     # The motion of a servo arm is fitted by what has a name: without a background nothing else would move.
-    complete = full.width == 0.0 and "drive" in study.model.stages
+    complete = full.prior_width == 0.0 and "drive" in study.model.stages
     if complete or _is_few(sure.chosen_set, leading) or study.predicts_to_noise(sure.fit):
         found = _with_links_looked_at_anew(sure, say)
         first = tuple(c for c in leading.scorer.split_into_candidates(leading.effects) if c in found.chosen_set.effects)

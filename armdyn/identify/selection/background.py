@@ -42,18 +42,18 @@ class AllEffectsFit:
     Attributes:
         study: runs and catalogue.
         scorer: scorer of sets of effects, linearised at the previous fit.
-        sure: the set of effects with strong evidence.
-        width: common prior width, in typical sizes; 0 where the other effects are left out.
-        widths: (c,) prior widths of the scorer's unknowns.
+        strong_effects: the set of effects with strong evidence.
+        prior_width: common prior width, in typical sizes; 0 where the other effects are left out.
+        prior_widths: (c,) prior widths of the scorer's unknowns.
         fit: fit of all values together.
         covariance: (P, P) covariance of all unknowns of the study.
     """
 
     study: LinearStudy
     scorer: LinearScorer
-    sure: SetScore
-    width: float
-    widths: np.ndarray
+    strong_effects: SetScore
+    prior_width: float
+    prior_widths: np.ndarray
     fit: Fit
     covariance: np.ndarray
 
@@ -63,14 +63,14 @@ class BackgroundFit:
     """Small values of many effects that reports do not name, fitted together with the named effects.
 
     Attributes:
-        width: width of their prior, in typical sizes; see `AllEffectsFit`.
+        prior_width: width of their prior, in typical sizes; see `AllEffectsFit`.
         values: the small values by parameter name, in the parameter's unit.
         fit: fit of named effects and small values together.
         covariance: (P, P) covariance of all unknowns of the study.
         leave_one_out_predictions: predictions of every training run by a fit to the others; empty for a single run.
     """
 
-    width: float
+    prior_width: float
     values: dict[str, float]
     fit: Fit
     covariance: np.ndarray
@@ -93,11 +93,12 @@ def fit_all_effects(
         scorer = study.scorer(near)
         sure = search_set(scorer, evidence_rule(scorer), scorer.evaluate(scorer.split_into_candidates(effects)), say)
         by_width = {
-            s: scorer.prediction_log_likelihood(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
+            s: scorer.prediction_log_likelihood(scorer.prior_widths(sure.effects, s))
+            - BACKGROUND_PRICE_NATS * (s > 0.0)
             for s in PRIOR_WIDTHS
         }
         width = max(by_width, key=by_width.__getitem__)
-        widths = scorer.widths(sure.effects, width)
+        widths = scorer.prior_widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
         found = AllEffectsFit(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums predict little of a model that is far from linear.
@@ -123,8 +124,8 @@ def find_background(full: AllEffectsFit, named_step: SearchStep) -> BackgroundFi
     """
     study, scorer, before = full.study, full.scorer, full.study.scorer(named_step.fit)
     named = before.split_into_candidates(named_step.effects)
-    unnamed = before.prediction_errors(before.widths(named, 0.0))
-    gained = scorer.prediction_log_likelihood(full.widths) - scorer.log_likelihood(unnamed)
+    unnamed = before.prediction_errors(before.prior_widths(named, 0.0))
+    gained = scorer.prediction_log_likelihood(full.prior_widths) - scorer.log_likelihood(unnamed)
     if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(named_step.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
@@ -132,8 +133,8 @@ def find_background(full: AllEffectsFit, named_step: SearchStep) -> BackgroundFi
     if len(own) == 0:
         return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
-    in_turn = tuple(_in_turn(study, scorer, full.widths))
-    return BackgroundFit(full.width, values, full.fit, full.covariance, in_turn)
+    in_turn = tuple(_in_turn(study, scorer, full.prior_widths))
+    return BackgroundFit(full.prior_width, values, full.fit, full.covariance, in_turn)
 
 
 def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
@@ -167,7 +168,7 @@ def _with_priors(
     """
     sums, moving = scorer.sums, widths > 0.0
     columns = scorer.columns[moving]
-    start = scorer.changed_values(scorer.solution(widths, units))
+    start = scorer.changed_values(scorer.best_change(widths, units))
     width = np.zeros(len(start))
     width[columns] = widths[moving] * scorer.typical[moving]
     problem = Problem(study.problem.model, runs, {**study.problem.noise, **scorer.effective_noise})

@@ -157,15 +157,15 @@ class LinearScorer(SetScorer):
         noise, channels = self._noise, len(self._noise)
         self._variance, self._samples = np.tile(noise, (2, 1)), np.ones((2, channels))
         change = np.zeros(len(self.columns))
-        least = np.maximum(self.errors(change), noise)
+        least = np.maximum(self.mean_squared_errors(change), noise)
         self._variance[:] = np.maximum(least / 30.0, noise)
-        widths = self.widths((), 1.0)
+        widths = self.prior_widths((), 1.0)
         for _ in range(MAX_WEIGHT_ROUNDS):
             self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
             self._normals.clear()
-            change = self.solution(widths, self.training)
+            change = self.best_change(widths, self.training)
             widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
-            self._variance = np.maximum(self.errors(change), noise)
+            self._variance = np.maximum(self.mean_squared_errors(change), noise)
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
@@ -198,7 +198,7 @@ class LinearScorer(SetScorer):
         """(c,) weight of a squared error in training runs."""
         return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
 
-    def widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
+    def prior_widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
         """(c,) prior widths of the unknowns, in typical sizes: wide for some effects and the base, narrow for others.
 
         Args:
@@ -231,7 +231,7 @@ class LinearScorer(SetScorer):
         within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
         return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_DISTINCT_SHARE) else 1
 
-    def solution(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
+    def best_change(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(c,) change of the unknowns, in typical sizes, that fits some units best.
 
         Args:
@@ -265,7 +265,7 @@ class LinearScorer(SetScorer):
             np.add.at(total, stage, part)
         return NormalEquations(*found)
 
-    def errors(self, change: np.ndarray) -> np.ndarray:
+    def mean_squared_errors(self, change: np.ndarray) -> np.ndarray:
         """(2, c) mean squared error of every channel in training and in held-out runs after a (c,) change of unknowns.
 
         It is 0 where there are no samples.
@@ -284,7 +284,7 @@ class LinearScorer(SetScorer):
         units, total = self.training, np.zeros(len(self._noise))
         for k in np.unique(self._fold[units]):
             mine = units[self._fold[units] == k]
-            change = self.solution(widths, units[self._fold[units] != k])
+            change = self.best_change(widths, units[self._fold[units] != k])
             error = self.equations.squared_error(change, mine)
             total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
         return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
@@ -295,7 +295,7 @@ class LinearScorer(SetScorer):
         Args:
             widths: (c,) prior widths of the unknowns.
         """
-        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
+        held_out = self.mean_squared_errors(self.best_change(widths, self.training))[HELD_OUT]
         return np.array([self.leave_one_out_errors(widths), held_out])
 
     def prediction_log_likelihood(self, widths: np.ndarray) -> float:
@@ -321,8 +321,8 @@ class LinearScorer(SetScorer):
             yield from ((int(r), self.training[run != r]) for r in np.unique(run))
 
     def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
-        change = self.solution(self.widths(effects, 0.0), self.training)
-        errors, own = self.errors(change), self._of(effects)
+        change = self.best_change(self.prior_widths(effects, 0.0), self.training)
+        errors, own = self.mean_squared_errors(change), self._of(effects)
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
         likelihood, log_predictive = self._log_likelihoods(errors).tolist()
         freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
@@ -333,7 +333,7 @@ class LinearScorer(SetScorer):
             likelihood=likelihood,
             log_predictive=log_predictive,
             freedom_penalty=freedom,
-            values=len(own) - float(np.trace(np.linalg.inv(A))),
+            determined_values=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
             misfit=float(self._misfit(errors)),
@@ -405,7 +405,7 @@ class LinearScorer(SetScorer):
 
         The unknowns of the set adapt linearly; only those of the addition respect their bounds.
         """
-        widths, x = self.widths(now.effects, 0.0), now.change / self.typical
+        widths, x = self.prior_widths(now.effects, 0.0), now.change / self.typical
         c = np.flatnonzero(widths > 0.0)
         G, slope = self._normal(self.training)
         left = slope - G @ x
@@ -437,14 +437,14 @@ class LinearScorer(SetScorer):
 
     def schwarz_score(self, one: SetScore) -> float:
         """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
-        return one.likelihood - 0.5 * one.values * log(max(float(self._samples.sum()), 2.0))
+        return one.likelihood - 0.5 * one.determined_values * log(max(float(self._samples.sum()), 2.0))
 
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
         """Root mean square error by channel, of training runs and of runs predicted from others."""
-        training, held_out = self.errors(one.change / self.typical)
+        training, held_out = self.mean_squared_errors(one.change / self.typical)
         predicted = held_out if not self.sums.training.all() else np.zeros(0)
         if self.sums.training.all() and len(np.unique(self.sums.run)) > 1:
-            predicted = self.leave_one_out_errors(self.widths(one.effects, 0.0))
+            predicted = self.leave_one_out_errors(self.prior_widths(one.effects, 0.0))
         return self._rms(training), self._rms(predicted)
 
     def _rms(self, errors: np.ndarray) -> dict[str, float]:
@@ -455,7 +455,7 @@ class LinearScorer(SetScorer):
 
         Standard deviations of unknowns that are not fitted are 0.
         """
-        widths = self.widths(one.effects, 0.0)
+        widths = self.prior_widths(one.effects, 0.0)
         c = np.flatnonzero(widths > 0.0)
         inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
         deviations = np.zeros(len(self.sums.values))

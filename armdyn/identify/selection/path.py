@@ -20,14 +20,14 @@ class SearchStep:
 
     Attributes:
         added: effects that this step added; empty for the model as given.
-        tied: effects that these runs cannot distinguish from the one added.
+        tied_effects: effects that these runs cannot distinguish from the one added.
         effects: all effects after the step.
         fit: the fit after the step.
         tests: tests of the residual after the step.
     """
 
     added: tuple[Candidate, ...]
-    tied: tuple[Candidate, ...]
+    tied_effects: tuple[Candidate, ...]
     effects: tuple[Candidate, ...]
     fit: Fit
     tests: ResidualTests
@@ -83,7 +83,7 @@ class EffectPath:
         """Add to each step the effects that could replace those it added, because these runs cannot tell them apart."""
         whole = self.scorer.optimise(self.chosen_set.effects)
         ties = (tied_effects(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
-        return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
+        return [replace(step, tied_effects=one) for step, one in zip(steps, ties, strict=True)]
 
     def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
         given = self.study.present  # it keeps its place, also where the same effect is added on further joints

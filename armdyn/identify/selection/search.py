@@ -26,15 +26,15 @@ class Search:
 
     Attributes:
         steps: steps of the search; the first is the model as given.
-        suspects: effects that may be missing, each added alone to the model as given, the best first.
-        further: the best effect that the last step lacks; None where no further effect improves the score.
-        full: for an arm, the fit of all effects at once; else None.
+        ranked_effects: effects that may be missing, each added alone to the model as given, the best first.
+        further_effect: the best effect that the last step lacks; None where no further effect improves the score.
+        all_effects_fit: for an arm, the fit of all effects at once; else None.
     """
 
     steps: tuple[SearchStep, ...]
-    suspects: tuple[RankedEffect, ...] = ()
-    further: Candidate | None = None
-    full: AllEffectsFit | None = None
+    ranked_effects: tuple[RankedEffect, ...] = ()
+    further_effect: Candidate | None = None
+    all_effects_fit: AllEffectsFit | None = None
 
     @property
     def last(self) -> SearchStep:
@@ -44,7 +44,7 @@ class Search:
     @property
     def first_ties(self) -> tuple[Candidate, ...]:
         """Effects that these runs cannot distinguish from the effect that the first step added."""
-        return self.steps[1].tied if len(self.steps) > 1 else ()
+        return self.steps[1].tied_effects if len(self.steps) > 1 else ()
 
     @property
     def all_ties(self) -> tuple[Candidate, ...]:
@@ -64,7 +64,7 @@ class Search:
         ended = {name for effect in self.last.effects for name in effect.names}
         if ended.isdisjoint(name for effect in step.added for name in effect.names):
             return ()
-        return tuple(effect for effect in step.tied if not ended.issuperset(effect.names))
+        return tuple(effect for effect in step.tied_effects if not ended.issuperset(effect.names))
 
 
 def search(study: Study, progress: ProgressCallback | None = None) -> Search:
@@ -104,7 +104,7 @@ def _searched(
 ) -> Search:
     """The result of a search; `scorer` ranks what could have been first, `at_end` what the last step lacks."""
     named = steps[min(1, len(steps) - 1)]
-    found = rank_effects(scorer, scorer.split_into_candidates(named.added), named.tied)
+    found = rank_effects(scorer, scorer.split_into_candidates(named.added), named.tied_effects)
     return Search(tuple(steps), found, _further(at_end, at_end.split_into_candidates(steps[-1].effects)), full)
 
 
@@ -151,7 +151,7 @@ def repair_step(study: Study, step: SearchStep) -> RepairStep:
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
-        tied_with=tuple(c.effect for c in step.tied),
+        tied_with=tuple(c.effect for c in step.tied_effects),
         rmse=step.fit.rmse(),
         held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
         chi2_per_sample=step.fit.chi2_per_sample,

@@ -38,7 +38,7 @@ class SetScore:
         log_predictive: log likelihood of the predicted held-out runs; 0 where there are none.
         freedom_penalty: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on their
             sizes.
-        values: number of the effects' unknowns that the runs, not the priors, determine.
+        determined_values: number of the effects' unknowns that the runs, not the priors, determine.
         columns: (c,) indices of the unknowns that change.
         change: (c,) change of these unknowns, from the point of linearisation to the fit to all training runs, in their
             units.
@@ -51,7 +51,7 @@ class SetScore:
     likelihood: float
     log_predictive: float
     freedom_penalty: float
-    values: float
+    determined_values: float
     columns: np.ndarray
     change: np.ndarray
     misfit: float

@@ -1,4 +1,4 @@
-r"""A model expanded at one fit, as sums over samples, from which the fit and prediction of every subset follow.
+r"""Linearise a model at one fit and sum over its samples, so that the fit of any set of effects follows from the sums.
 
 With X the derivatives of a channel's prediction with respect to every unknown and r its residual, the squared error
 after a change d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is
@@ -19,31 +19,31 @@ from armdyn.identify.thresholds import likeliest_thresholds
 from armdyn.linear.solve import solve_bounded
 
 DRIVEN_FIT_STEPS = 3
-"""Steps of the fits that optimise unknowns which act through another one."""
+"""Number of steps of the fits that optimise unknowns which act only through another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums of U units, each one channel in one run, for P unknowns.
+    """A linearised model of P unknowns as sums over the samples of U units, each one channel in one run.
 
     Attributes:
         problem: the problem of these unknowns.
-        values: (P,) values at the point of the expansion.
+        values: (P,) values at the point of linearisation.
         runs: names of the runs.
         channels: names of the channels.
         run: (U,) index of each unit's run.
         channel: (U,) index of each unit's channel.
         training: (U,) bool, False for runs that are only predicted.
-        gram: (U, P, P) X'X, in the channel's unit squared over the unknowns' units.
-        slope: (U, P) X'r.
-        square: (U,) r'r.
+        gram: (U, P, P) products X'X of the derivatives X of the predictions with respect to the unknowns.
+        slope: (U, P) products X'r with the residual r, measured minus predicted.
+        square: (U,) squared residuals r'r.
         count: (U,) number of samples.
         noise: (U,) standard deviation of one sample.
-        driver: (P,) index of the unknown through which an unknown acts, or its own index: the place of a mass of zero
-            changes nothing, so its derivative is taken at a typical mass.
-        size: (P,) the driver's change at which that derivative was taken; 0 for unknowns that act by themselves.
+        driver: (P,) index of the unknown through which an unknown acts, or its own index. For example, the position of
+            a payload acts only if its mass (the driver) is not zero, so its derivative is taken at a typical mass.
+        size: (P,) change of the driver at which that derivative was taken; 0 for unknowns that act by themselves.
         blocks: samples of the units.
-        width: (P,) prior standard deviation of each unknown in a fit by sums.
+        width: (P,) prior standard deviation of each unknown in a fit with these sums.
         centre: (P,) prior mean of each unknown's change from `values`.
     """
 
@@ -66,10 +66,14 @@ class Sums:
     centre: np.ndarray
 
     def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
+        """(P,) values of all unknowns, within their bounds, after a change of some of them.
 
-        Where an unknown acts through a driver that is smaller than at the derivative, its change is larger by that
-        ratio.
+        If an unknown acts through a driver that is smaller than the one at which the derivative was taken, its change
+        is larger by the ratio of the two.
+
+        Args:
+            columns: (c,) indices of the changed unknowns.
+            change: (c,) their change.
         """
         by = np.zeros(len(self.values))
         by[columns] = change
@@ -88,14 +92,26 @@ class Sums:
         return values
 
     def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """(u,) mean squared error of `units` (u,) after a change (c,) of the unknowns `columns` (c,)."""
+        """(u,) mean squared errors of some units after a change of some unknowns.
+
+        Args:
+            columns: (c,) indices of the changed unknowns.
+            change: (c,) their change.
+            units: (u,) indices of the units.
+        """
         gram = self.gram[units[:, None, None], columns[:, None], columns]
         slope = self.slope[units[:, None], columns]
         total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
         return np.maximum(total, 0.0) / self.count[units]
 
     def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(n,) residual of a unit after a change (c,) of the unknowns `columns` (c,), in the channel's unit."""
+        """(n,) residual of one unit after a change of some unknowns, in the channel's unit.
+
+        Args:
+            unit: index of the unit.
+            columns: (c,) indices of the changed unknowns.
+            change: (c,) their change.
+        """
         block = self.blocks[unit]
         return np.asarray(block.misfit - block.noise * (block.sensitivities[:, columns] @ change))
 
@@ -103,14 +119,14 @@ class Sums:
 def sums(
     problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
 ) -> Sums:
-    """Compute the sums at (P,) `values`.
+    """Linearise a model at a point and compute its sums over the samples of every channel in every run.
 
     Args:
         problem: model and all runs, including those that are only predicted.
         training: names of the runs that fits may use.
-        values: (P,) values of all unknowns.
-        absent: effects at their null values, some of whose unknowns may act through another.
-        free: (P,) bool, unknowns that were fitted; they adapt where an absent effect is optimised.
+        values: (P,) values of all unknowns at the point.
+        absent: effects at their null values, some of whose unknowns may act only through another one of the effect.
+        free: (P,) bool, unknowns that were fitted; they are adapted when an absent effect is optimised.
     """
     values, placed = with_places(problem, training, values, absent, free)
     here = problem.blocks(values)

@@ -46,18 +46,18 @@ class LinearisationPoint:
     Attributes:
         values: (P,) values of the unknowns.
         states: by run, (J, n) states at the beginning of the pieces.
-        edges: by run, (J + 1,) time limits, s, of the pieces to which these states belong.
+        piece_edges: by run, (J + 1,) time limits, s, of the pieces to which these states belong.
         noises: process noise and sensor noise by run.
-        weights: by run and channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for
+        sample_weights: by run and channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for
             suspected glitches.
         evidence: log evidence, nats, of the set of effects that was optimised at this point.
     """
 
     values: np.ndarray
     states: tuple[np.ndarray, ...]
-    edges: tuple[np.ndarray, ...]
+    piece_edges: tuple[np.ndarray, ...]
     noises: tuple[RunNoise, ...]
-    weights: tuple[tuple[np.ndarray, ...], ...]
+    sample_weights: tuple[tuple[np.ndarray, ...], ...]
     evidence: float = -np.inf
 
 
@@ -100,7 +100,7 @@ class GreyBox:
 
     def has_divided_pieces(self, point: LinearisationPoint) -> bool:
         """Whether pieces of the motion were divided since a point was computed, so that its evidence is out of date."""
-        return any(len(was) != len(now) for was, now in zip(point.edges, self._edges, strict=True))
+        return any(len(was) != len(now) for was, now in zip(point.piece_edges, self._edges, strict=True))
 
     def linearise(self, point: LinearisationPoint, free: np.ndarray | None = None) -> list[LinearisedRun]:
         """Linearise all runs at a point.
@@ -113,7 +113,7 @@ class GreyBox:
         wanted = np.ones(len(point.values), dtype=bool)
         if free is not None:
             wanted = free | (self.removable & (point.values != self.problem.null))
-        each = zip(self.runs, point.edges, point.states, point.weights, strict=True)
+        each = zip(self.runs, point.piece_edges, point.states, point.sample_weights, strict=True)
         with np.errstate(all="ignore"):  # divergence is detected by `LinearisedRun.finite`
             return [
                 run.linearise(
@@ -132,7 +132,7 @@ class GreyBox:
         """
         arounds = self.linearise(point, np.zeros(len(point.values), dtype=bool))
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
-        return max(noise.kick / around.kick_unit for around, noise in pairs)
+        return max(noise.kick_std / around.kick_unit for around, noise in pairs)
 
     def evaluate_noises(
         self, arounds: Sequence[LinearisedRun], point: LinearisationPoint, look: NoiseEvaluation
@@ -165,17 +165,17 @@ class GreyBox:
         for rounds_left, look in zip(reversed(range(len(looks))), looks, strict=True):
             tables = self.evaluate_noises(arounds, point, look)
             found = tables.evidence(free)
-            if not np.isfinite(found.value):
+            if not np.isfinite(found.log_evidence):
                 break
             noises = tuple(
                 scale_noise(t.noises[i], level)
                 for t, i, level in zip(tables.tables, found.noise_indices, found.noise_factors, strict=True)
             )
-            best = replace(point, noises=noises, evidence=found.value)
-            if not rounds_left or abs(found.value - point.evidence) < CONVERGED_NATS:
+            best = replace(point, noises=noises, evidence=found.log_evidence)
+            if not rounds_left or abs(found.log_evidence - point.evidence) < CONVERGED_NATS:
                 break
             weights = tuple(a.glitch_weights(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
-            begin = replace(best, weights=weights)
+            begin = replace(best, sample_weights=weights)
             picked = zip(tables.tables, found.noise_indices, found.noise_factors, strict=True)
             left = [float(t.square[i]) / level**2 for t, i, level in picked]
             point, arounds = self._moved(begin, sum(left[: self.training]), arounds, found.change, free)
@@ -198,7 +198,7 @@ class GreyBox:
         for share in (1.0, 0.5, 0.2, 0.05):
             values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
             states = tuple(a.smooth(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True))
-            there = replace(point, values=values, states=states, edges=self._edges)
+            there = replace(point, values=values, states=states, piece_edges=self._edges)
             if all(np.isfinite(s).all() for s in states):
                 found = self.linearise(there, free)
                 if all(a.finite for a in found) and self._left(there, found) < MAX_INNOVATION_GROWTH * left:
@@ -248,17 +248,17 @@ class GreyBox:
         """
         yield self.values_with_start_states(point)
         share, way = 1.0, list[np.ndarray]()
-        white = tuple(replace(n, colour=(ColouredNoise(),) * len(n.colour)) for n in point.noises)
+        white = tuple(replace(n, coloured_noise=(ColouredNoise(),) * len(n.coloured_noise)) for n in point.noises)
         arounds: Sequence[LinearisedRun] = self.linearise(point, free)
         while share > NO_KICK_SHARE:
             noises = tuple(
-                replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(LOG_KICKS[[0, -1]])))))
+                replace(n, kick_std=share * float(np.clip(n.kick_std, *(a.kick_unit * np.exp(LOG_KICKS[[0, -1]])))))
                 for n, a in zip(white, arounds, strict=True)
             )
             before = replace(point, noises=noises)
             tables = self.evaluate_noises(arounds, before, evaluate_one_noise)
             found = tables.evidence(free)
-            if not np.isfinite(found.value):
+            if not np.isfinite(found.log_evidence):
                 break
             left = sum(float(t.square[0]) for t in tables.tables[: self.training])
             point, arounds = self._moved(before, left, arounds, found.change, free)

@@ -50,19 +50,22 @@ class RunNoise:
     """Process noise and sensor noise of one run.
 
     Attributes:
-        kick: standard deviation of the kicks (process noise), in typical sizes of the speeds.
-        level: by channel, standard deviation of the white sensor noise over the least possible one (see `quiet_noise`).
-        colour: by channel, sensor error that is correlated in time.
+        kick_std: standard deviation of the kicks (process noise), in typical sizes of the speeds.
+        white_noise_ratios: by channel, standard deviation of the white sensor noise over the least possible one (see
+            `quiet_noise`).
+        coloured_noise: by channel, sensor error that is correlated in time.
     """
 
-    kick: float
-    level: tuple[float, ...]
-    colour: tuple[ColouredNoise, ...]
+    kick_std: float
+    white_noise_ratios: tuple[float, ...]
+    coloured_noise: tuple[ColouredNoise, ...]
 
 
 def scale_noise(noise: RunNoise, factor: float) -> RunNoise:
     """A copy of the noise with all standard deviations multiplied by a factor."""
-    return RunNoise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
+    return RunNoise(
+        noise.kick_std * factor, tuple(level * factor for level in noise.white_noise_ratios), noise.coloured_noise
+    )
 
 
 class GreyBoxRun:
@@ -225,14 +228,14 @@ class LinearisedRun:
         self.run, self.states, self.chain, self.rows = run, states, chain, rows
         self._definition, self._wanted = definition, wanted
         self._grams: dict[tuple[int, ColouredNoise], WhitenedSums] = {}
-        direction = np.sqrt(np.diag(chain.kicked))
+        direction = np.sqrt(np.diag(chain.kick_covariance))
         n = states.shape[1]
         told = [
             np.einsum("i,jik,k->j", direction, self.whitened_sums(c, ColouredNoise()).sums[:, :n, :n], direction)
             for c in range(len(rows))
         ]
         self.most_informative_channel = int(np.argmax([np.median(t) for t in told]))
-        made = [chain.gap, chain.transition, chain.by_unknown, *(one.value for one in rows)]
+        made = [chain.gap, chain.transition, chain.unknown_derivatives, *(one.value for one in rows)]
         self.finite = all(bool(np.isfinite(x).all()) for x in made)
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.most_informative_channel]), 1e-300)))
 
@@ -270,7 +273,9 @@ class LinearisedRun:
     def _acting(self) -> np.ndarray:
         """(P',) bool: unknowns with influence (the place of an absent force has none); all where most have it."""
         n = self.states.shape[1]
-        acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
+        acting = np.any(self.chain.unknown_derivatives != 0.0, axis=(0, 1)) | np.any(
+            self.chain.start[:, :-1] != 0.0, axis=0
+        )
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
         return np.asarray(acting if acting.sum() < MAX_INFLUENTIAL_SHARE * len(acting) else np.ones_like(acting))
@@ -282,9 +287,13 @@ class LinearisedRun:
             len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)
         ):
             grams = [
-                self._whitened(c, list(dict.fromkeys(n.colour[c] for n in noises)), pieces) for c in self._channels
+                self._whitened(c, list(dict.fromkeys(n.coloured_noise[c] for n in noises)), pieces)
+                for c in self._channels
             ]
-            found = [add_channels([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
+            found = [
+                add_channels([grams[c][noise.coloured_noise[c]] for c in self._channels], noise.white_noise_ratios)
+                for noise in noises
+            ]
             sums, logs, rows = (list(part) for part in zip(*found, strict=True))
             yield np.array(sums), np.array(logs), rows[0]
 
@@ -310,7 +319,7 @@ class LinearisedRun:
         Returns:
             (J, n) states at the beginning of the pieces, and (J, n) kicks there.
         """
-        moved, kicks = smooth_run(self._at(noise), self.chain, noise.kick, change[self._wanted])
+        moved, kicks = smooth_run(self._at(noise), self.chain, noise.kick_std, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def mean_squared_residual(self, begin: int, end: int) -> float:
@@ -330,7 +339,9 @@ class LinearisedRun:
 
     def _at(self, noise: RunNoise) -> np.ndarray:
         """(J, w, w) whitened sums of all channels for one noise."""
-        return add_channels([self.whitened_sums(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
+        return add_channels(
+            [self.whitened_sums(c, colour) for c, colour in enumerate(noise.coloured_noise)], noise.white_noise_ratios
+        )[0]
 
     def glitch_weights(self, noise: RunNoise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """Find glitches: samples that the noise does not explain.
@@ -343,9 +354,9 @@ class LinearisedRun:
             By channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for a glitch.
         """
         change = change[self._wanted]
-        moved, _ = smooth_run(self._at(noise), self.chain, noise.kick, change)
+        moved, _ = smooth_run(self._at(noise), self.chain, noise.kick_std, change)
         found = []
-        for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
+        for rows, colour, level in zip(self.rows, noise.coloured_noise, noise.white_noise_ratios, strict=True):
             z = rows.deviates(colour, level, moved, change)
             bad = z > GLITCH_STDS
             few = bad.sum() < MAX_GLITCH_SHARE * len(bad)

@@ -39,12 +39,12 @@ class ColouredNoise:
     """Sensor error that is correlated in time (coloured noise): an Ornstein-Uhlenbeck process.
 
     Attributes:
-        ratio: variance of the error over that of the white noise; 0 for no such error.
-        time: correlation time, s.
+        variance_ratio: variance of the error over that of the white noise; 0 for no such error.
+        correlation_time: correlation time, s.
     """
 
-    ratio: float = 0.0
-    time: float = 1.0
+    variance_ratio: float = 0.0
+    correlation_time: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,9 @@ class ChannelRows:
         """
         m, J, width = value.shape
         stamps, there = self.time[pieces], self.there[:, pieces]
-        ratio, time = (np.array([getattr(c, part) for c in colours])[:, None] for part in ("ratio", "time"))
+        ratio, time = (
+            np.array([getattr(c, part) for c in colours])[:, None] for part in ("variance_ratio", "correlation_time")
+        )
         rows = np.empty((m, len(colours), J, width))
         error, variance = np.zeros((len(colours), J, width)), np.repeat(ratio, J, axis=1)
         last, logs = stamps[:, 0], np.zeros((len(colours), J))
@@ -224,24 +226,24 @@ class PieceChain:
 
     Attributes:
         transition: (J, n, n) matrices A, derivatives of the end state of a piece with respect to its first state.
-        by_unknown: (J, n, P) matrices B, derivatives of the end state with respect to the unknowns.
+        unknown_derivatives: (J, n, P) matrices B, derivatives of the end state with respect to the unknowns.
         gap: (J, n) differences d between the end of a piece and the beginning of the next; the last one is not used.
         start: (n, P + 1) derivatives of the first state of the run with respect to the unknowns, and its own change.
         start_variance: (n, n) covariance of the free part of the first state.
-        kicked: (n, n) covariance of a kick of size one.
+        kick_covariance: (n, n) covariance of a kick of size one.
     """
 
     transition: np.ndarray
-    by_unknown: np.ndarray
+    unknown_derivatives: np.ndarray
     gap: np.ndarray
     start: np.ndarray
     start_variance: np.ndarray
-    kicked: np.ndarray
+    kick_covariance: np.ndarray
 
     def of(self, acting: np.ndarray) -> "PieceChain":
         """The transitions with derivatives by some of the unknowns only, given as (P,) bool."""
         start = self.start[:, np.append(acting, True)]
-        return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
+        return replace(self, unknown_derivatives=self.unknown_derivatives[:, :, acting], start=start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +304,7 @@ class _Filter:
     """Kalman filter, advanced over consecutive pieces; see `filter_run`."""
 
     def __init__(self, chain: PieceChain, kicks: np.ndarray) -> None:
-        self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
+        self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kick_covariance, 0
         # The columns' states decrease by what the unknowns add to them: the residual is r - X dtheta.
         self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
         self._variance = chain.start_variance
@@ -319,7 +321,9 @@ class _Filter:
         M = np.empty((C, K, b, n, width))
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
-        drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
+        drive = np.concatenate(
+            [-chain.unknown_derivatives[here : here + b], chain.gap[here : here + b, :, None]], axis=2
+        )
         logs, told = np.zeros((C, K)), semidefinite_cholesky(sums[:, :, :n, :n])[:, None]
         for j in range(b):
             M[:, :, j] = mean
@@ -395,6 +399,6 @@ def smooth_run(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndar
         pull = back[j] @ pulls[j + 1] + e[j]
         moved[j] = now[j] @ pull
         pulls[j] = pull - sums[j, :n, :n] @ moved[j]
-    kicks = pulls[:-1] @ (kick**2 * chain.kicked)
+    kicks = pulls[:-1] @ (kick**2 * chain.kick_covariance)
     kicks[0] = 0.0
     return mean + moved, kicks

@@ -91,11 +91,11 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.at.cost >= MAX_CHI2_NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.expansion.cost >= MAX_CHI2_NEAR_NOISE * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)
-        found = other if other.at.cost < found.at.cost else found
+        found = other if other.expansion.cost < found.expansion.cost else found
     return found.values
 
 

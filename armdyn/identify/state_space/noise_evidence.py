@@ -45,7 +45,7 @@ class NoiseTable:
         square: (S,) squared innovations r'r.
         log_std: (S,) sums of the logarithms of the innovations' standard deviations.
         rows: number of innovations of the run.
-        kicks: number of different sizes of the kicks, which follow one another in `noises`.
+        kick_count: number of different sizes of the kicks, which follow one another in `noises`.
     """
 
     noises: tuple[RunNoise, ...]
@@ -54,9 +54,9 @@ class NoiseTable:
     square: np.ndarray
     log_std: np.ndarray
     rows: float
-    kicks: int
+    kick_count: int
 
-    def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "NoiseTable":
+    def after_change(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "NoiseTable":
         """The table after a change of some unknowns, reduced to other ones.
 
         Args:
@@ -77,13 +77,13 @@ class NoiseTable:
 def evaluate_noises(around: LinearisedRun, noises: Sequence[RunNoise], kicks: np.ndarray) -> NoiseTable:
     """Evaluate a linearised run at each of some sensor noises, combined with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
-    every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
+    every = tuple(replace(noise, kick_std=float(kick)) for noise in noises for kick in kicks)
     return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
 def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at one noise setting."""
-    return evaluate_noises(around, [noise], np.array([noise.kick]))
+    return evaluate_noises(around, [noise], np.array([noise.kick_std]))
 
 
 def evaluate_all_kicks(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
@@ -96,34 +96,48 @@ def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
 
     That channel is the one with the most information on the motion; the others keep the sensor noise of `noise`.
     """
-    noise = scale_noise(noise, 1.0 / min(noise.level))
+    noise = scale_noise(noise, 1.0 / min(noise.white_noise_ratios))
     swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
     colours = [ColouredNoise()] + [ColouredNoise(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
     k = around.most_informative_channel
-    noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
+    noises = [
+        replace(noise, coloured_noise=(*noise.coloured_noise[:k], colour, *noise.coloured_noise[k + 1 :]))
+        for colour in colours
+    ]
     return evaluate_noises(around, noises, kicks)
 
 
 def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at noise settings near a given one."""
-    noise = scale_noise(noise, 1.0 / min(noise.level))
-    kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
+    noise = scale_noise(noise, 1.0 / min(noise.white_noise_ratios))
+    kicks = np.clip(noise.kick_std / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
-    for c, colour in enumerate(noise.colour):
+    for c, colour in enumerate(noise.coloured_noise):
         for other in _neighbours(colour, around.run.swing):
-            found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
-        for factor in NOISE_LEVEL_FACTORS if len(noise.level) > 1 else ():
-            found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
+            found.append(
+                replace(noise, coloured_noise=(*noise.coloured_noise[:c], other, *noise.coloured_noise[c + 1 :]))
+            )
+        for factor in NOISE_LEVEL_FACTORS if len(noise.white_noise_ratios) > 1 else ():
+            found.append(
+                replace(
+                    noise,
+                    white_noise_ratios=(
+                        *noise.white_noise_ratios[:c],
+                        factor * noise.white_noise_ratios[c],
+                        *noise.white_noise_ratios[c + 1 :],
+                    ),
+                )
+            )
     return evaluate_noises(around, found, kicks)
 
 
 def _neighbours(colour: ColouredNoise, swing: float) -> list[ColouredNoise]:
     """Neighbours of a colour in the grid."""
-    if colour.ratio == 0.0:
+    if colour.variance_ratio == 0.0:
         return [ColouredNoise(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
-    r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.ratio)))
-    t = int(np.argmin([abs(x * swing - colour.time) for x in COLOUR_PERIODS]))
+    r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.variance_ratio)))
+    t = int(np.argmin([abs(x * swing - colour.correlation_time) for x in COLOUR_PERIODS]))
     found = [ColouredNoise()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
         if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
@@ -136,8 +150,8 @@ class SetEvidence:
     """Evidence of a set of effects at the noise for which the set is most likely.
 
     Attributes:
-        value: log evidence of the training runs, nats.
-        predicted: log likelihood of the other runs, which are predicted from the training runs, nats.
+        log_evidence: log evidence of the training runs, nats.
+        prediction_log_likelihood: log likelihood of the other runs, which are predicted from the training runs, nats.
         freedom_penalty: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
         change: (P,) change of the unknowns from the point of linearisation.
         noise_indices: by run, index of the most likely noise setting in the run's table.
@@ -147,8 +161,8 @@ class SetEvidence:
             be much more likely.
     """
 
-    value: float
-    predicted: float
+    log_evidence: float
+    prediction_log_likelihood: float
     freedom_penalty: float
     change: np.ndarray
     noise_indices: tuple[int, ...]
@@ -198,12 +212,12 @@ class RunNoiseTables:
         """
         thinned, begin = [], []
         for table, pick in zip(self.tables, like.noise_indices, strict=True):
-            colours = len(table.noises) // table.kicks
+            colours = len(table.noises) // table.kick_count
             at = np.array(
                 [
-                    c * table.kicks + k
+                    c * table.kick_count + k
                     for c in range(0, colours, COARSE_STRIDES[0])
-                    for k in range(0, table.kicks, COARSE_STRIDES[1])
+                    for k in range(0, table.kick_count, COARSE_STRIDES[1])
                 ]
             )
             begin.append(int(np.argmin(np.abs(at - pick))))
@@ -211,7 +225,7 @@ class RunNoiseTables:
                 replace(
                     table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
                     square=table.square[at], log_std=table.log_std[at],
-                    kicks=len(range(0, table.kicks, COARSE_STRIDES[1])),
+                    kick_count=len(range(0, table.kick_count, COARSE_STRIDES[1])),
                 )
             )  # fmt: skip
         return RunNoiseTables(thinned, self.values, self.problem, self.training, self._removable, begin)
@@ -227,7 +241,7 @@ class RunNoiseTables:
         c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
         gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
         away = (p.null - self.values)[gone]
-        parts = [t.after(gone, away, c) for t in self.tables]
+        parts = [t.after_change(gone, away, c) for t in self.tables]
         R = self.training
         picks = list(self._begin or (len(t.square) // 2 for t in self.tables))
         levels, value = [1.0] * len(parts), -np.inf
@@ -247,7 +261,7 @@ class RunNoiseTables:
                 over = over + sum(float(parts[i].likelihood(np.array(levels[i]))[picks[i]]) for i in others)
                 picks[r] = int(np.argmax(over))
                 levels[r] = float(level[picks[r]])
-                value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
+                value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kick_count)
         H, g = summed(range(R))
         d, cost, pulled = self._bounded(H, g, c)
         value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
@@ -283,14 +297,14 @@ class RunNoiseTables:
             own: (m,) indices of the unknowns of the run alone.
         """
         loose, moved = np.concatenate([c, own]), np.flatnonzero(change)
-        part = self.tables[r].after(moved, change[moved], loose)
+        part = self.tables[r].after_change(moved, change[moved], loose)
         A = np.diag(np.concatenate([self._width[c], self.problem.typical[own]]) ** -2.0)
         A[: len(c), : len(c)] += known
         square = part.square - np.sum(part.slope * solve_positive(A + part.gram, part.slope), axis=1)
         level = np.sqrt(np.maximum(square / part.rows, 1.0))
         over = replace(part, square=square).likelihood(level) - 0.5 * (log_det(A + part.gram) - log_det(A))
         pick = int(np.argmax(over))
-        return float(over[pick]) + _peak(over, pick, part.kicks), pick, float(level[pick])
+        return float(over[pick]) + _peak(over, pick, part.kick_count), pick, float(level[pick])
 
     def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S, c) best change, and (S,) the change of the squared error, negative where it falls."""

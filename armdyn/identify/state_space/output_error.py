@@ -191,7 +191,7 @@ class EffectSetOptimiser:
         Returns:
             By run and channel, (N,) variance of each sample relative to that of ordinary ones.
         """
-        return self._near(free).weights
+        return self._near(free).sample_weights
 
     def _near(self, free: np.ndarray) -> LinearisationPoint:
         """The point of the most similar optimised set, with effects that are not `free` at null."""

@@ -102,14 +102,14 @@ class StateSpaceScorer(SetScorer):
         found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price = self.complexity_penalty(effects)
-        worth = found.value + found.predicted - price if found.within_bounds else -np.inf
+        worth = found.log_evidence + found.prediction_log_likelihood - price if found.within_bounds else -np.inf
         return SetScore(
             effects=effects,
             score=worth,
-            likelihood=found.value + found.freedom_penalty,
-            log_predictive=found.predicted,
+            likelihood=found.log_evidence + found.freedom_penalty,
+            log_predictive=found.prediction_log_likelihood,
             freedom_penalty=found.freedom_penalty,
-            values=float(free.sum() - self._always.sum()),
+            determined_values=float(free.sum() - self._always.sum()),
             columns=columns,
             change=found.change[columns],
             misfit=-worth,
@@ -187,7 +187,11 @@ class StateSpaceScorer(SetScorer):
 
     def _promised(self, coarse: RunNoiseTables, one: tuple[Candidate, ...]) -> float:
         found = coarse.evidence(self._free(one))
-        return found.value + found.predicted - self.complexity_penalty(one) if found.within_bounds else -np.inf
+        return (
+            found.log_evidence + found.prediction_log_likelihood - self.complexity_penalty(one)
+            if found.within_bounds
+            else -np.inf
+        )
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from a set by a small change."""
@@ -220,7 +224,7 @@ class StateSpaceScorer(SetScorer):
 
     def schwarz_score(self, one: SetScore) -> float:
         """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
-        return one.likelihood + one.log_predictive - 0.5 * one.values * log(self._here.rows)
+        return one.likelihood + one.log_predictive - 0.5 * one.determined_values * log(self._here.rows)
 
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
         """Root mean square output error by channel, of training runs and of held-out runs."""

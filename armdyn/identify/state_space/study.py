@@ -1,4 +1,4 @@
-"""A study of a model with states: fits of whole runs start at the measured motion."""
+"""Fits of a model that simulates a motion: fits of whole runs start from the measured motion."""
 
 from collections.abc import Iterator, Sequence
 from copy import copy
@@ -21,23 +21,23 @@ from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentif
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
-"""Largest number of glitch times that are listed."""
+"""Largest number of times of glitches that a sentence lists."""
 MIN_SHARE_PER_VALUE = 0.125
-"""Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
-public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
+"""Share of the squared error above the noise that each parameter of an added effect must explain: parameters that the
+public recordings of pendulums need explain 0.17 or more, a lag that errors of the simulated robot imitate 0.10."""
 
 
 class StateSpaceStudy(Study):
-    """Fits of a model with states; see `Study`."""
+    """Fits a model that simulates a motion, with any effects, to runs; see `Study`."""
 
     later_ties = True
     ignored_chi2 = NOISE_POWER_RATIO
 
     @cached_property
     def motion(self) -> EffectSetOptimiser:
-        """All runs linearised around their motion.
+        """Optimiser of sets of effects around the measured motion of all runs.
 
-        Where the motion was not measured, the start of each run is searched first.
+        Where the motion was not measured, the start state of each run is searched first.
         """
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         present = everything.unknowns_of(self.present_names)
@@ -69,12 +69,18 @@ class StateSpaceStudy(Study):
         return self._fit_around(self.present, OTHER_STARTS)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit | None = None, values: np.ndarray | None = None) -> Fit:
-        """Fit the model's base with exactly these effects, from the measured motion."""
+        """Fit the base model with some effects and no others to whole runs, from the measured motion.
+
+        Args:
+            effects: the effects.
+            near: not used.
+            values: not used.
+        """
         del near, values
         return self._fit_around(effects, OTHER_STARTS)
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
-        """Fit these effects around the measured motion, for a table: from one start also where errors are large."""
+        """Fit the base model with some effects quickly, to rank them: from few start values, even with large errors."""
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
@@ -102,40 +108,41 @@ class StateSpaceStudy(Study):
         return found
 
     def left(self, effects: Sequence[Candidate]) -> float:
-        """Squared output error of a set, training and held-out runs together; see `squared_error`.
+        """Squared error of whole runs (see `squared_error`) with some effects, from a quick fit.
 
-        It has four digits, so that of effects with the same influence, such as two frictions of a fixed pivot, the
-        first one of the catalogue is preferred.
+        It is rounded to four digits, so that of effects with equal influence, such as two frictions of a fixed pivot,
+        the first one of the catalogue is preferred.
         """
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
 
     def is_at_noise(self, fit: Fit) -> bool:
-        """Whether the residual is at most what noise may have by chance, in training and in held-out runs."""
+        """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
         return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
 
     def explained_share(self, before: Fit, after: Fit) -> float:
-        """Share of the squared error that is explained, on training and held-out runs together.
+        """Share of the squared error of the fit `before` that the fit `after` removes, on training and held-out runs.
 
-        The noise of a single short recording is too uncertain to judge by held-out runs alone.
+        Held-out runs alone may be too short for a reliable estimate of their noise.
         """
         return 1.0 - self.squared_error(after) / self.squared_error(before)
 
     def model_error_weight(self, fit: Fit) -> float:
-        """Weight of the model's own error, see `Study`; 1 where the motion was measured.
+        """Weight of the model's own error in a residual, 0 to 1; see `Study.model_error_weight`.
 
-        There, evidence with process noise has told coloured noise from what is missing.
+        It is 1 where the motion was measured: there, the evidence with process noise distinguishes coloured noise from
+        a missing effect.
         """
         return 1.0 if self.motion.motion_measured else super().model_error_weight(fit)
 
     def unidentified(self, fit: Fit) -> tuple[UnidentifiedCombination, ...]:
-        """Combinations of values that the runs do not identify; see `find_unidentified_combinations`."""
+        """Combinations of parameters that the runs do not identify; see `find_unidentified_combinations`."""
         return find_unidentified_combinations(fit)
 
     def is_lost(self, fit: Fit) -> bool:
-        """Whether the residual varies more than the signals, in some runs; see `residual_variance_ratio`.
+        """Whether a fit has failed: its residual varies more than the signals (see `residual_variance_ratio`).
 
-        A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise.
+        A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
         """
         if fit.chi2_per_sample < MAX_CHI2_NEAR_NOISE:
             return False
@@ -143,7 +150,7 @@ class StateSpaceStudy(Study):
         return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)
 
     def describe_glitches(self, fit: Fit) -> list[str]:
-        """Sentences on suspected glitches, which had little weight in choosing; see `Study.describe_glitches`."""
+        """Sentences, without full stops, on suspected glitches, which had little weight in the choice of effects."""
         motion, found = self.motion, list[str]()
         free = transfer_mask(fit.free, fit.problem, motion.problem)
         for run, weights in zip(motion.box.runs, motion.sample_weights(free & ~motion.start_unknowns), strict=True):

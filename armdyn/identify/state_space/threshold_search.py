@@ -57,7 +57,11 @@ def _likeliest(box: GreyBox, point: LinearisationPoint, free: np.ndarray, place:
             there = replace(point, values=values)
             arounds = box.linearise(there, free)
             finite = all(around.finite for around in arounds)
-            worth = box.evaluate_noises(arounds, there, evaluate_all_kicks).evidence(free).value if finite else -np.inf
+            worth = (
+                box.evaluate_noises(arounds, there, evaluate_all_kicks).evidence(free).log_evidence
+                if finite
+                else -np.inf
+            )
             tried[key] = worth if np.isfinite(worth) else -np.inf
         return np.array([tried[key]])
 

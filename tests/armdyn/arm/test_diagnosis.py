@@ -23,9 +23,9 @@ def study_of(hidden, seed, **settings):
 def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away():
     found = diagnose(study_of("gravity_spring", 1))
     assert found.verdict is Verdict.EFFECT_MISSING
-    assert (found.suspects[0].effect, found.suspects[0].joints) == ("gravity_spring", ("right_s1",))
+    assert (found.ranked_effects[0].effect, found.ranked_effects[0].joints) == ("gravity_spring", ("right_s1",))
     for name, true in true_parameters("gravity_spring", 1.0).items():
-        value = found.suspects[0].parameters[name]
+        value = found.ranked_effects[0].parameters[name]
         assert abs(value.value - true) < 4 * value.std
 
 

@@ -78,7 +78,7 @@ def test_a_place_is_looked_for_where_its_joint_reaches(model):
         (joint,) = law.joints
         q = run.channels[f"q.{joint}"].value
         parameters = model.with_effect(law).parameters
-        if "place" in term.constants:
+        if "place" in term.parameters:
             place = parameters[f"{law.name}.place[{joint}]"]
             assert q.min() <= place.lower < place.upper <= q.max()
             assert (place.value - place.lower, place.prior) == (
@@ -99,7 +99,7 @@ def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
     study = Study.of(model, given.runs, [], effects_of_terms(list(terms.values())))
     scores = study.scores(study.with_places(study.first()), ())
     drops = {score.candidate.effect: score.chi2_decrease for score in scores}
-    (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.site.joint == "elbow")
+    (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.location.joint == "elbow")
     assert there > 0.5 * max(drops.values())
 
 
@@ -112,7 +112,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     model = arm_model(urdf=path)
     terms = named_terms(arm_terms(Study.of(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
-    assert any(term.site.joint == joint for term in terms.values())
+    assert any(term.location.joint == joint for term in terms.values())
 
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
@@ -129,9 +129,9 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
         fit = study.fit_with(effects, steps[-1].fit)
         steps.append(SearchStep((one,), (), effects, fit, residual_tests(fit, [])))
     found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
-    (law,) = found.findings
+    (law,) = found.laws
     assert law.joints == ("shoulder", "elbow")
-    assert law.explains == pytest.approx(found.explains)
+    assert law.explained_share == pytest.approx(found.explained_share)
 
 
 @pytest.mark.slow
@@ -140,6 +140,6 @@ def test_a_law_of_a_joint_is_discovered_beside_friction(model, kind, seed):
     """Seen from the model as given, the cable explained 0.3 % of what frictions do."""
     given = world(kind, seed)
     found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
-    (law,) = found.new
+    (law,) = found.new_laws
     assert (law.kind, law.joints) == (kind, ("elbow",))
-    assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}
+    assert {one.effect for one in found.laws} > {"joint_viscous_friction", "joint_coulomb_friction"}

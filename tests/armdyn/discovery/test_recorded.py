@@ -31,7 +31,7 @@ def model(tmp_path):
 def test_a_friction_that_falls_with_a_recorded_temperature_is_found(model, tmp_path, kind, joint):
     given = world(kind, 0)
     found = discover(Study.of(model(given), given.runs, [given.held_out], available_effects(model(given))))
-    (law,) = found.new
+    (law,) = found.new_laws
     assert (law.kind, law.joint) == ("friction by temperature", joint)
     assert law.depends_on == ("extra.temperature", "speed")
     assert {name: value.unit for name, value in law.values.items()} == {"coefficient": "N m s/rad", "width": "K"}
@@ -46,4 +46,4 @@ def test_a_friction_that_falls_with_a_recorded_temperature_is_found(model, tmp_p
 def test_a_temperature_beside_a_clean_recording_is_no_law(model, kind):
     given = world(kind, 0)
     found = discover(Study.of(model(given), given.runs, [given.held_out], available_effects(model(given))))
-    assert (found.findings, found.sentence) == ((), "Nothing is missing: what is left is noise.")
+    assert (found.laws, found.sentence) == ((), "Nothing is missing: what is left is noise.")

@@ -79,13 +79,13 @@ def test_a_formula_is_read_as_it_is_computed(tmp_path):
     path.write_text(effects_file_text("A stop.", [stop], {"my_stop": "    As seen."}))
     (effect,) = load_effects(path)
     assert effect.name == "my_stop"
-    assert effect.quantities["place"].null == pytest.approx(stop.constants["place"].value)
+    assert effect.quantities["place"].null == pytest.approx(stop.parameters["place"].start_value)
 
 
 def test_a_recorded_quantity_is_declared_as_it_was_recorded():
     friction = replace(next(shapes.recorded_friction_terms(STRING, TEMPERATURE, SPEED)), name="oil")
     assert friction.formula == "-coefficient * speed * exp(-(extra_temperature - 295.0) / width)"
-    assert (list(friction.shapes), friction.size.unit) == (["coefficient"], "N m s/rad")
+    assert (list(friction.shapes), friction.size_parameter.unit) == (["coefficient"], "N m s/rad")
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
     stop = replace(next(shapes.stop_terms(STRING, ANGLE)), name="stop")
@@ -96,7 +96,7 @@ def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
     opening, temperature = (list(shapes.recorded_torque_terms(STRING, v)) for v in (OPENING, TEMPERATURE))
     assert [term.formula for term in opening] == ["k * extra_opening", "k * extra_opening^2"]
     assert [term.formula for term in temperature] == ["k * (extra_temperature - place)"]
-    assert [term.size.unit for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
+    assert [term.size_parameter.unit for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
 
 
 def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed(complains):
@@ -118,7 +118,7 @@ def test_a_curve_follows_any_smooth_function():
     curve = shapes.curve_term(STRING, ANGLE)
     x = np.linspace(ANGLE.low, ANGLE.high, 100)
     names = {"ca": ca, "angle": ca.DM(x)}
-    exec("\n".join(curve.lines), names)
+    exec("\n".join(curve.preceding_code), names)
     columns = np.column_stack([eval(shape, names).full()[:, 0] for shape in curve.shapes.values()])
     target = np.exp(-(((x - 0.1) / 0.25) ** 2))
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]

@@ -49,7 +49,7 @@ def test_runs_without_an_effect_are_explained_whatever_the_colour_of_their_noise
 def test_wind_and_tilt_are_an_honest_tie_with_advice():
     found = diagnose(study_of(recordings(hidden={"wind": 0.01})))
     assert found.verdict is Verdict.CANNOT_TELL_APART
-    assert {found.suspects[0].effect, *found.suspects[0].tied_with} == {"wind", "path_tilt"}
+    assert {found.ranked_effects[0].effect, *found.ranked_effects[0].tied_with} == {"wind", "path_tilt"}
     assert found.remedies == ("'armdyn next' on the same files computes which experiment does, and designs the motion",)
     assert found.remedies[0] in found.sentence
 

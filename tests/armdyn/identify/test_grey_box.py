@@ -84,7 +84,7 @@ def test_the_filter_gives_the_likelihood_of_the_dense_covariance(colour):
     box, problem = box_of(swing(0.6, 3.0))
     (around,) = box.linearise(box.initial_point(problem.start_values()))
     noise = RunNoise(0.05, (1.3,), (colour,))
-    found = around.innovations([noise], np.array([noise.kick]))
+    found = around.innovations([noise], np.array([noise.kick_std]))
     residual, X, covariance = dense(around, noise, len(problem.columns))
     inverse = np.linalg.inv(covariance)
     assert found.square[0] == pytest.approx(residual @ inverse @ residual, rel=1e-6)
@@ -97,8 +97,8 @@ def test_the_smoother_gives_the_mean_of_the_dense_posterior():
     box, problem = box_of(swing(0.6, 3.0))
     (around,) = box.linearise(box.initial_point(problem.start_values()))
     noise = RunNoise(0.05, (1.0,), (ColouredNoise(),))
-    sums = add_channels([around.whitened_sums(0, ColouredNoise())], noise.level)[0]
-    states, _ = smooth_run(sums, around.chain, noise.kick, np.zeros(len(problem.columns)))
+    sums = add_channels([around.whitened_sums(0, ColouredNoise())], noise.white_noise_ratios)[0]
+    states, _ = smooth_run(sums, around.chain, noise.kick_std, np.zeros(len(problem.columns)))
     residual, _, covariance, of_states, mean = dense(around, noise, len(problem.columns), states=True)
     posterior = mean + of_states @ np.linalg.solve(covariance, residual)
     assert np.allclose(states.ravel(), posterior, rtol=1e-5, atol=1e-8)
@@ -155,8 +155,8 @@ def dense(around, noise, unknowns, *, states=False):
             there = slice(i * n, (i + 1) * n)
             prior[there, here], prior[here, there] = onward @ P, (onward @ P).T
         T = chain.transition[j]
-        m, M = T @ m + chain.gap[j], T @ M + chain.by_unknown[j]
-        P = T @ P @ T.T + noise.kick**2 * chain.kicked
+        m, M = T @ m + chain.gap[j], T @ M + chain.unknown_derivatives[j]
+        P = T @ P @ T.T + noise.kick_std**2 * chain.kick_covariance
     places = np.argwhere(rows.there)
     H = np.zeros((len(places), J * n))
     X, r, time = np.zeros((len(places), unknowns)), np.zeros(len(places)), np.zeros(len(places))
@@ -164,9 +164,13 @@ def dense(around, noise, unknowns, *, states=False):
         H[k, j * n : (j + 1) * n] = rows.value[i, j, :n]
         X[k], r[k], time[k] = rows.value[i, j, n:-1], rows.value[i, j, -1], rows.time[j, i]
     together = places[:, 1][:, None] == places[:, 1][None]
-    coloured = noise.colour[0].ratio * np.exp(-np.abs(np.subtract.outer(time, time)) / noise.colour[0].time) * together
+    coloured = (
+        noise.coloured_noise[0].variance_ratio
+        * np.exp(-np.abs(np.subtract.outer(time, time)) / noise.coloured_noise[0].correlation_time)
+        * together
+    )
     white = np.diag([rows.white[i, j] for i, j in places])  # a row may be the mean of fewer samples than others
-    covariance = H @ prior @ H.T + noise.level[0] ** 2 * (white + coloured)
+    covariance = H @ prior @ H.T + noise.white_noise_ratios[0] ** 2 * (white + coloured)
     found = r - H @ mean, X + H @ columns, covariance
     return (*found, prior @ H.T, mean) if states else found
 
@@ -228,7 +232,7 @@ def test_a_glitch_is_not_believed():
     spoilt = Run("a.csv", {"swing_angle": Channel(run.channels["swing_angle"].time, angle, "rad")})
     box, problem = box_of(spoilt)
     free = np.array([c.parameter.name in ("length", "quadratic_drag.coefficient") for c in problem.columns])
-    believed = box.optimise(free, box.initial_point(problem.start_values())).weights[0][0] == 1.0
+    believed = box.optimise(free, box.initial_point(problem.start_values())).sample_weights[0][0] == 1.0
     assert not believed[500:503].any()
     assert believed.mean() > 0.97
 
@@ -242,7 +246,7 @@ def test_innovations_at_many_noises_are_those_at_each():
     )
     together = around.innovations(noises, kicks)
     for c, noise in enumerate(noises):
-        sums, logs, rows = add_channels([around.whitened_sums(0, noise.colour[0])], noise.level)
+        sums, logs, rows = add_channels([around.whitened_sums(0, noise.coloured_noise[0])], noise.white_noise_ratios)
         for k, kick in enumerate(kicks):
             alone = filter_run([(sums[None], np.array([logs]), rows)], around.chain, np.array([kick]))
             assert together.square[2 * c + k] == pytest.approx(alone.square[0], rel=1e-9)
@@ -280,5 +284,5 @@ def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_on
     ]
     train, held_out = (bent(run) for run in runs)
     found = diagnose(Study.of(pendulum_model(0.38, 0.2), [train], [held_out], EFFECTS))
-    leading = found.suspects[0]
+    leading = found.ranked_effects[0]
     assert {leading.effect, *leading.tied_with} == {"pivot_coulomb_friction", "pivot_load_friction"}

@@ -37,7 +37,7 @@ def spiked(run, at=400, by=47.0):
 def test_one_spike_of_47_newton_does_not_hide_friction(at):
     found = diagnose(base_pendulum(), [spiked(swing(), at)], effects=CHOICE)
     assert found.verdict is Verdict.EFFECT_MISSING
-    assert found.suspects[0].effect == FRICTION
+    assert found.ranked_effects[0].effect == FRICTION
     assert found.sentence.endswith("Left out as outliers: 1 of load_force.")
 
 
@@ -77,5 +77,5 @@ def test_wrong_torques_and_positions_of_an_arm_hide_no_friction():
     choice = [CATALOGUE[name] for name in ("joint_viscous_friction", "torque_delay", "rotor_inertia")]
     found = diagnose(arm_model(robot="baxter"), [bad], effects=choice)
     assert found.verdict is Verdict.EFFECT_MISSING
-    assert found.suspects[0].effect == "joint_viscous_friction"
+    assert found.ranked_effects[0].effect == "joint_viscous_friction"
     assert sum(found.comparison.fit.problem.runs[0].outliers.values()) > 100

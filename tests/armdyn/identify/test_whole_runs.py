@@ -22,7 +22,7 @@ class Runs:
     """A study whose fits leave what a table says; an effect is worth as much evidence as another table says."""
 
     present: tuple[Candidate, ...] = ()
-    model = Plain(first_guesses=())
+    model = Plain(guessed_parameters=())
     asked: frozenset[str] = frozenset()
     held_out = ("held out",)
     candidates = (LOAD, DRY, DRAG, BIAS)
@@ -46,11 +46,11 @@ class Runs:
     def is_at_noise(self, fit):
         return bool(np.all(self.excess(fit) < 0.1))
 
-    def of(self, effects):
+    def evaluate(self, effects):
         effects = tuple(c for c in self.candidates if c in set(effects))
         return Plain(effects=effects, score=sum(self._evidence[c] for c in effects))
 
-    settle = of
+    optimise = evaluate
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def all_are_there(monkeypatch):
 
 def chosen(left, evidence, *effects):
     runs = Runs(left, {LOAD: 0.0, DRY: 0.0, DRAG: 0.0, BIAS: 0.0, **evidence})
-    return set(whole_runs.improve_by_whole_runs(runs, runs, runs.of(effects), lambda _: None).effects)
+    return set(whole_runs.improve_by_whole_runs(runs, runs, runs.evaluate(effects), lambda _: None).effects)
 
 
 EVIDENCE = {LOAD: 50.0, DRY: 40.0}
@@ -112,9 +112,9 @@ def test_what_explains_more_than_a_little_of_gross_errors_is_added(remains, more
 
 def nothing(monkeypatch, value, runs):
     """Whether a bias is, which is `value` standard deviations large."""
-    runs.motion = Plain(names_of_places={"dry.size": 3.0})
+    runs.motion = Plain(threshold_values={"dry.size": 3.0})
     problem = Plain(
-        of=lambda names: np.array([name.startswith(("bias", "dry")) for name in ("load.size", *names)]),
+        unknowns_of=lambda names: np.array([name.startswith(("bias", "dry")) for name in ("load.size", *names)]),
         null=np.zeros(2),
     )
     found = Plain(problem=problem, free=np.ones(2, dtype=bool), values=np.array([5.0, 3.0 * value]))

@@ -178,7 +178,7 @@ def test_a_law_of_a_rate_is_discovered_written_and_read(tmp_path):
     (tmp_path / "bare.py").write_text(HEAD + VESSEL.text.split("@effect")[0])
     bare = load_base(tmp_path / "bare.py")
     found = discover(bare, runs[:2], runs[2:3])
-    (one,) = found.findings
+    (one,) = found.laws
     assert abs(one.values["place"].value - drawn["relief_valve.opens"]) < 3.0 * one.values["place"].std
     found.write(tmp_path / "law.py")
     (law,) = load_effects(tmp_path / "law.py", bare.stages)

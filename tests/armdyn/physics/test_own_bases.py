@@ -202,9 +202,9 @@ def test_a_base_keeps_its_own_units_in_effects_and_laws(tmp_path):
     model = load_base(path)
     assert model.own_effects[0].quantities["edge"].unit == "degC"
     study = CheckedStudy.of(model, [tmp_path / "a.csv"]).study
-    units = {(t.kind, *(v.name for v in t.variables), t.site.joint): t for t in physics_terms(study.first())}
+    units = {(t.kind, *(v.name for v in t.variables), t.location.joint): t for t in physics_terms(study.first())}
     edge = units["threshold above", "inside", "level"]
-    assert (edge.constants["place"].unit, edge.size.unit) == ("degC", "mm/(s K)")
+    assert (edge.parameters["place"].unit, edge.size_parameter.unit) == ("degC", "mm/(s K)")
     assert units["proportion", "level", "inside"].size.unit == "K/(s mm)"
 
 
