@@ -3,8 +3,8 @@ r"""Compute thresholds for a rate of false alarms, by extrapolation of the large
 A fault-free recording is cut into stretches. Of their largest values, those above the median u are exponential beyond
 u, as for a density with an exponential tail (peaks over a threshold with shape 0: Pickands, Ann. Stat. 3, 1975). The
 model's error at one instant comes in bursts and has such a tail; the root of a sum of squares over many instants is
-nearly Gaussian, so that its square has one. For n peaks of mean excess B, the probability that the next peak exceeds u + x
-would be exp(-x / B) if B were the true mean. With B integrated out (Gamma posterior, prior 1 / B) it is
+nearly Gaussian, so that its square has one. For n peaks of mean excess B, the probability that the next peak exceeds
+u + x would be exp(-x / B) if B were the true mean. With B integrated out (Gamma posterior, prior 1 / B) it is
 
     (1 + x / (n B))^-n.
 
