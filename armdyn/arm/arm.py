@@ -1,4 +1,4 @@
-"""The described arm: its joints, their kinds, and their links."""
+"""An arm as its description states it: joints, their kinds, and links."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from armdyn.recording.units import sliding_unit
 USUAL_EFFORT = 50.0
 """Effort limit, N m, of the joint for which typical sizes of effects are written."""
 BASE_AS_JOINT = ""
-"""The base, in place of a joint's name."""
+"""Name that stands for the base where a joint's name is expected."""
 METRES_PER_RADIAN = 0.1
 """Displacement of a joint that slides, m, with the effect of a radian of one that turns."""
 REASONS_AGAINST_EFFECT: Mapping[Reach, str] = {
@@ -34,11 +34,11 @@ REASONS_AGAINST_EFFECT: Mapping[Reach, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A described arm.
+    """An arm as its description (URDF or MJCF) states it.
 
     Attributes:
         robot: the robot of a URDF, reduced to the arm's joints.
-        file: file of the URDF or of the settings; None where the robot is known by name.
+        file: file of the URDF or of the settings; None for a known robot.
         carried: joints that move as recorded and have no effects and no predicted torques; see `ArmModel.adapted_to`.
     """
 
@@ -48,12 +48,12 @@ class Arm:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names from base to tool."""
+        """Names of the joints, from base to tool."""
         return self.robot.joint_names
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Names, from base to tool, of the joints with predicted torques and effects."""
+        """Names of the joints with predicted torques and effects, from base to tool."""
         return tuple(joint for joint in self.joints if joint not in self.carried)
 
     @cached_property
@@ -75,12 +75,12 @@ class Arm:
 
     @cached_property
     def described(self) -> np.ndarray:
-        """(nj, 10) inertial parameters of the moved links."""
+        """(nj, 10) described inertial parameters of the links that the joints move."""
         return described_parameters(self.model)
 
     @cached_property
     def pseudo_inertia_factors(self) -> np.ndarray:
-        """(nj, 4, 4) triangular factor of each moved link's pseudo-inertia."""
+        """(nj, 4, 4) upper triangular factor U of each link's described pseudo-inertia U U'."""
         return np.array([pseudo_inertia_factor(p, float(self.described[:, 0].max())) for p in self.described])
 
     @cached_property
@@ -95,7 +95,7 @@ class Arm:
         return tuple(bodies[joint] for joint in sorted(weightless))
 
     def reachable_joints(self, reach: Reach) -> tuple[str, ...]:
-        """Joints that an effect with this reach can act on, or `BASE_AS_JOINT`."""
+        """Names of the joints on which an effect with this `reach` can act, or `BASE_AS_JOINT` for the base."""
         indices = [i for i, joint in enumerate(self.joints) if joint not in self.carried]
         inner = [parent if parent in indices else -1 for parent in parent_joints(self.model)]
         chosen: Mapping[Reach, Iterable[int]] = {
@@ -136,10 +136,10 @@ def find_arm(
     joints: Sequence[str] | None = None,
     tool: str | None = None,
 ) -> Arm:
-    """The arm of a URDF or of a known robot; joints that are not named stay at zero.
+    """Load an arm from a URDF or by the name of a known robot; joints that are not named are locked at zero.
 
     Raises:
-        InputError: not exactly one of both is given, or the description cannot be used.
+        InputError: not exactly one of URDF and robot is given, or the description cannot be used.
     """
     if (urdf_path is None) == (robot is None):
         raise InputError("an arm needs its URDF or a known robot's name: give one of urdf and robot")

@@ -14,21 +14,21 @@ from armdyn.parameter import RecordedColumn
 from armdyn.recording.channels import Channel, DriveReading
 
 BASE_INDEX = -1
-"""Index of the base, in place of a joint's index."""
+"""Number that stands for the base where a joint's index is expected."""
 
 
 class RigidBodyChanges:
-    """Changes that effects make to the rigid bodies and to gravity, at one vector of parameters.
+    """Changes of links and gravity by effects, at given parameter values.
 
     Args:
         functions: functions of all joints.
         theta: (k,) parameters of each joint.
         shapes: (nj, 4, 4) factors of the described pseudo-inertias.
-        base: function, described gravity (3,) m/s^2 and parameters (k,) of the base; None where it has no effects.
+        base: function, described gravity (3,), m/s^2, and parameters (k,) of the base; None for a base without effects.
 
     Attributes:
         links: (10,) changes of the inertial parameters, by joints with effects on their links.
-        gravity: (3,) change of gravity, m/s^2; None where the base has no effects.
+        gravity: (3,) change of gravity, m/s^2; None for a base without effects.
         derivatives: derivatives of these changes, (10, k) by joint, and (3, k) for `BASE_INDEX`.
     """
 
@@ -52,11 +52,11 @@ class RigidBodyChanges:
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """The motion at the stamps of torque channels, with the torques of the rigid bodies.
+    """The motion of an arm at n time stamps, with the torques of its rigid bodies.
 
     Attributes:
         model: the described arm.
-        motion: the motion at the stamps.
+        motion: the motion at the time stamps.
         time: (n,) time since the start of the run, s.
         extra: channels that effects read: further recorded quantities, ``enabled.<joint>``, and drives' readings.
     """
@@ -68,12 +68,12 @@ class MotionSamples:
 
     @cached_property
     def described(self) -> np.ndarray:
-        """(n, nj) torques of the described arm."""
+        """(n, nj) torques of the described arm without effects, N m or N."""
         return inverse_dynamics(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def regressor(self) -> np.ndarray:
-        """(n, nj, nj, 10) torques per inertial parameter."""
+        """(n, nj, nj, 10) derivatives of each joint's torque by each link's inertial parameters."""
         return torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
@@ -92,7 +92,7 @@ class MotionSamples:
         return change
 
     def by_link(self, joint: int, link: int, bodies: RigidBodyChanges) -> np.ndarray:
-        """(n, 10) torque on a joint per inertial parameter of a link, in the changed gravity."""
+        """(n, 10) derivatives of a joint's torque by a link's inertial parameters, with changed gravity."""
         columns = self.regressor[:, joint, link]
         if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
@@ -100,7 +100,7 @@ class MotionSamples:
         return columns
 
     def changed_per_gravity(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
-        """(n, 3) torque on a joint per component of gravity, with the changed links."""
+        """(n, 3) derivatives of a joint's torque by gravity, with changed links."""
         columns = self.per_gravity.described[joint]
         for i, change in bodies.links.items():
             if change[:4].any() and self.carries(joint, i):

@@ -1,4 +1,4 @@
-"""Joints outside an arm that move in its recordings, such as a lift below the arm or a tool that turns.
+"""Find joints of a description that are no part of the arm but move in recordings, such as a lift below the arm.
 
 Their recorded motion moves the rigid bodies, so that weight and inertia of the moved bodies are in the right place.
 """
@@ -24,7 +24,7 @@ COMPARED_POSTURES = 20
 
 
 def with_carried_joints(arm: Arm, runs: Sequence[Run]) -> Arm:
-    """The arm with further joints of its description that change its torques, where all runs contain their motion."""
+    """The arm with other joints that change its torques; they move as all runs recorded."""
     wanted = [joint for joint in omitted_moving_joints(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
     if not wanted:
         return arm
@@ -38,7 +38,7 @@ def with_carried_joints(arm: Arm, runs: Sequence[Run]) -> Arm:
 
 
 def omitted_moving_joints(arm: Arm, runs: Sequence[Run]) -> list[str]:
-    """Joints of the description that are no part of the arm and change its torques in a recording."""
+    """Names of joints that are no part of the arm's model but change its torques in a recording."""
     if not any(joint not in arm.joints for run in runs for joint in run.joints):
         return []
     full = pin.buildModelFromXML(arm.robot.urdf_xml)
@@ -54,7 +54,7 @@ def omitted_moving_joints(arm: Arm, runs: Sequence[Run]) -> list[str]:
 
 
 def movable_joints(arm: Arm) -> tuple[str, ...]:
-    """All joints of an arm's description that can move, including those that mimic others."""
+    """Names of all movable joints in an arm's description, including those that mimic others."""
     root = ET.fromstring(arm.robot.urdf_xml)
     return tuple(str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") != "fixed")
 

@@ -1,4 +1,4 @@
-"""One joint with its effects, as functions for a prediction.
+"""Apply effects to one joint of an arm, and derive the functions of its torque.
 
 A term that is linear in its parameter, with a factor that depends on the motion alone, is evaluated once per run.
 """
@@ -29,7 +29,7 @@ DIRECTION_INPUT, LOAD_INPUT, COMMAND_INPUT = (JOINT_INPUTS.index(name) for name 
 
 
 class ExpressionOverTime:
-    """Evaluates (m,) expressions of (15,) symbols of inputs, which change over time, and (k,) symbols of parameters.
+    """Evaluates symbolic expressions over time with numpy: (m,) expressions of (15,) inputs and (k,) parameters.
 
     Raises:
         InputError: an expression contains an operation without a numpy counterpart.
@@ -60,21 +60,21 @@ class ExpressionOverTime:
 
 
 class TorqueTerm:
-    """A torque over time: linear columns times their parameters, and a nonlinear rest.
+    """A torque over time, split into a part that is linear in some parameters and a nonlinear rest.
 
     Args:
         expression: the torque, of inputs and parameters.
         inputs: (15 + c,) symbols in the order of `JOINT_INPUTS`, then those of `recorded`.
         theta: (k,) symbols of the parameters.
-        remembered: states of the joint's effects, on which the expression may depend.
+        remembered: states of the joint's effects, on which the torque may depend.
         recorded: c further recorded quantities that the joint's effects read.
 
     Attributes:
         linear: indices of the parameters with linear columns.
         nonlinear: indices of the other parameters of the term.
-        loaded: whether it depends on the load.
-        has_rest: whether it has a nonlinear rest.
-        empty: whether it is always zero.
+        loaded: whether the torque depends on the torque of the rigid bodies.
+        has_rest: whether the torque has a nonlinear rest.
+        empty: whether the torque is always zero.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class TorqueTerm:
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, 2 + nonlinear) the rest and its derivatives by `nonlinear` parameters and by the load.
+        """(n, 2 + nonlinear) the nonlinear rest, and its derivatives by the `nonlinear` parameters and by the load.
 
         Of (k,) `theta` only the entries `nonlinear` matter; `inputs` are (15 + c, n).
         """
@@ -130,7 +130,7 @@ class TorqueTerm:
 
 
 class ExpressionChange:
-    """Change of described values by effects: of a link's inertial parameters, or of gravity in the base's frame.
+    """Change of described values by effects: inertial parameters of a link, or gravity.
 
     Args:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
@@ -181,7 +181,7 @@ def base_change(effects: Sequence[Effect]) -> ExpressionChange:
 
 @dataclass(frozen=True, eq=False)
 class JointFunctions:
-    """One joint with its effects.
+    """Functions of the torque of one joint with its effects.
 
     Attributes:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
@@ -190,7 +190,7 @@ class JointFunctions:
         offset: offset of the sensor's reading.
         sensor: gain, lag and delay of the reading.
         link: change of the link's (10,) inertial parameters, from the (4, 4) factor of the described pseudo-inertia;
-            None where no effect acts on the link.
+            None if no effect acts on the link.
         remembers: whether an effect has states of its own.
     """
 

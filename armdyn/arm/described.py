@@ -1,4 +1,4 @@
-"""Effects that the description of an arm contains: drives and springs of an MJCF."""
+"""Add the effects that an MJCF describes: friction, damping, armature and springs of joints."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ DYNAMICS_ATTRIBUTES = {
     "joint_coulomb_friction.torque": "friction",
     "rotor_inertia.inertia": "armature",
 }
-"""Attribute of `urdf.robot.JointDynamics` by parameter of an effect."""
+"""Attribute of `urdf.robot.JointDynamics` with the described value of an effect's parameter, by its name."""
 
 
 def with_described_effects(model: ArmModel) -> ArmModel:

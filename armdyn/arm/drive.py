@@ -1,4 +1,4 @@
-r"""Find the low-pass of drives: up to which frequency a recorded torque is the joint's, and its noise below that.
+r"""Find the low-pass filter with which drives smoothed the torques that they recorded.
 
 Many drives smooth a torque before it is recorded. Neighbouring samples then have nearly the same noise, although below
 the cut-off all of it is there. The residual of a linear regression on rigid bodies and frictions has the spectrum
@@ -24,11 +24,11 @@ from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, Motion
 from armdyn.recording.noise import NORMAL_MEDIAN
 
 MAX_NOISE_RATE = 125.0
-"""Largest rate of the samples that are used, Hz; the cut-offs of drives are well below half of it."""
+"""Largest sampling rate that the search for low-passes uses, Hz; the cut-offs of drives are well below half of it."""
 MAX_NOISE_SAMPLES, MIN_NOISE_SAMPLES = 2500, 200
-"""Largest and smallest number of samples of all recordings together."""
+"""Largest and smallest number of samples, of all recordings together, in the search for low-passes."""
 MAX_RATE_DIFFERENCE = 0.01
-"""Largest relative difference between the sampling rates of recordings that are used together."""
+"""Largest relative difference of the sampling rates of recordings that are evaluated together."""
 SAMPLE_DISTANCES, MAX_DISTANCE_SECONDS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20]), 0.11
 """Distances between the samples of a difference, in samples, and the largest of them, s: below 5 Hz the residual is the
 model's error as much as noise."""
@@ -55,7 +55,7 @@ RELATIVE_FREQUENCIES = np.linspace(0.005, 6.0, 1200)
 
 
 class DriveLowPass(NamedTuple):
-    """Low-pass of a drive on its recorded torque.
+    """Low-pass filter of a drive on its recorded torque.
 
     Attributes:
         cutoff: cut-off, Hz; infinite without a low-pass.
@@ -68,7 +68,7 @@ class DriveLowPass(NamedTuple):
 
 
 class RecordedTorque(NamedTuple):
-    """A recorded torque.
+    """A recorded torque with what is needed to find its low-pass.
 
     Attributes:
         joint: index of the joint.
@@ -86,7 +86,7 @@ class RecordedTorque(NamedTuple):
 
 
 class TorqueRecording(NamedTuple):
-    """Torques of one recording by channel, and the motion of all joints."""
+    """Recorded torques of one recording by channel, and the motion of all joints."""
 
     torques: Mapping[str, RecordedTorque]
     motion: MeasuredMotion
@@ -95,7 +95,7 @@ class TorqueRecording(NamedTuple):
 def drive_low_passes(
     recordings: Sequence[TorqueRecording], model: pin.Model, frequencies: np.ndarray
 ) -> dict[str, DriveLowPass]:
-    """Low-passes of an arm's drives, by channel; without a low-pass only of channels with enough samples.
+    """Find the low-passes of an arm's drives, by torque channel.
 
     The drives of one arm are alike in all its recordings, of which one alone may be too short: where most torques show
     a low-pass, all have it, also that of a joint that reverses too often to show it.

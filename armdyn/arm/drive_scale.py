@@ -1,4 +1,4 @@
-r"""Identify gains, delays and saturation of servos from recordings.
+r"""Identify unknown gains, delays and saturation of servo drives from recordings.
 
 With the servo's error e on the left and the physics on the right, both low-passed,
 
@@ -123,10 +123,10 @@ class _Kind:
 
 
 def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[str, Servo]:
-    """The drives with those gains, delays and saturations that were unknown, identified from recordings.
+    """The drives with their unknown gains, delays and saturations identified from recordings.
 
     Raises:
-        InputError: nothing determines a gain.
+        InputError: the recordings determine no gain.
     """
     found, rows = {name: _with_reference(servo, runs) for name, servo in drives.items()}, list[_Rows]()
     for name, servo in list(found.items()):
@@ -177,7 +177,7 @@ def _with_reference(servo: Servo, runs: Sequence[Run]) -> Servo:
 
 
 def recordings_that_identify_gains(arm: Arm, joints: Sequence[str]) -> str:
-    """Recordings that would determine the gain of these joints' drives, in words."""
+    """Describe recordings that would make the gain of these joints' drives identifiable."""
     heavy = " or ".join(joints)
     described = shlex.join(["--robot", arm.robot.name] if arm.file is None else ["--urdf", str(arm.file)])
     return (

@@ -1,4 +1,4 @@
-"""Servos: drives that follow a command. Their own errors say which torque they gave, up to a gain.
+"""Servo drives, which follow a command: their error, times a gain, is the torque that they give.
 
 A position servo gives k (q_cmd - q), and a velocity servo gives k (v_cmd - v). A drive with a torque command, or with a
 recorded current, states its torque itself. Such a reading becomes `tau.<joint>` of a run, and is treated like a
@@ -44,7 +44,7 @@ KNOWN_DRIVES: Mapping[str, Mapping[str, str]] = {
 
 @dataclass(frozen=True)
 class Servo:
-    """Drives of one kind; unknown values are None.
+    """Settings of servo drives of one kind; an unknown value is None.
 
     Attributes:
         joints: joints that they drive.
@@ -77,7 +77,7 @@ class Servo:
 
     @property
     def largest(self) -> float:
-        """Largest torque, N m or N."""
+        """Largest torque of the drive, N m or N."""
         return self.limit if self.gain is None else min(self.limit, self.gain.value * self.full_at)
 
     @property
@@ -90,7 +90,10 @@ class Servo:
         return f"{COMMAND_CHANNELS[self.law]}.{joint}"
 
     def gate(self, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) share of its torque that it gives at (n,) times, 0 while it is off, and (n,) share of its gain."""
+        """(n,) share of its torque that the drive of a joint gives at (n,) times, and (n,) share of its gain.
+
+        The share of the torque is 0 while the drive is off.
+        """
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
             share = (run.channels[f"enabled.{joint}"].held_values(time) > 0.5).astype(float)
@@ -109,7 +112,7 @@ class Servo:
         return np.asarray(np.interp(time, volts.time, np.abs(volts.value)) / at - 1.0)
 
     def entries(self, slides: bool) -> dict[str, Any]:
-        """Entries of its table in a model file."""
+        """Entries of the drive's table in a model file."""
         found: dict[str, Any] = {"joints": list(self.joints), "law": self.law}
         if self.gain is not None:
             spread = "" if self.gain.std is None else f" +/- {self.gain.std:.4g} {self.gain.unit}"

@@ -1,4 +1,4 @@
-r"""States that effects add to a joint, such as a bristle's deflection, along the recorded motion.
+r"""Integrate the states that effects add to a joint, such as a bristle's deflection, along a recorded motion.
 
 They obey z' = f(z, w(t), theta), with the recorded motion w of the joint linear between samples. A bristle relaxes in
 less than a sample, so the steps are those of the L-stable diagonally implicit Runge-Kutta method of order 2 with two

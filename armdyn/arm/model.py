@@ -1,4 +1,4 @@
-"""The arm as a model: joint torques of a run, with exact sensitivities, for any set of effects."""
+"""The model of an arm: it predicts the joint torques of a run, with exact derivatives, for any set of effects."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class ArmModel(Model):
-    """The rigid bodies of a URDF, with effects.
+    """Model of an arm: the rigid bodies of a URDF or MJCF, with effects.
 
     A parameter of an effect is called ``"<effect>.<quantity>[<joint>]"``, or ``"<effect>.<quantity>"`` where the effect
     acts on the base, whose joint is ``""``.
@@ -55,11 +55,11 @@ class ArmModel(Model):
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Stages of effects: joints, and drives where the model has some; see `Model.stages`."""
+        """Names of the stages on which effects may act."""
         return ("joint", "drive") if self.drives else ("joint",)
 
     def as_arm(self) -> Self:
-        """See `Model.as_arm`."""
+        """This model itself."""
         return self
 
     @property
@@ -68,7 +68,7 @@ class ArmModel(Model):
         return f"arm {self.arm.robot.name}, {len(self.joints)} joints from {self.joints[0]} to {self.joints[-1]}"
 
     def file_entries(self, folder: Path) -> Mapping[str, Any]:
-        """Entries for the arm's file or name, and its drives; see `Model.file_entries`."""
+        """Entries of a model file that describe the arm and its drives."""
         drives = {name: servo.entries(self.arm.sliding[servo.joints[0]]) for name, servo in self.drives.items()}
         own = {**super().file_entries(folder), **({"drives": drives} if drives else {})}
         if self.arm.file is None:
@@ -81,7 +81,7 @@ class ArmModel(Model):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints from base to tool; others of the URDF are at zero, or move as recorded."""
+        """Names of the joints from base to tool; other joints of the URDF are at zero, or move as recorded."""
         return self.arm.driven
 
     @property
@@ -90,13 +90,13 @@ class ArmModel(Model):
         return self.arm.robot
 
     def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[RollOut, ...]":
-        """See `armdyn.arm.rollout.roll_outs`."""
+        """Errors of the simulated motion in recordings, each given with its role, for every joint."""
         from armdyn.arm.rollout import roll_outs
 
         return roll_outs(self, recordings)
 
     def adapted_to(self, runs: Sequence[Run]) -> Self:
-        """The model with other joints of the URDF that move, and with identified drives; see `Model.adapted_to`."""
+        """The model with other joints that move in the runs, and with drives identified from them."""
         arm = with_carried_joints(self.arm, runs)
         drives = identified_drives(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
@@ -104,12 +104,12 @@ class ArmModel(Model):
         return replace(self, arm=arm, drives=MappingProxyType(drives))
 
     def with_estimated_channels(self, run: Run) -> Run:
-        """The run with torques of servos from position or velocity errors; see `Model.with_estimated_channels`."""
+        """The run with torques of servo drives, estimated from their position or velocity errors."""
         return with_servo_torques(run, self.arm.joints, tuple(self.drives.values()))
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """Gains that are not identifiable; see `Model.open_questions`."""
+        """Sentences on gains of drives that are not identifiable, with recordings that would identify them."""
         return tuple(
             f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
             f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
@@ -120,7 +120,7 @@ class ArmModel(Model):
 
     @property
     def excluded_effects(self) -> frozenset[str]:
-        """Effects that are part of a reading or identified for all drives of a kind; see `Model.excluded_effects`."""
+        """Names of effects that are stated or identified for all drives of a kind, so that they are no candidates."""
         drives = self.drives.values()
         identified = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
@@ -131,24 +131,24 @@ class ArmModel(Model):
         return EFFECTS_IDENTIFIED_PER_DRIVE_KIND | {name for name, told in identified.items() if told}
 
     def servo(self, joint: str) -> Servo | None:
-        """The drive of a joint; None where none is declared."""
+        """The declared servo drive of a joint; None without one."""
         return next((servo for servo in self.drives.values() if joint in servo.joints), None)
 
     @property
     def servo_joints(self) -> frozenset[str]:
-        """Joints with declared drives."""
+        """Names of the joints with declared servo drives."""
         return frozenset(joint for servo in self.drives.values() for joint in servo.joints)
 
     def with_drives(self, table: Mapping[str, Any]) -> Self:
-        """The model with the drives of a table ``[drives]``; see `read_drives`."""
+        """The model with the servo drives of a table ``[drives]``; see `read_drives`."""
         return replace(self, drives=MappingProxyType(read_drives(table, self.arm.sliding))) if table else self
 
     def possible_joints(self, effect: Effect) -> tuple[str, ...]:
-        """Joints on which an effect can act, ``("",)`` for one on the base; see `Model.possible_joints`.
+        """Names of the joints on which an effect can act; ``("",)`` for an effect on the base.
 
         Raises:
-            InputError: it cannot act on a joint that it names.
-            UnknownNameError: it names a joint that the arm lacks.
+            InputError: the effect cannot act on a joint that it names.
+            UnknownNameError: the effect names a joint that the arm lacks.
         """
         reachable = self.arm.reachable_joints(effect.reach)
         if effect.name in EFFECTS_STATED_BY_DRIVE or effect.acts_on == "drive":
@@ -163,7 +163,7 @@ class ArmModel(Model):
         return reachable
 
     def with_effect(self, effect: Effect) -> Self:
-        """The model with one more effect; see `Model.with_effect`.
+        """The model with one more effect, at its null values.
 
         Raises:
             InputError: this arm has no joint on which the effect can act, or not the joint that it names.
@@ -175,11 +175,11 @@ class ArmModel(Model):
         return super().with_effect(effect)
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter in the units and of the size of its joint; see `Model.effect_parameter`."""
+        """A parameter of an effect in the units and the typical size of its joint."""
         return self.arm.parameter(quantity, effect, short, joint)
 
     def changes_link(self, names: Sequence[str]) -> bool:
-        """Whether parameters change a link, as those of a payload do; see `Model.changes_link`."""
+        """Whether parameters `names` of one effect change a link, as those of a payload do."""
         joint = self.parameters[names[0]].joint
         if not joint:
             return False
@@ -194,33 +194,33 @@ class ArmModel(Model):
     def link_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
     ) -> "tuple[LinkChange, ...]":
-        """Links that effects change; see `Model.link_changes`."""
+        """Links that effects change, in the order of the joints; for the arguments see `Model.link_changes`."""
         from armdyn.arm.links import link_changes
 
         return link_changes(self, theta, covariance, of_runs_alone, free)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Position, velocity and acceleration of every joint; see `Model.covariates`."""
+        """Signals on which a residual may depend: position, velocity and acceleration of every joint."""
         del theta
         return motion_channels(run, self.arm.sliding)
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
-        """The measured torques, with their joints; see `Model.force_channels`."""
+        """Joint of each torque channel of a run, by the channel's name."""
         return {channel: channel.removeprefix("tau.") for channel in self.predicted_channels(run)}
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """The measured torques of the arm's joints; see `Model.predicted_channels`."""
+        """Names of the torque channels of a run that the model predicts."""
         return torque_channels(run, self.arm.sliding, self.arm.carried)
 
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run with low-passed and thinned torques, or the given run if it is prepared; see `Model.prepare_run`."""
+        """The run with low-passed and thinned torques; a prepared run is returned unchanged."""
         if isinstance(run, PreparedRun):
             return run
         self.predicted_channels(run)
         return prepared_without_outliers(run, self.arm, tuple(one.recording for one in beside))
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
-        """Noise of the torques with the inertias at `theta`; see `Model.noise`."""
+        """Standard deviation of the compared torques, by channel, with the inertias at (p,) parameters `theta`."""
         if not isinstance(run, PreparedRun):
             return {}
         return torque_noise(run, self.rigid_at(theta), self.arm.model, self.arm.joints)
@@ -236,7 +236,7 @@ class ArmModel(Model):
         return rigid
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """Predict the measured torques; see `Model.predict`."""
+        """Predict the measured torques of a run at (p,) parameters in the order of `names`."""
         channels = self.predicted_channels(run)
         per_joint = [theta[columns] for columns in self._columns]
         bodies = self._bodies(theta)
@@ -248,7 +248,7 @@ class ArmModel(Model):
         return join_channels(parts)
 
     def at_states(self, stretch: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
-        """(n, nj) torques at n states that are no motion, and (n, nj, p) their derivatives.
+        """(n, nj) torques at n separate states, rather than along a motion, and their (n, nj, p) derivatives.
 
         Raises:
             InputError: an effect makes a torque depend on the past.
@@ -282,7 +282,7 @@ class ArmModel(Model):
         return any(functions.remembers for functions in self._functions)
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
-        """(10,) inertial parameters of each joint's link, with effects; see `rigid`."""
+        """(10,) inertial parameters of each joint's link, with effects, by the joint's name."""
         changes, described = self._bodies(self.theta()).links, self.arm.described
         return {
             joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.arm.joints)
@@ -340,7 +340,7 @@ ROTOR_EFFECT = "rotor_inertia"
 
 
 def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
-    """The model, which must be an arm's; `purpose` and `remedy` begin and end the error's sentence.
+    """The model as an arm's model; `purpose` and `remedy` begin and end the error message for another model.
 
     Raises:
         InputError: the model has another base.
@@ -385,7 +385,7 @@ _Name = Annotated[str, ValueCheck(bool, "write a name")]
 
 @dataclass(frozen=True)
 class Keys:
-    """Keys of a model file that describe the arm; see `arm_model`."""
+    """Entries of a model file that describe the arm; for their meaning see `arm_model`."""
 
     urdf: _Name | None = None
     robot: _Name | None = None
@@ -398,7 +398,7 @@ KEYS = tuple(key.name for key in fields(Keys))
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
-    """The model without effects, and the keys of the file that describe the arm; `folder` is that of the file.
+    """The arm's model without effects from a model file in `folder`, and the entries that describe the arm.
 
     Raises:
         InputError: not exactly one of URDF and known robot is given, or the arm cannot be used.

@@ -1,4 +1,4 @@
-"""The motion of an arm in a run: positions, smoothed according to their noise and differentiated."""
+"""The motion of an arm in a run: smoothed positions, with their velocities and accelerations."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,14 +35,14 @@ of a UR10e are predicted to 4.12, 3.79 and 3.51 N m with 0, 0.001 and 0.003); up
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions, velocities and accelerations at some times.
+    """Positions, velocities and accelerations of an arm's joints at n times.
 
     Attributes:
         time: (n,) times, s.
         q: (n, nj) positions, rad or m.
         v: (n, nj) velocities, per s.
         a: (n, nj) accelerations, per s^2.
-        direction: (n, nj) expected signs of v, given its noise.
+        direction: (n, nj) expected signs of the velocities, given their noise.
     """
 
     time: np.ndarray
@@ -52,7 +52,7 @@ class Motion:
     direction: np.ndarray
 
     def own_columns(self, joint: int, fading: Sequence[float]) -> list[np.ndarray]:
-        """Regression columns (n,) of one joint alone: offset, springs, viscous friction, rotor, dry frictions.
+        """(n,) regression columns of a joint's own torques: offset, springs, viscous friction, rotor, dry frictions.
 
         A friction that fades with the speed is a mixture of those that fade over the speeds `fading`, rad/s or m/s.
         """
@@ -63,7 +63,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class JointCurve:
-    """Path of one joint.
+    """Smoothed path of one joint.
 
     Attributes:
         curve: position over time, rad or m.
@@ -71,10 +71,10 @@ class JointCurve:
         interval: interval between its samples, s.
         speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
         moving: share of the recording during which the joint certainly moves.
-        mostly_rests: whether it mostly rests, so that its rests are compared as well.
+        mostly_rests: whether the joint mostly rests, so that its rests are compared as well.
         reversal_times: (k,) times at which the smoothed velocity changes its sign, s.
-        moves_between_reversals: (k + 1,) bool, whether it certainly moves between two such times: after a stop smoothed
-            positions oscillate.
+        moves_between_reversals: (k + 1,) bool, whether the joint certainly moves between two such times: after a stop
+            smoothed positions oscillate.
     """
 
     curve: SplineCurve
@@ -100,21 +100,21 @@ class JointCurve:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """The paths of all joints, valid from `start` to `end`, s."""
+    """Smoothed paths of all joints of an arm, valid from `start` to `end`, s."""
 
     joints: tuple[JointCurve, ...]
     start: float
     end: float
 
     def at(self, time: np.ndarray) -> Motion:
-        """The motion at (n,) times; outside the recording the arm keeps its first or last position."""
+        """The motion at (n,) times, s; before and after the recording the arm rests."""
         inside = np.clip(time, self.start, self.end)
         q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
         ways = [j.direction(inside, v[:, i]) for i, j in enumerate(self.joints)]
         return Motion(time, q, v, a, np.column_stack(ways))
 
     def standing(self, stands: Sequence[bool]) -> "MeasuredMotion":
-        """The same motion with another attribute `mostly_rests` of each joint."""
+        """A copy of the motion in which `stands` says whether each joint mostly rests."""
         joints = tuple(replace(j, mostly_rests=still) for j, still in zip(self.joints, stands, strict=True))
         return replace(self, joints=joints)
 
@@ -125,7 +125,7 @@ class MeasuredMotion:
 
 
 def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
-    """(n,) expected signs of velocities with normal noise."""
+    """(n,) expected signs of velocities with normal noise of this standard deviation."""
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 

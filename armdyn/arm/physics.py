@@ -1,4 +1,4 @@
-"""The symbolic physics of an arm's base and of one joint: the stages on which effects act.
+"""The stages of an arm on which effects act: its base and each joint, as symbolic expressions.
 
 Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are those of a joint that
 turns; a joint that slides has N for N m, m for rad and kg for kg m^2.
@@ -17,7 +17,7 @@ ONE: Expression = ca.SX(1)
 
 @dataclass(frozen=True)
 class Link:
-    """The link that a joint moves, as a distribution of mass.
+    """Stage of an arm: the link that a joint moves, as a distribution of mass.
 
     Its pseudo-inertia is J = sum_i m_i p_i p_i' over its particles, with p = (x, y, z, 1) in the frame of the joint. It
     contains the ten inertial parameters, and is positive definite exactly if a body with them can exist (Wensing, Kim &
@@ -48,7 +48,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Base:
-    """The base, which carries the whole arm.
+    """Stage of an arm: its base.
 
     Attributes:
         gravity: (3,) acceleration of free fall in the frame of the base, m/s^2.
@@ -67,7 +67,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Neighbour:
-    """The next joint towards the base: its position, rad, velocity, rad/s, and acceleration, rad/s^2."""
+    """Motion of the next joint towards the base: position, rad, velocity, rad/s, and acceleration, rad/s^2."""
 
     position: Expression
     velocity: Expression
@@ -76,12 +76,12 @@ class Neighbour:
 
 @dataclass(frozen=True)
 class DriveCommands:
-    """Commands of a drive; 0 for a joint whose torque was measured.
+    """Commands of a servo drive; 0 for a joint whose torque was measured.
 
     Attributes:
-        torque: torque by the drive's law, within its limit and while it is on, N m.
-        rate: rate of that torque by the command alone, N m/s: its loss per delay of the command.
-        total: integral of that torque since the start of the run, N m s.
+        torque: torque by the drive's control law, within its limit and while it is on, N m.
+        rate: time derivative of this torque by the command alone, N m/s.
+        total: integral of this torque since the start of the run, N m s.
         velocity: commanded velocity, rad/s.
         voltage: relative excess of the supply voltage over that of the gain.
     """
@@ -95,7 +95,7 @@ class DriveCommands:
 
 @dataclass(frozen=True)
 class Joint(SensorStage):
-    """One joint, its drive and its torque sensor.
+    """Stage of an arm: one joint with its drive and its torque sensor.
 
     Attributes:
         time: time since the start of the run, s.
@@ -130,11 +130,11 @@ class Joint(SensorStage):
     told: DriveCommands = field(default_factory=DriveCommands)
 
     def with_torque(self, torque: Expression) -> "Joint":
-        """Add to the torque of the drive, N m: positive where friction opposes a positive velocity."""
+        """Add a torque, N m, to that of the drive; friction against a positive velocity is positive."""
         return replace(self, torque=self.torque + torque)
 
     def with_inner_torque(self, torque: Expression) -> "Joint":
-        """Add to the torque of the `inner` joint's drive, N m."""
+        """Add a torque, N m, to that of the drive of the next joint towards the base."""
         return replace(self, inner_torque=self.inner_torque + torque)
 
     def with_link(self, link: Link) -> "Joint":
@@ -142,9 +142,9 @@ class Joint(SensorStage):
         return replace(self, link=link)
 
     def with_gain(self, gain: Expression) -> "Joint":
-        """Multiply the sensor's reading; `gain` depends on parameters only."""
+        """Multiply the reading of the torque sensor by `gain`, which depends on parameters only."""
         return replace(self, gain=self.gain * gain)
 
     def with_offset(self, offset: Expression) -> "Joint":
-        """Add to the sensor's reading, or to the torque by the drive's law, N m."""
+        """Add an offset, N m, to the reading of the torque sensor, or to the torque by the drive's control law."""
         return replace(self, offset=self.offset + offset)

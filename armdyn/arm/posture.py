@@ -19,7 +19,7 @@ from urdf import Robot
 from urdf.robot import Array, read_only_copy
 
 MAX_PLAUSIBLE_RADIANS = 2 * np.pi
-"""Position, rad, beyond which a value outside its limits is probably in degrees."""
+"""Largest plausible position of a joint, rad; a larger value outside the limits is probably in degrees."""
 LINK_PARAMETER_NAMES = (
     "m",
     "mx",
@@ -57,14 +57,14 @@ class ArmPosture:
         q: positions, (n,) [rad or m].
         v: velocities, (n,) [rad/s or m/s].
         tool_position: tool point in the base frame, (3,) [m].
-        tool_rotation: of the tool frame, (3, 3).
+        tool_rotation: rotation matrix of the tool frame in the base frame, (3, 3).
         margin: distance of each joint to its nearer position limit, (n,) [rad or m].
         gravity: torque that holds the arm, (n,) [N m or N].
         springs: torque of the robot's known springs, (n,) [N m].
         inertia: M, (n, n) [kg m^2, kg m or kg].
         coriolis: C, (n, n) [N m s]; C v is the torque that the velocities take.
         damping: d, (n,) [N m s/rad or N s/m].
-        kinetic_energy: [J].
+        kinetic_energy: kinetic energy of the arm [J].
         potential_energy: potential energy of gravity, 0 with every centre of mass at the base's height [J].
         regressor: Y with tau - d v = Y p at these q, v and zero acceleration, (n, 10 n).
         parameters: p, ten values per link as in `LINK_PARAMETER_NAMES`, (10 n,) [kg, kg m, kg m^2].

@@ -1,4 +1,4 @@
-"""Torques of one run with exact derivatives; parts that do not depend on parameters are computed once per run."""
+"""Predict the torques of a run with exact derivatives; parts without parameters are computed once per run."""
 
 from collections.abc import Mapping, Sequence
 
@@ -193,7 +193,7 @@ class ChannelPredictor:
 def predict_at_states(
     stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
 ) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
-    """Predictions as by `ChannelPredictor`, for each joint, at n states that are no motion.
+    """Predicted torques of each joint at n separate states, rather than along a motion.
 
     Raises:
         InputError: an effect makes a torque depend on the past.
@@ -212,12 +212,12 @@ def predict_at_states(
 
 @cached_with_first_argument
 def prepared_without_outliers(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
-    """The run prepared by `low_passed_and_thinned`, without isolated outliers.
+    """The run with low-passed and thinned torques, without isolated outliers.
 
     Args:
         run: a recording.
         arm: the arm.
-        beside: recordings that show the low-passes of its drives; by default this one alone.
+        beside: recordings from which the low-passes of the arm's drives are found; by default this one alone.
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)
@@ -243,7 +243,7 @@ def _recorded(run: Run, arm: Arm) -> tuple[Run, TorqueRecording]:
 
 @cached_with_first_argument
 def channel_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
-    """Predictor of the torque channel `name`, filtered as the run was prepared."""
+    """The predictor of the torque channel `name`, with the filter that was applied to the measured torque."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
     motion, stretch = motion_of_run(run, arm.joints), _stretch(run, arm, name)

@@ -32,7 +32,7 @@ MAX_STIFF_HZ = 10.0
 BAND_LIMIT_SHARE = 0.7
 """Share of the frequency at which a torque equals its noise; there its power is 16 times that of the noise."""
 MAX_KEPT_RATE = 125.0
-"""Largest rate of the samples that are kept, Hz: no arm's rigid-body motion is faster."""
+"""Largest sampling rate of thinned torques, Hz: no arm's rigid-body motion is faster."""
 COMPARED_CUTOFF_SHARE = 0.5
 """Share of the cut-off of a drive's low-pass that is compared: there 0.06 of the amplitude is gone."""
 MIN_KEPT_SAMPLES = 20
@@ -53,7 +53,7 @@ READING_FADING_SPEEDS = (0.05, 0.15)
 
 
 def comparison_cutoff(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingChoice, brought_in: np.ndarray) -> float:
-    """The cut-off, Hz, with which as much torque and as little noise as possible is compared.
+    """Cut-off, Hz, of the low-pass that keeps as much torque and as little noise as possible for a comparison.
 
     It is the f up to `MAX_STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S
     the spectrum of the measured torque and P that of the torque by the positions' noise.
@@ -62,7 +62,7 @@ def comparison_cutoff(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingC
         stamps: (n,) time stamps, s.
         torque: (n,) torque, N m or N.
         choice: the best smoothing of the torque, whose cut-off is the end of its own band.
-        brought_in: (nf,) P at `NOISE_FREQUENCIES`; see `torque_spectra_of_position_noise`.
+        brought_in: (nf,) spectrum P at `NOISE_FREQUENCIES`; see `torque_spectra_of_position_noise`.
     """
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
     as_recorded, per_second = 1.0 / interval, min(MIN_KEPT_SAMPLES, len(stamps) // 3) / float(stamps[-1] - stamps[0])
@@ -106,14 +106,14 @@ def _spectrum(stamps: np.ndarray, values: np.ndarray, interval: float) -> tuple[
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedRun(Run):
-    """A run with low-passed torques; `ArmModel.predict` filters predictions for it in the same way.
+    """A run with low-passed and thinned torques; predictions for it are filtered in the same way.
 
     Its `noise` is that of the thinned torques, estimated where the recording states none.
 
     Attributes:
         original: the recording.
-        processing: processing by torque channel.
-        mostly_resting_joints: whether each joint mostly rests, so that its rests are compared.
+        processing: processing of each torque, by its channel.
+        mostly_resting_joints: whether each joint mostly rests, so that its rests are compared as well.
     """
 
     original: Run = field(kw_only=True)
@@ -122,24 +122,24 @@ class PreparedRun(Run):
 
     @property
     def recording(self) -> Run:
-        """The recording; see `Run.recording`."""
+        """The recording from which this run was prepared."""
         return self.original
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """Processing by torque channel; see `Run.preparations`."""
+        """Processing of each torque, by its channel."""
         return self.processing
 
 
 @cached_with_first_argument
 def motion_of_run(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
-    """The motion of an arm in a run, with the attribute `mostly_resting_joints` of a prepared run."""
+    """The motion of an arm's joints in a run; for a prepared run it is known which joints mostly rest."""
     motion = measured_motion(run.recording, joints)
     return motion.standing(run.mostly_resting_joints) if isinstance(run, PreparedRun) else motion
 
 
 def recorded_torques(run: Run, model: pin.Model, joints: tuple[str, ...]) -> TorqueRecording:
-    """Torques of a run without the ends of its motion, and the motion.
+    """Recorded torques of a run, without those at the ends of its motion, and the motion.
 
     Raises:
         InputError: a torque is constant or too short.
@@ -170,7 +170,7 @@ def low_passed_and_thinned(
     Args:
         run: a recording.
         joints: all joints of the arm, in its order.
-        own: its torques and its motion.
+        own: recorded torques and motion of the recording.
         drives: low-passes of the drives; see `smoothing_drives`.
         standing: whether each joint mostly rests in all recordings together.
     """
@@ -271,7 +271,7 @@ def _below(cutoff: float, spectrum: np.ndarray) -> float:
 
 
 def samples_inside_motion(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
-    """(n,) bool: samples within the recorded motion, but not at its ends.
+    """(n,) bool, whether each sample is within the recorded motion, but not at its ends.
 
     At an end a smoothed acceleration has neighbours on one side only, and a several times larger standard deviation.
     """
@@ -304,7 +304,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
 
 
 def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which the direction of motion is known, or at which a joint that mostly rests is at rest.
+    """(n,) bool, whether the direction of motion is known at each sample, or a joint that mostly rests is at rest.
 
     Where a joint reverses, its dry friction changes sign at an uncertain moment: one sample of a friction of 25 times
     the noise, with the wrong sign, is an error of 3 standard deviations after the low-pass. These few samples are left

@@ -1,4 +1,4 @@
-"""Readings of servos: the torque that a drive gives by its own error, and the command that it had.
+"""Compute the torque of servo drives from their recorded commands and positions.
 
 A command holds until the next one, or is followed with the drive's largest speed `rate`. It steps at moments that the
 delay shifts, so commands are averaged around each time, which makes them smooth in the delay.
@@ -22,7 +22,7 @@ INFORMATIVE_QUANTILES = (0.1, 0.9)
 
 
 def mean_command(run: Run, joint: str, servo: Servo, edges: np.ndarray) -> np.ndarray:
-    """(n,) mean command of a drive, as it follows it, in the n intervals between (n + 1,) `edges`, s."""
+    """(n,) mean command that a drive follows in the n intervals between (n + 1,) times `edges`, s."""
     if servo.law == "position" and np.isfinite(servo.rate):
         return _mean(*_followed(run, servo.command(joint), servo.rate), edges)
     return run.channels[servo.command(joint)].mean_held_values(edges)
@@ -60,7 +60,7 @@ def _followed(run: Run, name: str, rate: float) -> tuple[np.ndarray, np.ndarray,
 
 
 def is_read_from_commands(run: Run, joint: str, servo: Servo) -> bool:
-    """Whether a run contains a drive's command or current, and no measured torque."""
+    """Whether a run contains the command or current of a joint's drive, but no measured torque."""
     return f"tau.{joint}" not in run.channels and servo.command(joint) in run.channels
 
 
@@ -102,7 +102,7 @@ def drive_error(
 
 @cached_with_first_argument
 def with_servo_torques(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) -> Run:
-    """The run with `tau.<joint>` of those drives that recorded no torque; `joints` are all joints of the arm."""
+    """The run with torques `tau.<joint>` computed for drives without a recorded torque; `joints` are all joints."""
     channels = dict(run.channels)
     for servo in servos:
         for joint in servo.joints:

@@ -1,4 +1,4 @@
-"""The parts of a torque, reduced to coefficients or samples; those that do not depend on parameters are cached."""
+"""Reduce the parts of a predicted torque to samples of its channel; parts without parameters are cached."""
 
 from collections.abc import Callable
 from functools import cache, cached_property
@@ -13,7 +13,7 @@ from armdyn.parameter import RecordedColumn
 
 
 class TorqueSum:
-    """Sum of the parts of a torque, with derivatives by the parameters of the joints on which it depends.
+    """Sum of the parts of a predicted torque, with derivatives by the parameters of several joints.
 
     Args:
         size: number N of coefficients or samples.
@@ -83,7 +83,7 @@ class Reduction:
 
 
 class DelayedInputs:
-    """Inputs of the joints some time before each stamp.
+    """Inputs of the joints' functions at a fixed time before each time stamp, for a delayed torque.
 
     A dry friction changes its sign between two stamps, at a time that its samples do not contain.
 

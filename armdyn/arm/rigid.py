@@ -160,12 +160,12 @@ class GravityTorques:
 
 
 def parent_joints(model: pin.Model) -> tuple[int, ...]:
-    """(nj,) index of each joint's neighbour towards the base, -1 without one."""
+    """(nj,) index of the next joint towards the base, for each joint; -1 if there is none."""
     return tuple(int(parent) - 1 for parent in list(model.parents)[1:])
 
 
 def joint_axes(model: pin.Model) -> list[np.ndarray]:
-    """(6,) linear and angular velocity of each joint's link per velocity of the joint, in the link's axes."""
+    """(6,) linear and angular velocity of each joint's link for a joint velocity of 1, in the link's axes."""
     data, n = model.createData(), model.nv
     pin.computeJointJacobians(model, data, np.zeros(n))
     return [np.array(pin.getJointJacobian(model, data, i + 1, pin.LOCAL).reshape(6, n)[:, i]) for i in range(n)]

@@ -36,7 +36,7 @@ TORQUE_DELAY_PARAMETER, COMMAND_DELAY_PARAMETER = "torque_delay.time", "command_
 
 @dataclass(frozen=True)
 class RollOut:
-    """Error of one joint's simulated position in one run; see the contract's `rollout`.
+    """Error of one joint's simulated position in one run.
 
     Attributes:
         run: name of the run.
@@ -75,7 +75,7 @@ def _commanded(servo: Servo | None, run: Run, joint: str) -> bool:
 
 
 def has_all_position_commands(model: ArmModel, run: Run) -> bool:
-    """Whether every joint of the arm has a recorded position command."""
+    """Whether a run contains a position command of every joint of the arm."""
     servos = {joint: model.servo(joint) for joint in model.arm.joints}
     return all(s is not None and s.law == "position" and s.command(j) in run.channels for j, s in servos.items())
 
@@ -109,7 +109,7 @@ class SimulationWindow:
 
 @cached_with_first_argument
 def simulation_windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[SimulationWindow, ...]:
-    """Parts of a recording of `length` s, infinite for the whole, at the stamps of the first joint."""
+    """Parts of a recording of `length` s each, or the whole recording for infinite `length`, with start states."""
     motion = measured_motion(run, joints)
     first = run.channels[f"q.{joints[0]}"].time
     time = first[(first >= motion.start) & (first <= motion.end)]

@@ -39,7 +39,7 @@ SIGNALS_PER_JOINT = 6
 
 @dataclass(frozen=True, eq=False)
 class DriveInputs:
-    """Drives of an arm's joints over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), -limit, limit).
+    """Inputs of an arm's drives over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), -limit, limit).
 
     Attributes:
         given: (n, nj) measured torque, or feed-forward torque, N m or N.
@@ -63,7 +63,7 @@ class DriveInputs:
 
     @classmethod
     def off(cls, count: int, joints: int) -> "DriveInputs":
-        """Drives that are off over `count` steps; their new arrays may be written to."""
+        """Inputs over `count` steps of drives that are off, in new arrays that may be changed."""
         given, q_cmd, v_cmd, on = (np.zeros((count, joints)) for _ in range(4))
         limit = np.full((count, joints), np.inf)
         return cls(given, q_cmd, v_cmd, limit, on, np.zeros(joints), np.zeros(joints))
@@ -72,7 +72,7 @@ class DriveInputs:
 def simulate_arm(
     model: ArmModel, theta: np.ndarray, start: tuple[np.ndarray, np.ndarray], drives: DriveInputs, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate an arm from a state.
+    """Simulate the motion of an arm from a start state.
 
     Args:
         model: the arm with its effects.

@@ -96,7 +96,7 @@ def added_torques(
     theta: Expression,
     told: Sequence[DriveCommands] = (),
 ) -> tuple[Expression, Expression, Expression]:
-    """(n,) torques that effects add to the drives', and (n,) gains and (n,) offsets of the readings.
+    """(n,) torques that effects add to those of the drives, and (n,) gains and offsets of the torque readings.
 
     Args:
         model: the arm; its parameter values are not used.

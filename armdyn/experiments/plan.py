@@ -296,7 +296,7 @@ def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]
     if turned:
         what = "with the robot turned round by 180 degrees: what belongs to the room changes sign along the line, what "
         what += "belongs to the robot does not"
-        found.append(varied("turn", what, turned=tuple(dict.fromkeys(turned))))
+        found.append(varied("turn", what, sign_reversed=tuple(dict.fromkeys(turned))))
     if "load_force" in noise:
         still = GripperPath(0.0, REST_NODE_SECONDS, *np.zeros((3, round(REST_SECONDS / REST_NODE_SECONDS) + 1)))
         what = f"record the load cell for {REST_SECONDS:g} s while all hangs at rest"

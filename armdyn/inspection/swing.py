@@ -81,7 +81,7 @@ class ChannelPart:
 
     @staticmethod
     def joined(parts: "Sequence[ChannelPart]", weight: np.ndarray, floor: float) -> ChannelReadings:
-        """ChannelReadings without common effects."""
+        """Join channels that have no effects in common."""
         alone = [[(one is own) * one.columns for one in parts] for own in parts]
         return ChannelReadings(
             np.array([part.measured for part in parts]),

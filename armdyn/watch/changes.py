@@ -1,10 +1,10 @@
-r"""Slow changes: the residual's sums over blocks of motion, and the change of load or joint that explains most of them.
+r"""Detect slow changes of a load or a joint, by regression of the residual over blocks of motion.
 
 A change of size s adds X s to the residual of its joint; the columns of X are the derivatives x(q, v, a) of the torque.
 Over the samples of a window, weighted by W = 1 / variance of the residual, S = X' W X and b = X' W r. The error of a
 sound model resembles changes too, different ones in each posture: b has the mean S m and the covariance S P S + n S,
 where P is the covariance of these apparent changes, and n the factor by which the correlation of neighbouring samples
-raises the variance; sound recordings give both. With M = (S P + n)^-1 a change of kind k is estimated by
+raises the variance; fault-free recordings give both. With M = (S P + n)^-1 a change of kind k is estimated by
 
     u = M (b - S m),    J = M S,    s_k = u_k / J_kk,    score u_k / sqrt(J_kk) in standard deviations.
 
@@ -48,7 +48,9 @@ EM_STEPS, SUMS_RIDGE = 10, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BlockSums:
-    """Sums over the samples of windows or blocks (...), per joint; L, X: columns of load and of the joint's changes.
+    """Sums of a regression over blocks of motion, for each joint.
+
+    L are the columns of an added load, X those of changes of the joint, r the residuals and W the weights.
 
     Attributes:
         load: (..., nj, 4, 4) L' W L.
@@ -66,17 +68,17 @@ class BlockSums:
 
     @classmethod
     def zeros(cls, joints: int) -> "BlockSums":
-        """BlockSums of no sample."""
+        """Sums without any sample, for this number of joints."""
         square, line = (joints, 4, 4), (joints, 4)
         return cls(*(np.zeros(shape) for shape in (square, line, square, square, line)))
 
     @classmethod
     def stacked(cls, parts: "Sequence[BlockSums]") -> "BlockSums":
-        """Sums of k blocks, (k, ...)."""
+        """Stack the sums of k blocks along a new first axis."""
         return cls(*(np.array([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
     def windows(self, size: int) -> "BlockSums":
-        """Sums of all windows of `size` successive blocks out of k: (k - size + 1, ...)."""
+        """Sums over every window of `size` successive blocks out of k: (k - size + 1, ...)."""
         totals = (np.cumsum(getattr(self, each.name), axis=0) for each in fields(self))
         padded = (np.concatenate([np.zeros((1, *total.shape[1:])), total]) for total in totals)
         return BlockSums(*(total[size:] - total[:-size] for total in padded))
@@ -93,7 +95,7 @@ class BlockSums:
 
 @dataclass(frozen=True, eq=False)
 class FaultFreeBaseline:
-    """Statistics of the apparent changes of a sound robot, for windows of one size.
+    """Statistics of the apparent changes of a fault-free robot, for windows of one size.
 
     Attributes:
         load: (4,) mean apparent load, kg and kg m.
@@ -101,7 +103,7 @@ class FaultFreeBaseline:
         scatter: (nj, 4, 4) P.
         noise: (nj,) n.
         spread: mean square of the load's score over its expected value.
-        joints_spread: (nj, 4) the same for the joints' scores.
+        joints_spread: (nj, 4) mean squares of the joints' scores over their expected values.
         information: mean information about the load's mass, 1/kg^2, and (nj, 4) mean J of the joints' changes.
     """
 
@@ -115,7 +117,7 @@ class FaultFreeBaseline:
 
     @classmethod
     def of(cls, windows: BlockSums, size: int) -> "FaultFreeBaseline":
-        """Fitted to windows (k, ...) of `size` blocks, each shifted by one block."""
+        """Estimate the statistics from k overlapping windows of `size` blocks each."""
         # A few windows determine little for one joint alone: it shares in the mean over all joints.
         apart, tiny = len(windows.load) / size, np.finfo(float).tiny
         own, scatter, noise = _scatter(windows, apart)
@@ -144,14 +146,14 @@ class FaultFreeBaseline:
         return A, errors, _times(M, error), np.maximum(J, np.finfo(float).tiny)
 
     def explained(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
-        """Fall of chi2 by a change: (...) for the load, (..., nj, 4) for each change of a joint."""
+        """Decrease of chi2 by a change of the load, (...), and by each change of each joint, (..., nj, 4)."""
         A, errors, u, J = self._whitened(sums)
         return np.einsum(
             "...i,...i->...", errors, np.linalg.solve(A + LOAD_PRIOR_INFORMATION, errors[..., None])[..., 0]
         ), u**2 / J
 
     def scores(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
-        """Its root in sound standard deviations: (...) for the load (4 parameters), (..., nj, 4) for the joints."""
+        """Scores, in standard deviations, of a change of the load (...) and of changes of the joints (..., nj, 4)."""
         of_load, own = self.explained(sums)
         A, _, _, J = self._whitened(sums)
         mass = np.minimum(1.0, self.information[0] / np.maximum(A[..., 0, 0], np.finfo(float).tiny))
@@ -160,7 +162,7 @@ class FaultFreeBaseline:
         )
 
     def load_change(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
-        """Estimated change of the load (4,), kg and kg m, and standard deviations (4,)."""
+        """Estimated change of the load (4,), kg and kg m, and its standard deviations (4,)."""
         A, errors, _, _ = self._whitened(sums)
         inverse = np.linalg.inv(A + LOAD_PRIOR_INFORMATION)
         wider = max(1.0, float(A[0, 0]) / self.information[0])
@@ -200,7 +202,7 @@ def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, 
 
 
 class MotionBlocks:
-    """Sums over the last blocks of motion.
+    """Collects the regression sums of the latest blocks of motion.
 
     Args:
         columns: compiled `column_function`.
@@ -237,7 +239,7 @@ class MotionBlocks:
         return not 0.0 <= time - self._last < SAMPLE_SECONDS
 
     def update_columns(self, step: ObserverOutput, bandwidth: float) -> None:
-        """Update the columns without adding to the sums; arguments as in `add_sample`."""
+        """Update the columns of load and joints without adding the sample to the sums."""
         self._last = step.time
         self.load, self.own, self._way = (each.copy() for each in self._columns(*step.motion, bandwidth))
 

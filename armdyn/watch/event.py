@@ -1,4 +1,4 @@
-"""Events that a watch reports, each once."""
+"""Events that the online comparison of an arm with its model reports."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -10,7 +10,7 @@ EVENT_SCHEMA = "armdyn.watch/1"
 
 
 class EventKind(Enum):
-    """Kind of an event; the value is its name in JSON. `UNIDENTIFIED`: detected, but not identifiable yet."""
+    """Kind of an event, with its name in JSON; `UNIDENTIFIED` is a detected change that is not identifiable yet."""
 
     OUTSIDE_TORQUE = "outside_torque"
     LOAD_CHANGED = "load_changed"
@@ -25,14 +25,14 @@ class WatchEvent:
 
     Attributes:
         time: time of the report, s.
-        kind: see `EventKind`.
+        kind: kind of the event.
         joint: name of the joint with the clearest evidence.
-        since: estimated start, s.
+        since: estimated time of the event's start, s.
         size: estimated size, in `unit`.
         std: standard deviation of the size, in `unit`.
         unit: unit of size and std.
         what: name of the effect, or of all possible effects.
-        false_alarms_per_hour: rate of events of all kinds on a sound robot.
+        false_alarms_per_hour: rate of events of all kinds on a fault-free robot.
         sentence: the event in words.
     """
 
@@ -49,7 +49,7 @@ class WatchEvent:
 
     @property
     def answer(self) -> dict[str, Any]:
-        """The event as an object for JSON."""
+        """The event as a dictionary for JSON."""
         return {
             "schema": EVENT_SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint,
             "since": self.since,
@@ -93,11 +93,11 @@ class EventReporter:
         self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
 
     def torque_estimate(self, joint: int, size: float, std: float) -> ChangeEstimate:
-        """Estimate of an outside torque on a joint, N m or N."""
+        """The estimate of an outside torque on a joint, from its size and standard deviation, N m or N."""
         return ChangeEstimate(joint, float(size), float(std), self.units[joint])
 
     def event(self, kind: EventKind, time: float, since: float, found: ChangeEstimate, sentence: str) -> WatchEvent:
-        """An event; `sentence` is what follows the joint's name; times in s."""
+        """Create an event at `time`, s, that began at `since`, s; `sentence` follows the joint's name in its text."""
         joint = self.joints[found.joint]
         return WatchEvent(
             time, kind, joint, since, found.size, found.std, found.unit, found.what, self.per_hour,

@@ -46,9 +46,9 @@ JointSample = tuple[float, FloatArray, FloatArray]
 STRETCH_SECONDS = 2.0
 """Time after which a model's errors are independent, s; only the largest of each stretch counts."""
 MIN_FAULT_FREE_SECONDS = 15.0
-"""Least length of the sound recordings, s: seven stretches."""
+"""Least length of the fault-free recordings, s: seven stretches."""
 CROSS_VALIDATION_FOLDS = 4
-"""Number of parts of the sound recordings, for cross-validation: each is scored with statistics of the others."""
+"""Number of parts of the fault-free recordings, for cross-validation: each is scored with statistics of the others."""
 VARIANCE_INTERVAL = 0.02
 """Time between the samples from which variances are fitted, s; the filters remember little for longer."""
 INFINITE_VARIANCE = np.array([np.inf, 0.0, 0.0, 0.0])
@@ -59,7 +59,7 @@ ERROR_CORRELATION_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class FaultFreeStatistics:
-    """Statistics of a sound robot.
+    """Statistics of the residuals of a fault-free robot.
 
     Attributes:
         bandwidth: K of the observer, 1/s.
@@ -87,7 +87,7 @@ class FaultFreeStatistics:
 
     @property
     def sentence(self) -> str:
-        """The basis of the rate of false alarms, in words."""
+        """Sentence on the basis of the rate of false alarms: recordings, or the model's error."""
         if self.seconds is None:
             return (
                 "The rate of false alarms rests on the model's own band, which is taken to be Gaussian and new every "
@@ -133,7 +133,7 @@ def _at(time: FloatArray, channel: Channel) -> FloatArray:
 def statistics_of_recordings(
     model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]
 ) -> FaultFreeStatistics:
-    """Statistics from recordings of a sound robot.
+    """Statistics from recordings of a fault-free robot.
 
     Args:
         model: the arm.

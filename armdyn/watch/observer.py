@@ -43,9 +43,9 @@ MAX_SAMPLE_GAP = 0.2
 SETTLING_TIME_CONSTANTS = 15.0
 """Time constants 1 / K after which F has forgotten its initial state: exp(-15) 15^2 / 2 = 3e-5 of it remain."""
 CANDIDATE_BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
-"""Candidates for K, 1/s; sound recordings select one. Neighbours detect torques that differ by less than 10 %."""
+"""Candidates for K, 1/s; fault-free recordings select one. Neighbours detect torques that differ by less than 10 %."""
 USUAL_BANDWIDTH, MAX_BANDWIDTH_STEP = 40.0, 0.8
-"""K, 1/s, without sound recordings; and the largest product of K and the interval between samples."""
+"""K, 1/s, without fault-free recordings; and the largest product of K and the interval between samples."""
 RATE_INTERVALS = 20
 """Number of intervals from which the sampling rate is estimated."""
 DETECTION_SECONDS = 0.05
@@ -95,7 +95,9 @@ class ObserverOutput:
 
 
 class Observer:
-    """Takes samples one by one; a gap, a jump of the clock or an impossibly fast change of position restarts it.
+    """Computes residuals of the torques from one sample at a time.
+
+    A gap, a jump of the clock or an impossibly fast change of position restarts its filters.
 
     Args:
         model: the arm.
@@ -103,7 +105,7 @@ class Observer:
 
     Attributes:
         bandwidth: K in use, 1/s.
-        mean_is_held: whether the running mean is held constant, because an outside torque must not enter it.
+        mean_is_held: whether the running mean of the residual is held constant, as during an outside torque.
     """
 
     def __init__(self, model: ArmModel, bandwidth: float = USUAL_BANDWIDTH) -> None:
@@ -125,13 +127,13 @@ class Observer:
     def process_sample(
         self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0
     ) -> ObserverOutput | None:
-        """The output for one sample; None if a value is missing or its time is not after the last one.
+        """Process one sample; return the residuals, or None if a value is missing or time does not increase.
 
         Args:
-            time: s.
+            time: time of the sample, s.
             q: (nj,) positions, rad or m.
             tau: (nj,) measured torques, N m or N.
-            shift: (nj,) torque of the changes that were reported before; subtracted from the residual.
+            shift: (nj,) torque of changes that were reported before, which is subtracted from the residual.
         """
         tau = np.where(self._asked, tau, 0.0)
         if not (np.isfinite(time) and np.isfinite(q).all() and np.isfinite(tau).all()):
@@ -162,12 +164,12 @@ class Observer:
         return self.bandwidth < before
 
     def restart_mean(self, residual: FloatArray) -> None:
-        """Restart the running mean at a residual (nj,): the change that the last moments showed is now modelled."""
+        """Restart the running mean of the residual at (nj,) values, after a change was added to the model."""
         self._state[MEAN_INDEX * self._joints : (MEAN_INDEX + 1) * self._joints] = residual
 
     @property
     def delay(self) -> float:
-        """Mean delay of F, s."""
+        """Mean delay of the observer's filter, s."""
         return FILTER_ORDER / self.bandwidth
 
 
@@ -256,7 +258,7 @@ def column_function(model: ArmModel) -> ca.Function:
 
 
 def compiled_functions(model: ArmModel) -> tuple[BufferedFunction, BufferedFunction]:
-    """`observer_function` and `column_function`, as machine code if a C compiler is installed."""
+    """The functions `observer_function` and `column_function` of a model, compiled if a C compiler is installed."""
     kept = without_memory(model)
     name = f"watch_{len(model.arm.joints)}"
     functions = {"watch": observer_function(kept), "columns": column_function(kept)}
@@ -268,7 +270,7 @@ def without_memory(model: ArmModel) -> ArmModel:
     """The model without effects whose torque depends on the past.
 
     Raises:
-        InputError: a named effect has states, and remembers longer than F.
+        InputError: an effect has states of its own, which the observer cannot contain.
     """
     late = {effect.name for effect in model.effects if depends_on_past(effect)}
     for effect in model.named_effects:

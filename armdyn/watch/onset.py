@@ -1,4 +1,4 @@
-r"""Detection of a torque that began a moment ago: the weighted sum of the observer's stages that shows a step best.
+r"""Estimate a torque that began a moment ago, by a weighted sum of the observer's filter stages.
 
 A unit step of torque `ONSET_SECONDS` ago adds s to the stages x of a joint; the filters alone determine s. On a sound
 robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's = 1,
@@ -30,7 +30,7 @@ ONSET_RIDGE_SHARE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class OnsetEstimator:
-    """Estimator of the torque that began, for each joint.
+    """Estimates the torque that began a moment ago on each joint.
 
     Attributes:
         weights: (nj, 14) w.
@@ -42,7 +42,7 @@ class OnsetEstimator:
 
     @classmethod
     def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetEstimator":
-        """Fitted to a sound robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
+        """Fitted to a fault-free robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
         count, joints, size = stages.shape
         step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCES))
         for j in range(joints):
@@ -59,11 +59,11 @@ class OnsetEstimator:
         return cls(weights, variance)
 
     def estimate(self, stages: FloatArray) -> FloatArray:
-        """(nj,) estimated torques that began, N m or N, from stages (nj, 14)."""
+        """(nj,) estimated torques that began a moment ago, N m or N, from (nj, 14) filter stages of the observer."""
         return np.asarray((self.weights * stages).sum(axis=1))
 
 
 def step_response() -> FloatArray:
-    """(14,) s: stages after a unit step of torque `ONSET_SECONDS` ago."""
+    """(14,) filter stages of the observer after a unit step of torque `ONSET_SECONDS` ago."""
     torque = gammainc(np.arange(1, TORQUE_STAGES + 1), STAGE_BANDWIDTH * ONSET_SECONDS)
     return np.append(torque, np.zeros(1 + PREDICTION_STAGES))

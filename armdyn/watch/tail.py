@@ -1,10 +1,10 @@
-r"""Thresholds for a rate of false alarms, extrapolated from the largest values in sound recordings.
+r"""Compute thresholds for a rate of false alarms, by extrapolation of the largest values without a fault.
 
-A sound recording is cut into stretches. Of their largest values, those above the median u are exponential beyond u, as
-for a density with an exponential tail (peaks over a threshold with shape 0: Pickands, Ann. Stat. 3, 1975). The model's
-error at one instant comes in bursts and has such a tail; the root of a sum of squares over many instants is nearly
-Gaussian, so that its square has one. For n peaks of mean excess B, the probability that the next peak exceeds u + x
-would be exp(-x / B) if B were the true mean. With B integrated out (Gamma posterior, prior 1 / B) it is
+A fault-free recording is cut into stretches. Of their largest values, those above the median u are exponential beyond
+u, as for a density with an exponential tail (peaks over a threshold with shape 0: Pickands, Ann. Stat. 3, 1975). The
+model's error at one instant comes in bursts and has such a tail; the root of a sum of squares over many instants is
+nearly Gaussian, so that its square has one. For n peaks of mean excess B, the probability that the next peak exceeds
+u + x would be exp(-x / B) if B were the true mean. With B integrated out (Gamma posterior, prior 1 / B) it is
 
     (1 + x / (n B))^-n.
 
@@ -22,7 +22,7 @@ MIN_STRETCHES = 7
 
 
 class StatisticDistribution(Protocol):
-    """Distribution of a statistic of a sound robot."""
+    """Distribution of a statistic of a fault-free robot, which gives thresholds."""
 
     def threshold(self, per_hour: float) -> float:
         """Threshold that the statistic exceeds `per_hour` times per hour."""
@@ -31,7 +31,7 @@ class StatisticDistribution(Protocol):
 
 @dataclass(frozen=True)
 class ExponentialTail:
-    """Exponential tail; its equation stands at the top of this module.
+    """Exponential tail of a distribution; its equation is at the top of this module.
 
     Attributes:
         start: u, in the statistic's unit to the `power`.
@@ -56,7 +56,7 @@ class ExponentialTail:
         return cls(start, float(np.mean(values[-count:] - start)), count, 1800.0 / seconds, power)
 
     def threshold(self, per_hour: float) -> float:
-        """See `StatisticDistribution`."""
+        """Threshold that the statistic exceeds `per_hour` times per hour on a fault-free robot."""
         rarer = max(self.rate / per_hour, 1.0)
         beyond = self.excess * self.count * float(np.expm1(np.log(rarer) / self.count))
         return float((self.start + beyond) ** (1.0 / self.power))
@@ -75,11 +75,11 @@ class GaussianDistribution:
     degrees: int = 1
 
     def threshold(self, per_hour: float) -> float:
-        """See `StatisticDistribution`."""
+        """Threshold that the statistic exceeds `per_hour` times per hour on a fault-free robot."""
         return float(chi(self.degrees).isf(min(per_hour / self.values, 1.0)))
 
 
 def largest_of_stretches(values: np.ndarray, size: int) -> np.ndarray:
-    """(k, m) largest of (n, m) values in each stretch of `size`; an incomplete last stretch is left out."""
+    """(k, m) largest of (n, m) values in each of k successive stretches of `size` values."""
     count = len(values) // size
     return np.asarray(values[: count * size].reshape(count, size, -1).max(axis=1))

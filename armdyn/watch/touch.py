@@ -1,4 +1,4 @@
-"""Outside torques: detected at once as deviations that no sound robot has, and followed until they end.
+"""Detect outside torques on an arm, such as contacts, and follow them until they end.
 
 Two statistics are compared with thresholds. The onset estimates the torque that began about 30 ms ago in each joint; it
 does not see a constant torque. The contrast is later and lasts as long as the torque. An event begins when either
@@ -68,11 +68,11 @@ class _Open:
 
 
 class ContactDetector:
-    """Detects outside torques by onset and contrast.
+    """Detects outside torques, such as contacts, in the residuals of an arm.
 
     Args:
         reporter: creates the events.
-        sound: statistics of the sound robot.
+        sound: statistics of the fault-free robot.
         per_hour: false alarms per hour, for these events together.
     """
 
@@ -91,24 +91,24 @@ class ContactDetector:
 
     @property
     def is_active(self) -> bool:
-        """Whether an outside torque, or a possible load, acts now; the running mean is then held."""
+        """Whether an outside torque or a possible load acts at present, so that the running mean must be held."""
         return self._open is not None
 
     @property
     def is_certainly_outside_torque(self) -> bool:
-        """Whether it acts now and no load can explain it; the slow sums then wait."""
+        """Whether an outside torque acts at present that no load can explain."""
         return self._open is not None and not self._open.doubted
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
-        """(nj,) thresholds of the contrast, N m or N."""
+        """(nj,) thresholds of the residuals' deviation from their running mean, N m or N."""
         return np.asarray(self.threshold * self._level.std(step.sources))
 
     def reset(self, time: float) -> None:
-        """Forget the present event at a time, s: it is explained, or the observer restarted."""
+        """Forget the present event at a time, s, because it is explained or the observer restarted."""
         self._open, self._outlasted, self._quiet = None, None, time
 
     def process_sample(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
-        """The events of one sample.
+        """Process one output of the observer; return the events.
 
         Args:
             step: the observer's output.

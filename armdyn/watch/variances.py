@@ -15,7 +15,7 @@ MIN_NOISE_VARIANCE_SHARE, MIN_VARIANCE = 1e-3, 1e-18
 
 
 class ErrorLevel:
-    """Standard deviation of each joint's error now, raised where errors of the last `RECENT_ERROR_SECONDS` were larger.
+    """Present standard deviation of each joint's error, increased if recent errors were larger than expected.
 
     Args:
         variance: (nj, k) factors of the variance, see `ObserverOutput.sources`.
@@ -30,7 +30,7 @@ class ErrorLevel:
         return np.asarray(np.sqrt(np.maximum(1.0, self._squares) * by_source))
 
     def update(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
-        """Update with a sound error (nj,), N m or N, `interval` s after the last one."""
+        """Update with a fault-free error (nj,), N m or N, `interval` s after the last one."""
         square = error**2 / (self._variance * sources).sum(axis=1)
         share = 1.0 - np.exp(-interval / RECENT_ERROR_SECONDS)
         self._squares = self._squares + share * (np.minimum(square, MAX_ERROR_DEVIATES**2) - self._squares)

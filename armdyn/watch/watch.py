@@ -1,4 +1,4 @@
-"""The watch: it takes samples and returns events, with constant memory and a bounded time per sample."""
+"""Compare a working arm with its model online: take samples and return events, with constant memory."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -50,17 +50,17 @@ class _Alarm:
 
 
 class Watch:
-    """Compares a model with its working arm, sample by sample.
+    """Compares a working arm with its model, sample by sample, and reports events.
 
     Args:
         model: the arm.
-        sound: statistics of the sound arm.
+        sound: statistics of the fault-free arm.
         per_hour: false alarms per hour; half for outside torques, a quarter each for the load and the joints' changes.
 
     Attributes:
-        observer: its filters.
-        touches: its detector of outside torques.
-        latest: the observer's last output.
+        observer: filters that compute the residuals.
+        touches: detector of outside torques.
+        latest: the observer's latest output.
     """
 
     def __init__(self, model: ArmModel, sound: FaultFreeStatistics, per_hour: float) -> None:
@@ -83,17 +83,17 @@ class Watch:
         self.latest: ObserverOutput | None = None
 
     def events_of(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
-        """The events of successive samples."""
+        """Process successive samples; return all their events."""
         for sample in samples:
             yield from self.process_sample(*sample)
 
     def process_sample(self, time: float, q: FloatArray, tau: FloatArray) -> list[WatchEvent]:
-        """The events of one sample.
+        """Process one sample; return the events that it causes.
 
         Args:
-            time: s.
-            q: (nj,) positions, rad or m; nan where one is missing.
-            tau: (nj,) measured torques, N m or N; likewise.
+            time: time of the sample, s.
+            q: (nj,) positions, rad or m; nan for a missing one.
+            tau: (nj,) measured torques, N m or N; nan for a missing one.
         """
         self.observer.mean_is_held = self.touches.is_active
         step = self.observer.process_sample(time, q, tau, self._shift)

@@ -33,9 +33,9 @@ def situation(question, seed=0):
     """A state in which a good deal is known already."""
     rng = np.random.default_rng(seed)
     m = len(question.parameters)
-    root = rng.normal(size=(question.size, question.size))
+    root = rng.normal(size=(question.signal_count, question.signal_count))
     psi = rng.normal(size=(2, m)) * [[0.4], [0.01]]
-    gram = root @ root.T + 10.0 * np.eye(question.size)
+    gram = root @ root.T + 10.0 * np.eye(question.signal_count)
     if question.rivals:
         return SacState(1.0, 0.02, 0.1, SWING, np.zeros((2, 0)), 1.02 * SWING, psi, gram)
     return SacState(1.0, 0.02, 0.1, SWING, psi, gram=gram)

@@ -144,7 +144,7 @@ def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
     at = predicted(effects, COEFFICIENTS, noise)
     rng = np.random.default_rng(1)
     readings, swing = rng.normal(size=len(at.predict(at.start)[0])), rng.normal(size=len(BASIS.time))
-    gradient = at.by_coefficients(at.start, BASIS, readings, swing)
+    gradient = at.coefficient_gradient(at.start, BASIS, readings, swing)
 
     def total(coefficients):
         other = predicted(effects, coefficients, noise)
