@@ -80,7 +80,7 @@ class Planner:
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
-            found = IkSolver(self.robot).postures(rotation[:, :, start], position[:, start])
+            found = IkSolver(self.robot).alternative_postures(rotation[:, :, start], position[:, start])
             if not len(found):
                 raise UnreachableError(f"the arm cannot reach s = {self.s[start]:.3f} m")
             postures[start] = found[np.abs(found - self.robot.home).max(axis=1).argmin()]

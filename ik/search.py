@@ -190,7 +190,7 @@ class _Search:
 
     def starts(self, origin: Array) -> list[Array]:
         """Postures at s = 0 from which a line is planned, as different from each other as possible."""
-        found = self.solver.postures(self.rotation, origin)
+        found = self.solver.alternative_postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
         while len(found) and len(chosen) < STARTS_PER_LINE:
