@@ -17,7 +17,7 @@ SELF_MOTION_STEP = 0.02  # rad; step along the self-motion, the joint motion tha
 MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
 
-class Planner:
+class BranchPlanner:
     """Plans the branch of postures on which an arm can travel a path fastest.
 
     First, inverse kinematics follows the path from the home posture. For an arm with seven joints, dynamic programming
