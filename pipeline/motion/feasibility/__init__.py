@@ -7,7 +7,7 @@ from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitMargin
 __all__ = [
     "CheckSettings",
     "FeasibilityReport",
-    "Margin",
+    "LimitMargin",
     "Obstacle",
     "PlannedSwing",
     "box_and_table",
