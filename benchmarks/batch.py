@@ -67,7 +67,8 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
         print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
     others = [event for event in found.events if event[0].robot not in days]
     print(
-        f"  other robots marked: {len(others)}; drifts: {len(found.found.drifts)}; {found.found.tested} series tested"
+        f"  other robots marked: {len(others)}; drifts: {len(found.change_test.drifts)}; "
+        f"{found.change_test.tested} series tested"
     )
     print(f"  looking for changes took {looked / worked:.0%} of the time of the fits", flush=True)
 

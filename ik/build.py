@@ -12,7 +12,7 @@ from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.plan import Planner
+from ik.plan import BranchPlanner
 from ik.table import LineTable, PathTable
 from ik.table_archive import TABLE_FORMAT
 from ik.torque import JointTorque
@@ -53,7 +53,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
     say = progress or (lambda _: None)
     say("planning the branch")
     collisions = CollisionModel(robot)
-    planner = Planner(robot, path, collisions)
+    planner = BranchPlanner(robot, path, collisions)
     try:
         branch, guess = planner.plan()
     except UnreachableError as error:

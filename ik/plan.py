@@ -17,7 +17,7 @@ SELF_MOTION_STEP = 0.02  # rad; step along the self-motion, the joint motion tha
 MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
 
-class Planner:
+class BranchPlanner:
     """Plans the branch of postures on which an arm can travel a path fastest.
 
     First, inverse kinematics follows the path from the home posture. For an arm with seven joints, dynamic programming
@@ -80,7 +80,7 @@ class Planner:
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
-            found = IkSolver(self.robot).postures(rotation[:, :, start], position[:, start])
+            found = IkSolver(self.robot).alternative_postures(rotation[:, :, start], position[:, start])
             if not len(found):
                 raise UnreachableError(f"the arm cannot reach s = {self.s[start]:.3f} m")
             postures[start] = found[np.abs(found - self.robot.home).max(axis=1).argmin()]

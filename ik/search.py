@@ -12,7 +12,7 @@ from ik.branch import core_indicator
 from ik.chain import KinematicChain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
-from ik.plan import Planner
+from ik.plan import BranchPlanner
 from ik.solver import IkSolver
 from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
@@ -190,7 +190,7 @@ class _Search:
 
     def starts(self, origin: Array) -> list[Array]:
         """Postures at s = 0 from which a line is planned, as different from each other as possible."""
-        found = self.solver.postures(self.rotation, origin)
+        found = self.solver.alternative_postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
         while len(found) and len(chosen) < STARTS_PER_LINE:
@@ -206,7 +206,7 @@ class _Search:
     def judge(self, origin: Array, home: Array, core_speed: float) -> LineCandidate | None:
         """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
         line = self.line(origin, core_speed)
-        planner = Planner(replace(self.robot, home=home), line, self.collisions)
+        planner = BranchPlanner(replace(self.robot, home=home), line, self.collisions)
         try:
             branch, q = planner.plan()
         except UnreachableError:
@@ -228,7 +228,7 @@ class _Search:
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
-        _, q = Planner(replace(self.robot, home=home), found.line, self.collisions).plan()
+        _, q = BranchPlanner(replace(self.robot, home=home), found.line, self.collisions).plan()
         clearance = min(self.collisions.clearance(posture).distance for posture in q)
         return found._replace(home=home, clearance=clearance)
 

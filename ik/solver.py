@@ -168,7 +168,7 @@ class IkSolver:
             angle=np.linalg.norm(errors[3:], axis=0),
         )
 
-    def postures(self, rotation: Array, position: Array) -> Array:
+    def alternative_postures(self, rotation: Array, position: Array) -> Array:
         """Find different postures for one target pose of the tool.
 
         Args:

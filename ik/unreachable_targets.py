@@ -57,7 +57,7 @@ def find_unreachable_targets(
             why = _joint_beyond_limit(robot, q) if reached else "it is beyond the arm's reach"
             misses.append(UnreachableTarget(float(at), position[index], *off, why))
         elif touching := collisions.touching(answers.q[index]):
-            others = solver.postures(rotation[index], position[index])
+            others = solver.alternative_postures(rotation[index], position[index])
             if not any(collisions.touching(q) is None for q in others):
                 why = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
                 misses.append(UnreachableTarget(float(at), position[index], 0.0, 0.0, why))

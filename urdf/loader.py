@@ -128,7 +128,7 @@ def _read(path: Path) -> _Description:
         from urdf.mjcf import read_mjcf
 
         mjcf = read_mjcf(path)
-        root = mjcf.root
+        root = mjcf.urdf_root
     validate.check_tree(root, path)
     check_names_and_numbers(root, path)
     if mjcf is None:
@@ -136,7 +136,7 @@ def _read(path: Path) -> _Description:
     return _Description(
         path,
         root,
-        mjcf.sentences if mjcf else validate.suspicious_entries(root),
+        mjcf.notes if mjcf else validate.suspicious_entries(root),
         (*changed, *rename_ambiguous_links(root)),
         mjcf,
     )
@@ -308,8 +308,8 @@ def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
 def _warnings(model: pin.Model, judged: Sequence[InertiaFault]) -> list[str]:
     """Sentences on wrong inertias of links that the arm moves, where they change the torques."""
     moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
-    replaced = [one.link for one in judged if one.link in moved and one.moments is not None]
-    said = [one.sentence for one in judged if one.link in moved and not one.possible]
+    replaced = [one.link for one in judged if one.link in moved and one.replacement_moments is not None]
+    said = [one.sentence for one in judged if one.link in moved and not one.is_possible]
     if replaced:
         said.append(
             f"inertia of {', '.join(replaced)} replaced by that of the collision shapes: no body of their size has it"

@@ -98,14 +98,15 @@ class InertiaFault:
     Attributes:
         link: name of the link.
         sentence: the fault, and how it was repaired.
-        moments: moments of inertia of the link's collision shapes, (3,) [kg m^2], where they replace those of the file.
-        possible: whether a rigid body can have the inertia of the file.
+        replacement_moments: moments of inertia (3,) [kg m^2] from the link's collision shapes, if they replace those of
+            the file.
+        is_possible: whether a rigid body can have the inertia of the file.
     """
 
     link: str
     sentence: str
-    moments: Array | None = None
-    possible: bool = True
+    replacement_moments: Array | None = None
+    is_possible: bool = True
 
 
 def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[InertiaFault]:
@@ -142,8 +143,8 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         if judged is None:
             continue
         found.append(judged)
-        if judged.moments is not None:
-            for key, value in zip(MOMENT_NAMES, judged.moments, strict=True):
+        if judged.replacement_moments is not None:
+            for key, value in zip(MOMENT_NAMES, judged.replacement_moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
             for key in PRODUCT_NAMES:
                 inertia_element.set(key, "0")
@@ -167,7 +168,7 @@ def _judge(
     tensor[np.triu_indices(3, 1)] = products
     wrong = impossible_inertia_reason(tensor)
     if wrong:
-        return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
+        return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", is_possible=False)
     if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (

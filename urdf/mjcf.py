@@ -47,8 +47,8 @@ class CompiledMjcf:
     model: Any
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
-    root: ET.Element
-    sentences: tuple[str, ...]
+    urdf_root: ET.Element
+    notes: tuple[str, ...]
 
 
 def read_mjcf(path: Path) -> CompiledMjcf:

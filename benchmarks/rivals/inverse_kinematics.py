@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 
 import urdf
 from ik import build_line_table, default_table
-from ik.plan import Planner
+from ik.plan import BranchPlanner
 from ik.solver import IkSolver
 
 LINE_TARGETS = 1000
@@ -190,7 +190,7 @@ def batch_of_many(robot: urdf.Robot) -> dict[str, float]:
 def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: int) -> dict[str, dict[str, object]]:
     """Targets along the line; peers start each from the posture before, armdyn takes its planned branch."""
     targets = line_targets(robot, count)
-    line, planner = robot.line, Planner(robot, robot.line)
+    line, planner = robot.line, BranchPlanner(robot, robot.line)
     s, chain = np.linspace(line.s_min, line.s_max, count), planner.chain
     branch, guess = planner.plan()
     course = CubicSpline(planner.s, guess)

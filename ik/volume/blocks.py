@@ -80,7 +80,7 @@ class BlockSolver:
 
     def _guess(self, rotation: int, position: Array) -> Array:
         """Trilinear interpolation of the skeleton at positions (k, 3), (k, n); nan where no corner has a posture."""
-        coarse = self.grid.coarse()
+        coarse = self.grid.coarse_grid()
         cells = np.array(coarse.counts) - 1
         place = (position - coarse.low) / (coarse.high - coarse.low) * cells
         cell = np.clip(place.astype(int), 0, cells - 1)

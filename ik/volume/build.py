@@ -69,7 +69,7 @@ def build_volume(
     if target.exists():
         table = VolumeTable.open(target, robot, collisions)
     else:
-        table = VolumeTable.create(target, robot, grid, build_skeleton(robot, grid.coarse()), collisions)
+        table = VolumeTable.create(target, robot, grid, build_skeleton(robot, grid.coarse_grid()), collisions)
     if table.grid.describe() != grid.describe():
         raise InputError(f"{target}: holds a volume of other targets; choose another directory, or remove it")
     solver = BlockSolver(robot, grid, table.skeleton, collisions)

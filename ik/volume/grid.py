@@ -69,7 +69,7 @@ class TargetGrid:
         return math.prod(self.shape)
 
     @property
-    def blocks(self) -> tuple[int, int, int, int]:
+    def block_counts(self) -> tuple[int, int, int, int]:
         """Number of orientations, and number of blocks along x, y and z."""
         x, y, z = (-(-count // BLOCK_EDGE_TARGETS) for count in self.counts)
         return len(self.rotations), x, y, z
@@ -91,7 +91,7 @@ class TargetGrid:
             axes = [axis[part] for axis, part in zip(axes, self.indices(block)[1:], strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
-    def coarse(self) -> "TargetGrid":
+    def coarse_grid(self) -> "TargetGrid":
         """A coarser grid with the corners of this one and a few centimetres between targets."""
         wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))

@@ -75,7 +75,7 @@ class VolumeTable:
             for name, shape, chunks, kind, empty in (
                 ("q", (*grid.shape, joints), (1, *edges, joints), "float64", float("nan")),
                 ("status", grid.shape, (1, *edges), "uint8", 0),
-                ("digests", grid.blocks, (1, 1, 1, 1), "uint64", 0),
+                ("digests", grid.block_counts, (1, 1, 1, 1), "uint64", 0),
             ):
                 group.create_array(name, shape=shape, chunks=chunks, dtype=kind, fill_value=empty)
             group.create_array("skeleton", data=skeleton)
@@ -164,7 +164,7 @@ class VolumeTable:
             StaleTableError: an array or block differs.
         """
         grid = self.grid
-        expected = {"q": (*grid.shape, len(self.joint_names)), "status": grid.shape, "digests": grid.blocks}
+        expected = {"q": (*grid.shape, len(self.joint_names)), "status": grid.shape, "digests": grid.block_counts}
         wrong = next((name for name, size in expected.items() if getattr(self, name).shape != size), None)
         if wrong is None and _digest(self.skeleton) != skeleton:
             wrong = "skeleton"

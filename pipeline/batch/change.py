@@ -120,26 +120,28 @@ def find_changes(
         The steps and drifts that are significant; one series may have several steps.
     """
     rng = np.random.default_rng(seed)
-    tests = {name: test for name, one in series.items() if (test := StepTest.of(one)) is not None}
+    tests = {name: test for name, one in series.items() if (test := StepTest.from_series(one)) is not None}
     if not tests:
         return ChangeTest((), (), 0, len(series), false_alarms)
     kinds: dict[str, list[StepTest]] = {}
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
     phi = {kind: neighbour_correlation(group, rng) for kind, group in kinds.items()}
-    tests = {name: test for name in tests if (test := StepTest.of(series[name], phi[_kind(name[1])])) is not None}
+    tests = {
+        name: test for name in tests if (test := StepTest.from_series(series[name], phi[_kind(name[1])])) is not None
+    }
     size = sum(len(test.time) for test in tests.values())
     batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))
     largest = np.zeros((2, batches))
     for test in tests.values():
-        np.maximum(largest, test.by_chance(batches, rng), out=largest)
+        np.maximum(largest, test.simulated_deviates(batches, rng), out=largest)
     step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
     steps: list[ParameterStep] = []
     drifts: list[Drift] = []
     for name, test in tests.items():
         found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
         steps += found
-        trend = float(test.trends(test.scores[None])[0])
+        trend = float(test.slope_deviates(test.scores[None])[0])
         if not found and trend > drift_bound:
             slope = float(theilslopes(test.value, test.time).slope)
             drifts.append(Drift(*name, slope, _chance(trend, largest[1])))
@@ -166,18 +168,18 @@ def _steps(
         bound: deviate above which a step is significant.
     """
     first, end = part
-    test = StepTest.of(series.part(first, end), phi)
+    test = StepTest.from_series(series.section(first, end), phi)
     if test is None:
         return
-    deviates, best, _ = test.largest(test.scores[None])
+    deviates, best, _ = test.best_step(test.scores[None])
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    sharp = test.beside(int(best[0]), parabola=True)
+    sharp = test.step_deviate(int(best[0]), parabola=True)
     start, stop = max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)
-    nearby = StepTest.of(series.part(start, stop), phi)
+    nearby = StepTest.from_series(series.section(start, stop), phi)
     if nearby is not None:
         split = int(np.argmin(np.abs(nearby.splits - (middle - start))))
-        sharp = max(sharp, nearby.beside(split, parabola=False))
+        sharp = max(sharp, nearby.step_deviate(split, parabola=False))
     if min(deviate, sharp) <= bound:
         return
     sides = (first, middle), (middle, end)

@@ -35,7 +35,7 @@ class ParameterHistory:
     series: dict[SeriesKey, ParameterSeries]
     rows: dict[SeriesKey, list[BatchRow]]
     units: dict[str, str]
-    found: ChangeTest
+    change_test: ChangeTest
     events: tuple[ChangeEvent, ...]
 
 
@@ -48,7 +48,7 @@ def parameter_history(spec: BatchSpec, rows: Sequence[BatchRow]) -> ParameterHis
         item, time = row.item, row.item.when.time
         if time is None:
             continue
-        robot = f"{item.robot} ({spec.name(item.model)})" if item.robot in several else item.robot
+        robot = f"{item.robot} ({spec.relative_name(item.model)})" if item.robot in several else item.robot
         for name, parameter in (row.outcome.parameters or {}).items():
             if parameter["fitted"] and parameter["value"] is not None and parameter["std"] is not None:
                 units[name] = parameter["unit"]

@@ -53,7 +53,7 @@ class Journal(Closable):
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
             ) from error
         for line in data[:whole].splitlines():
-            outcome = JobOutcome.of(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
+            outcome = JobOutcome.from_line(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
             if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 
@@ -98,8 +98,8 @@ class BatchResult:
     """
 
     rows: tuple[BatchRow, ...]
-    left: int
-    worked: int
+    unfinished: int
+    computed: int
 
 
 def run_batch(
@@ -141,7 +141,7 @@ def run_batch(
         model_key = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         sound = sounds[item.calibrate] = sounds.get(item.calibrate) or text_digest([*map(file_digest, item.calibrate)])
-        key = keys[item.model, item.run] = job_digest(task, model_key, spec.name(item.run), item.run, sound)
+        key = keys[item.model, item.run] = job_digest(task, model_key, spec.relative_name(item.run), item.run, sound)
         jobs[key] = Job(
             key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),
@@ -203,8 +203,8 @@ def write_parquet(path: Path, spec: BatchSpec, rows: Sequence[BatchRow]) -> None
              "names": pa.list_(pa.string())}  # fmt: skip
     fixed: list[tuple[str, str, Callable[[BatchRow], Any]]] = [
         ("robot", "text", lambda row: row.item.robot),
-        ("model", "text", lambda row: spec.name(row.item.model)),
-        ("recording", "text", lambda row: spec.name(row.item.run)),
+        ("model", "text", lambda row: spec.relative_name(row.item.model)),
+        ("recording", "text", lambda row: spec.relative_name(row.item.run)),
         ("time", "time", lambda row: row.item.when.time),
         ("time_from", "text", lambda row: row.item.when.source.key if row.item.when.time is not None else None),
         ("verdict", "text", lambda row: row.outcome.verdict or None),

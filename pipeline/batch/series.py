@@ -54,7 +54,7 @@ class ParameterSeries:
     value: FloatArray
     std: FloatArray | None = None
 
-    def part(self, first: int, end: int) -> "ParameterSeries":
+    def section(self, first: int, end: int) -> "ParameterSeries":
         """The series of the recordings with indices from `first` to before `end`."""
         std = None if self.std is None else self.std[first:end]
         return ParameterSeries(self.time[first:end], self.value[first:end], std)
@@ -91,8 +91,8 @@ class StepTest:
         scores: weighted values, with outliers replaced and the correlation of neighbours removed, (n,).
         line: orthonormal basis of a constant and a slope, with the correlation of neighbours removed, (n, 2).
         splits: index of the first recording after each possible step, (k,).
-        sums: components of each possible step along `line`, (k, 2).
-        lengths: norm of each possible step after its components along `line` are removed, (k,).
+        line_components: components of each possible step along `line`, (k, 2).
+        step_norms: norm of each possible step after its components along `line` are removed, (k,).
     """
 
     time: FloatArray
@@ -102,11 +102,11 @@ class StepTest:
     scores: FloatArray
     line: FloatArray
     splits: np.ndarray
-    sums: FloatArray
-    lengths: FloatArray
+    line_components: FloatArray
+    step_norms: FloatArray
 
     @classmethod
-    def of(cls, series: ParameterSeries, phi: float = 0.0) -> "StepTest | None":
+    def from_series(cls, series: ParameterSeries, phi: float = 0.0) -> "StepTest | None":
         """Prepare a series for the tests; None if it is too short, or all its values or times are equal."""
         time, value = series.time, series.value
         count = len(value)
@@ -133,7 +133,7 @@ class StepTest:
         scores = _own(scores[None], phi)[0]
         return cls(time, value, weight, phi, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
 
-    def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
+    def best_step(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
         """Find the best step in each of m series of scores (m, n).
 
         Returns:
@@ -141,23 +141,23 @@ class StepTest:
             (m, n).
         """
         left = scores - scores @ self.line @ self.line.T
-        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.lengths
+        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.step_norms
         best = np.argmax(np.abs(along), axis=1)
         size = along[np.arange(len(along)), best]
         stepped = _own(self.weight * (np.arange(left.shape[1]) >= self.splits[best][:, None]), self.phi)
-        rest = left - (size / self.lengths[best])[:, None] * (stepped - self.sums[best] @ self.line.T)
+        rest = left - (size / self.step_norms[best])[:, None] * (stepped - self.line_components[best] @ self.line.T)
         return _deviate(size, left, 3), best, rest
 
-    def two_steps_left(self, scores: FloatArray) -> FloatArray:
+    def residual_after_two_steps(self, scores: FloatArray) -> FloatArray:
         """Residual of scores (m, n) after the best step, and then the best second step, were removed: (m, n)."""
-        return self.largest(self.largest(scores)[2])[2]
+        return self.best_step(self.best_step(scores)[2])[2]
 
-    def trends(self, scores: FloatArray) -> FloatArray:
+    def slope_deviates(self, scores: FloatArray) -> FloatArray:
         """Normal deviates of the slope of m series of scores (m, n): (m,)."""
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
-    def beside(self, split: int, *, parabola: bool) -> float:
+    def step_deviate(self, split: int, *, parabola: bool) -> float:
         """Normal deviate of one possible step, an index in `splits`, fitted together with a line or a parabola."""
         smooth = self.line
         if parabola:
@@ -170,7 +170,7 @@ class StepTest:
             return 0.0
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
-    def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
+    def simulated_deviates(self, batches: int, rng: np.random.Generator) -> FloatArray:
         """Normal deviates of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
         found = np.empty((2, batches))
         size = max(1, SIMULATED_AT_ONCE // len(self.time))
@@ -178,8 +178,8 @@ class StepTest:
             some = slice(first, min(first + size, batches))
             noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
             scores = _own(self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight), self.phi)
-            found[0, some] = self.largest(scores)[0]
-            found[1, some] = self.trends(scores)
+            found[0, some] = self.best_step(scores)[0]
+            found[1, some] = self.slope_deviates(scores)
         return found
 
 
@@ -188,11 +188,11 @@ def neighbour_correlation(group: Sequence[StepTest], rng: np.random.Generator) -
 
     The correlation in the residuals, after two steps per series were removed, is compared with that of simulated noise.
     """
-    seen = float(np.mean([_neighbours(test.two_steps_left(test.scores[None]))[0] for test in group]))
+    seen = float(np.mean([_neighbours(test.residual_after_two_steps(test.scores[None]))[0] for test in group]))
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
     expected = [
-        float(np.mean(_neighbours(typical.two_steps_left(_noise(phi, (PHI_GRID_SERIES, count), rng)))))
+        float(np.mean(_neighbours(typical.residual_after_two_steps(_noise(phi, (PHI_GRID_SERIES, count), rng)))))
         for phi in PHI_GRID
     ]
     return float(np.interp(seen, np.maximum.accumulate(expected), PHI_GRID))

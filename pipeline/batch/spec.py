@@ -123,7 +123,7 @@ class BatchSpec:
     false_alarms: float
     trust: bool = False
 
-    def name(self, path: Path) -> str:
+    def relative_name(self, path: Path) -> str:
         """A file's path relative to the specification's folder."""
         return relative_path_text(path, self.folder)
 
@@ -170,7 +170,9 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> It
         for run in runs:
             for path in _runs(run, robot, f"{where}: runs", folder):
                 named |= {path.name, relative_path_text(path, folder)}
-                yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times), sound)
+                yield BatchItem(
+                    entry.robot or robot or model.stem, model, path, clock.find_time(path, folder, times), sound
+                )
     for name in times:
         if name not in named:
             raise UnknownNameError(f"recording in times of {where}", name, sorted(named))

@@ -62,15 +62,16 @@ class TimeRules:
     """Rules for finding the time of a recording.
 
     Attributes:
-        only: the only source to use; None for the first of specification, sidecar file and file name that has a time.
-        form: format of the whole file name without suffix, for `datetime.strptime`; empty to search the name for a date
-            in the order year, month, day.
+        only_source: the only source to use; None for the first of specification, sidecar file and file name that has a
+            time.
+        date_format: format of the whole file name without suffix, for `datetime.strptime`; empty to search the name
+            for a date in the order year, month, day.
     """
 
-    only: TimeSource | None = None
-    form: str = ""
+    only_source: TimeSource | None = None
+    date_format: str = ""
 
-    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> RecordingTime:
+    def find_time(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> RecordingTime:
         """Find the time of a recording.
 
         Args:
@@ -79,7 +80,11 @@ class TimeRules:
             given: times in the specification, by file name or by path relative to `folder`.
         """
         name = relative_path_text(path, folder)
-        for source in [self.only] if self.only is not None else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]:
+        for source in (
+            [self.only_source]
+            if self.only_source is not None
+            else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]
+        ):
             found: datetime | str | None
             if source is TimeSource.SPEC:
                 found = given.get(name, given.get(path.name))
@@ -91,16 +96,16 @@ class TimeRules:
                 return RecordingTime(found, source)
             if isinstance(found, str):
                 return RecordingTime(None, TimeSource.NOWHERE, found)
-        where = "the SPEC, the sidecar or a date in the name" if self.only is None else self.only.value
+        where = "the SPEC, the sidecar or a date in the name" if self.only_source is None else self.only_source.value
         return RecordingTime(None, TimeSource.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:
-        if self.form:
+        if self.date_format:
             stem = PurePosixPath(name).stem
             try:
-                return datetime.strptime(stem, self.form).replace(tzinfo=None)
+                return datetime.strptime(stem, self.date_format).replace(tzinfo=None)
             except (ValueError, OverflowError):
-                return f"the name is not of the form {self.form}"
+                return f"the name is not of the form {self.date_format}"
         for part in (PurePosixPath(name).stem, *reversed(PurePosixPath(name).parts[:-1])):
             dates = {found for match in DATE_PATTERN.finditer(part) if (found := _date(match)) is not None}
             if len(dates) > 1:

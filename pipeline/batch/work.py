@@ -101,7 +101,7 @@ class JobOutcome:
         return json.dumps({"digest": text_digest([text]), **json.loads(text)})
 
     @classmethod
-    def of(cls, line: bytes) -> "JobOutcome | None":
+    def from_line(cls, line: bytes) -> "JobOutcome | None":
         """Read an outcome from a line of the journal; None if the line is damaged or has another format."""
         try:
             entry = json.loads(line)

@@ -79,14 +79,14 @@ def _answer(spec: "BatchSpec", done: "BatchResult", found: "ParameterHistory") -
         "schema": "armdyn.batch/1",
         "task": spec.task,
         "recordings": len(done.rows),
-        "worked": done.worked,
+        "worked": done.computed,
         "verdicts": verdict_counts(done.rows),
         "bad": [
-            {"recording": spec.name(row.item.run), "problem": row.outcome.problem}
+            {"recording": spec.relative_name(row.item.run), "problem": row.outcome.problem}
             for row in done.rows
             if row.outcome.problem
         ],
-        "false_alarms": found.found.false_alarms,
+        "false_alarms": found.change_test.false_alarms,
         "changes": [
             attributes_as_json(
                 step, "robot parameter unit= last_before= first_after= before after chance",
@@ -101,6 +101,6 @@ def _answer(spec: "BatchSpec", done: "BatchResult", found: "ParameterHistory") -
             attributes_as_json(
                 d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter]
             )
-            for d in found.found.drifts
+            for d in found.change_test.drifts
         ],
     }  # fmt: skip

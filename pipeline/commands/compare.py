@@ -17,7 +17,11 @@ def compare(inputs: StudyInputs) -> None:
     with inputs.begin(choosing=False) as (given, say):
         say("fitting")
         found = given.compare()
-    steps = [] if found.explained else [NextStep("what is missing", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS))]
+    steps = (
+        []
+        if found.explained
+        else [NextStep("what is missing", inputs.proposed_command("repair", *REPAIR_OUTPUT_OPTIONS))]
+    )
     inputs.finish(
         given,
         replace(found.document(), next_steps=steps),

@@ -20,10 +20,10 @@ def diagnose(inputs: StudyInputs) -> None:
     steps = []
     moved = all("gripper_x" in run.channels for run in given.study.runs)
     if found.remedies and given.study.model.hangs_from_gripper and moved:
-        command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
+        command = inputs.proposed_command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.ranked_effects:
-        steps.append(NextStep("add it", inputs.command("repair", *REPAIR_OUTPUT_OPTIONS)))
+        steps.append(NextStep("add it", inputs.proposed_command("repair", *REPAIR_OUTPUT_OPTIONS)))
     inputs.finish(
         given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),

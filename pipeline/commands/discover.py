@@ -42,7 +42,7 @@ def discover(
 
 
 def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | None) -> list[NextStep]:
-    another = inputs.command("discover", "--held-out", "ANOTHER.csv")
+    another = inputs.proposed_command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.has_unfitted_run else []
     if not found.laws:
         return judge if found.residual_exceeds_noise else []
@@ -54,12 +54,14 @@ def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | No
     steps = [NextStep("add it", command_text("add", *words))]
     if len(found.laws) > 1:
         steps = [
-            NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
+            NextStep(
+                "add them all", inputs.proposed_command("repair", "--effects", str(file), "--output", "repaired.toml")
+            )
         ]
     rival = next((one for one in found.new_laws if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
         apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
-        judge.append(NextStep("tell them apart", inputs.command("next", *apart)))
+        judge.append(NextStep("tell them apart", inputs.proposed_command("next", *apart)))
     return [*steps, *judge]
 
 

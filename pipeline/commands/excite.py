@@ -84,7 +84,7 @@ def excite(
     json_file: JsonOption = None,
 ) -> int:
     """Design the motion of an arm that determines chosen effects best, or distinguishes two effects."""
-    choice.needed()
+    choice.require_robot()
     if wanted is not None and rivals is not None:
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
     inputs = [file for file in (choice.urdf_file, effects_file) if file is not None]

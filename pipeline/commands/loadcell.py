@@ -75,7 +75,7 @@ def calibrate(
                 status.start()
             else:
                 console.print(f"{what} (emulated)")
-                emulated.hang(weight.force)
+                emulated.set_force(weight.force)
                 time.sleep(0.2)  # wait until the earlier samples have arrived
 
         def progress(weight: "KnownWeight", count: int) -> None:
@@ -148,7 +148,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Force
         with deferred_signals(ends.append):
             while status.connected and not ends:
                 time.sleep(0.05)
-                seen.add(cell.read(), cell.events())
+                seen.add(cell.read(), cell.take_events())
                 status = cell.status()
                 live.update(monitor_table(seen, status, start))
                 now = time.monotonic()
@@ -156,7 +156,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Force
                     begin = now
                 if seconds is not None and begin is not None and now - begin >= seconds:
                     break
-        seen.add(cell.read(), cell.events())
+        seen.add(cell.read(), cell.take_events())
         live.update(monitor_table(seen, status, start))
     if not console.is_terminal:
         console.print()  # rich ends the last line of a live display only on a terminal

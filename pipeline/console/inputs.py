@@ -44,7 +44,7 @@ class ModelAndRunInputs:
         """Files of all recordings of the command: training, held-out and exam runs."""
         return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
 
-    def command(self, name: str, *options: str) -> str:
+    def proposed_command(self, name: str, *options: str) -> str:
         """Text of a command with these input files, to be proposed to the user as a next step.
 
         Args:

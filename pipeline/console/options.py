@@ -118,7 +118,7 @@ class RobotChoice:
     def __bool__(self) -> bool:
         return self.robot is not None or self.urdf_file is not None
 
-    def needed(self) -> None:
+    def require_robot(self) -> None:
         """Check that a robot was given.
 
         Raises:

@@ -97,7 +97,7 @@ class RobotOptions:
         used = None if port is None else Calibration.load(self.calibration or default_calibration_path())
         return RobotLink(where, connect, description, port, used)
 
-    def prompts(self, json_file: Path | None) -> "OperatorPrompts":
+    def operator_prompts(self, json_file: Path | None) -> "OperatorPrompts":
         """Make the functions that inform and ask the operator of the robot; options may replace the answers.
 
         Raises:
@@ -219,7 +219,7 @@ def real_trial(
 
     link = options.connection()
     with progress_display() as progress:
-        prompts = options.prompts(json_file)
+        prompts = options.operator_prompts(json_file)
         if not options.rehearse:
             done = run_real_trial(settings, link, prompts, out, progress)
         else:

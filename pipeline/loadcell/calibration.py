@@ -81,7 +81,7 @@ class Calibration:
     def force_limits(self) -> LoadCellLimits:
         """Limits for detecting faults in this cell's samples of force [N]."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
-        return LoadCellLimits.of(self.noise, abs(self.scale), *ends)
+        return LoadCellLimits.from_noise(self.noise, abs(self.scale), *ends)
 
     def force(self, counts: float) -> float:
         """Convert counts to a force [N]."""

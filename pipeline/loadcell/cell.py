@@ -44,7 +44,7 @@ class ReceptionClock:
             return 0.0
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
-    def stamp(self, now: float, count: int) -> list[float]:
+    def reception_times(self, now: float, count: int) -> list[float]:
         """Times of reception [s], strictly increasing, of `count` samples that were delivered together at `now` [s]."""
         step, earliest = MIN_SAMPLE_SPACING, now - (count - 1) * MIN_SAMPLE_SPACING
         if self._times and count:
@@ -83,7 +83,7 @@ def count_fault_limits(calibration: Calibration | None = None, silent_after: flo
     """
     noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
-        LoadCellLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
+        LoadCellLimits.from_noise(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
         spike=SPIKE_RANGE_SHARE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE_DEVIATIONS * noise,
         silent_after=silent_after,
         start_up=START_UP_SECONDS,
@@ -171,7 +171,7 @@ class LoadCell(Closable):
             self._overflowing = False
             return samples
 
-    def events(self) -> list[LoadCellFaultEvent]:
+    def take_events(self) -> list[LoadCellFaultEvent]:
         """Faults that began or ended since the last call, oldest first."""
         with self._lock:
             self._watch()
@@ -209,11 +209,11 @@ class LoadCell(Closable):
 
     def _take(self, data: bytes) -> None:
         now = self._clock()
-        decoded = self._decoder.feed(data)
+        decoded = self._decoder.decode_bytes(data)
         self._note(LoadCellFaultEvent(now, fault, count=count) for fault, count in decoded.faults.items())
-        stamps = self._times.stamp(now, len(decoded.readings))
+        stamps = self._times.reception_times(now, len(decoded.readings))
         for stamp, reading in zip(stamps, decoded.readings, strict=True):
-            self._detector.sample(stamp, reading.counts)
+            self._detector.add_sample(stamp, reading.counts)
             self._received += 1
             if len(self._samples) == self._samples.maxlen:
                 self._faults[LoadCellFault.OVERFLOW] += 1

@@ -40,7 +40,7 @@ class EmulatedPort(Closable):
         self._sequence = 0
         self._plugged = True
 
-    def line(self, counts: int) -> bytes:
+    def next_line(self, counts: int) -> bytes:
         """Make the line for the next sample, with the next sequence number."""
         reading = CellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
@@ -92,14 +92,14 @@ class EmulatedCell(Closable):
         rate: float = 80.0,
     ) -> None:
         self._rng, self.scale, self.rate = rng, scale, rate
-        self.hang(force)
+        self.set_force(force)
         self._line = EmulatedPort()
         self.port = self._line.port
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated load cell", daemon=True)
         self._thread.start()
 
-    def hang(self, force: Callable[[float], float] | float) -> None:
+    def set_force(self, force: Callable[[float], float] | float) -> None:
         """Set the force on the cell [N], constant or a function of time [s]."""
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
@@ -113,7 +113,7 @@ class EmulatedCell(Closable):
         due = time.monotonic()
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             counts = self.offset + self._force(due) / self.scale + self.noise * self._rng.standard_normal()
-            self._line.send(self._line.line(round(counts)))
+            self._line.send(self._line.next_line(round(counts)))
             due += 1.0 / self.rate
 
 

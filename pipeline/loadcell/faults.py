@@ -80,7 +80,7 @@ class LoadCellLimits:
     start_up: float = 0.0
 
     @classmethod
-    def of(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellLimits":
+    def from_noise(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellLimits":
         """Make limits for saturated and frozen cells.
 
         Args:
@@ -187,10 +187,10 @@ class LoadCellFaultDetector:
     def update(self, now: float, samples: Iterable[ForceSample]) -> LoadCellFault | None:
         """Add samples that arrived until `now` [s], oldest first; returns the most serious present fault, or None."""
         for sample in samples:
-            self.sample(sample.time, sample.force)
+            self.add_sample(sample.time, sample.force)
         return self.check(now)
 
-    def sample(self, time: float, value: float) -> None:
+    def add_sample(self, time: float, value: float) -> None:
         """Add one sample: its time of reception [s], and its value in the unit of the limits."""
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after

@@ -100,7 +100,7 @@ class WeightMeasurement:
     outliers: int
 
     @classmethod
-    def of(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "WeightMeasurement":
+    def from_counts(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "WeightMeasurement":
         """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
         Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
@@ -167,7 +167,7 @@ class CalibrationFit(Calibration):
         residuals: force by the calibration minus force of the weight, for each weight [N].
     """
 
-    plateaus: tuple[WeightMeasurement, ...]
+    measurements: tuple[WeightMeasurement, ...]
     residuals: tuple[float, ...]
 
 
@@ -216,7 +216,7 @@ def fit_calibration(plateaus: Sequence[WeightMeasurement], source: str) -> Calib
         noise=math.sqrt(float(np.mean([plateau.noise**2 for plateau in plateaus]))) * abs(scale),
         date=datetime.now().astimezone().replace(microsecond=0),
         source=source,
-        plateaus=tuple(plateaus),
+        measurements=tuple(plateaus),
         residuals=tuple(map(float, residuals)),
     )
 
@@ -298,7 +298,7 @@ def calibrate_cell(
             progress(weight, min(max(len(counts) - FILTER_SETTLING_SAMPLES, 0), samples))
             wait(0.02)
         plateaus.append(
-            WeightMeasurement.of(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples])
+            WeightMeasurement.from_counts(weight, counts[FILTER_SETTLING_SAMPLES : FILTER_SETTLING_SAMPLES + samples])
         )
     return fit_calibration(plateaus, source)
 

@@ -71,7 +71,7 @@ def calibration_table(fit: CalibrationFit) -> RenderableType:
     """Table of the weights and results of a load cell's calibration, for the screen."""
     # The backslash prevents that a unit in brackets is read as a style.
     table = Table("weight", r"force \[N]", "counts", r"residual \[mN]", r"noise \[counts]", "left out")
-    for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
+    for plateau, residual in zip(fit.measurements, fit.residuals, strict=True):
         table.add_row(
             plateau.weight.text,
             f"{plateau.weight.force:.4f}",
@@ -117,7 +117,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
                 "counts_std": plateau.mean_std,
                 **attributes_as_json(plateau, "noise residual= samples outliers", residual=residual),
             }
-            for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True)
+            for plateau, residual in zip(fit.measurements, fit.residuals, strict=True)
         ],
     }
 

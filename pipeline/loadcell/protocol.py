@@ -90,7 +90,7 @@ class LineDecoder:
         self._too_long = False
         self._sequence: int | None = None
 
-    def feed(self, data: bytes) -> DecodedSamples:
+    def decode_bytes(self, data: bytes) -> DecodedSamples:
         """Decode the next bytes of the stream."""
         decoded = DecodedSamples()
         *lines, self._rest = (self._rest + data).split(b"\n")

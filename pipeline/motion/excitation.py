@@ -231,7 +231,7 @@ def _feasible(
         if check.feasible:
             break
         problem = _with_less_room(problem, check)
-        say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].broken}")
+        say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].violation_text}")
         x = optimise_motion(problem, x, first=len(problem.steps_per_round) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
@@ -257,7 +257,7 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
+            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used_share)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

@@ -71,7 +71,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
         raise InputError(
             f"move to s = {s_end} m: its end must lie on the line, {limits.s_min:.4g} to {limits.s_max:.4g} m"
         )
-    planner, target = LinePlanner(limits.tight()), LineState(s_end)
+    planner, target = LinePlanner(limits.planning_limits()), LineState(s_end)
     pieces = _fastest(planner, start, target) if planner.stop(start) is not None else []
     if not pieces:
         raise TaskFailedError(
@@ -93,7 +93,7 @@ def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Motio
     acceleration = _acceleration(planner, start, target)
     direct = planner.to_state(start, target, acceleration=acceleration)
     if direct is not None and direct.respects(planner.limits):
-        return [(direct.duration, direct.at)]
+        return [(direct.duration, direct.state_at)]
     moves = _ridden(planner, start, target), _slower(planner, start, target, acceleration)
     return min(filter(None, moves), key=lambda pieces: sum(duration for duration, _ in pieces), default=[])
 
@@ -118,39 +118,39 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Motion
                 shortest, place, chosen = motion.duration + riding[k], k, motion
         return place, chosen
 
-    on_curve = [curve.at(float(s), direction) for s in places]
+    on_curve = [curve.state_at(float(s), direction) for s in places]
     passed = np.cumsum(np.abs(np.gradient(places)) / np.abs([state.v for state in on_curve]))
     first, up = best([start] * len(places), on_curve, passed[-1] - passed)
     last, down = best(on_curve, [target] * len(places), passed)
     if up is None or down is None or first >= last:
         return []
     inside = stretch[skip * first : skip * last + 1]
-    states = np.array([curve.at(float(s), direction) for s in inside])
+    states = np.array([curve.state_at(float(s), direction) for s in inside])
     too_strong = np.abs(states[:, 2]) > limits.acceleration_at(inside)
     if np.max(curve.jerk(inside)) > limits.jerk or np.any(too_strong):
         return []
-    ride = curve.between(float(places[first]), float(places[last]))
-    return [(up.duration, up.at), ride, (down.duration, down.at)]
+    ride = curve.motion_between(float(places[first]), float(places[last]))
+    return [(up.duration, up.state_at), ride, (down.duration, down.state_at)]
 
 
 def _acceleration(planner: LinePlanner, begin: LineState, end: LineState) -> float:
     """Smallest acceleration limit between two states, the stopping distance of the first included."""
     stop = planner.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
-    return planner.limits.lowest_acceleration(min(reached), max(reached))
+    return planner.limits.min_acceleration_between(min(reached), max(reached))
 
 
 def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> MotionPieces:
     """The motion with the highest constant speed limit within the limits, by bisection; empty without one."""
     best: MotionPieces = []
-    fits, fails = 0.0, planner.limits.fastest
+    fits, fails = 0.0, planner.limits.max_speed_limit
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < MIN_SPEED_SHARE * planner.limits.fastest:
+        if speed < MIN_SPEED_SHARE * planner.limits.max_speed_limit:
             break
         motion = planner.to_state(start, target, speed=speed, acceleration=acceleration)
         if motion is not None and motion.respects(planner.limits):
-            best, fits = [(motion.duration, motion.at)], speed
+            best, fits = [(motion.duration, motion.state_at)], speed
         else:
             fails = speed
     return best

@@ -65,13 +65,13 @@ class Refusal:
         detail: the joint, its value and the limit, as a text; may be empty.
     """
 
-    why: RefusalReason
+    reason: RefusalReason
     detail: str = ""
 
     @property
     def sentence(self) -> str:
         """The reason and the detail as a sentence."""
-        return f"{self.why.value}{f' ({self.detail})' if self.detail else ''}"
+        return f"{self.reason.value}{f' ({self.detail})' if self.detail else ''}"
 
 
 class CommandGate:
@@ -206,11 +206,11 @@ class StreamGate(CommandGate):
             np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * self._spacings[-1])
         )
 
-    def begins(self, now: float) -> bool:
+    def begins_stream(self, now: float) -> bool:
         """Whether a command at the time `now` [s] begins a new stream, because there was none before or a pause."""
         return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
 
-    def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
+    def check_next(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
         """Check the next command; returns a refusal, or None if it may be sent; then it counts as sent.
 
         Args:
@@ -243,7 +243,7 @@ class StreamGate(CommandGate):
 
     def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
         """Refusal if a stream does not begin at rest at the arm's position, or continues after a pause."""
-        if not self.begins(now):
+        if not self.begins_stream(now):
             late = now - self._sent
             return None if late <= STREAM_GAP_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
         self._last = []

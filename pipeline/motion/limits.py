@@ -39,10 +39,10 @@ class LineLimits:
         jerk: largest jerk, at every position [m/s^3].
         s_min: lower end of the line [m].
         s_max: upper end of the line [m].
-        slowest: smallest speed limit of the line [m/s].
-        fastest: largest speed limit of the line [m/s].
-        weakest: smallest acceleration limit of the line [m/s^2].
-        strongest: largest acceleration limit of the line [m/s^2].
+        min_speed_limit: smallest speed limit of the line [m/s].
+        max_speed_limit: largest speed limit of the line [m/s].
+        min_acceleration_limit: smallest acceleration limit of the line [m/s^2].
+        max_acceleration_limit: largest acceleration limit of the line [m/s^2].
     """
 
     s: Array
@@ -51,17 +51,17 @@ class LineLimits:
     jerk: float = LINE_JERK
     s_min: float = field(init=False)
     s_max: float = field(init=False)
-    slowest: float = field(init=False)
-    fastest: float = field(init=False)
-    weakest: float = field(init=False)
-    strongest: float = field(init=False)
+    min_speed_limit: float = field(init=False)
+    max_speed_limit: float = field(init=False)
+    min_acceleration_limit: float = field(init=False)
+    max_acceleration_limit: float = field(init=False)
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "s", "speed", "acceleration")
         for values, least, largest in (
             (self.s, "s_min", "s_max"),
-            (self.speed, "slowest", "fastest"),
-            (self.acceleration, "weakest", "strongest"),
+            (self.speed, "min_speed_limit", "max_speed_limit"),
+            (self.acceleration, "min_acceleration_limit", "max_acceleration_limit"),
         ):
             object.__setattr__(self, least, float(values.min()))
             object.__setattr__(self, largest, float(values.max()))
@@ -80,19 +80,19 @@ class LineLimits:
             acceleration = np.minimum(acceleration, _largest_by_torque(table, torque))
         return cls(table.s, table.speed_limit, acceleration)
 
-    def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
+    def scaled(self, speed: float, acceleration: float, max_acceleration: float = np.inf) -> LineLimits:
         """Reduced limits.
 
         Args:
             speed: factor on the speed limits.
             acceleration: factor on the acceleration limits.
-            strongest: upper bound of the acceleration limits [m/s^2].
+            max_acceleration: upper bound of the acceleration limits [m/s^2].
         """
         return replace(
-            self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, strongest)
+            self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, max_acceleration)
         )
 
-    def tight(self) -> LineLimits:
+    def planning_limits(self) -> LineLimits:
         """Limits of speed and acceleration multiplied by `PLANNED_LIMIT_SHARE`, for planning."""
         return self.scaled(PLANNED_LIMIT_SHARE, PLANNED_LIMIT_SHARE)
 
@@ -120,20 +120,20 @@ class LineLimits:
             and np.all(np.abs(a) <= self.acceleration_at(s) + tolerance)
         )
 
-    def allow(self, state: LineState) -> bool:
+    def allows(self, state: LineState) -> bool:
         """Whether one state is within the limits, except for rounding; five times faster than `respected_by`."""
         s, v, a = state
         return (
             self.s_min - LIMIT_ROUNDING <= s <= self.s_max + LIMIT_ROUNDING
-            and abs(v) <= self.lowest_speed(s, s) + LIMIT_ROUNDING
-            and abs(a) <= self.lowest_acceleration(s, s) + LIMIT_ROUNDING
+            and abs(v) <= self.min_speed_between(s, s) + LIMIT_ROUNDING
+            and abs(a) <= self.min_acceleration_between(s, s) + LIMIT_ROUNDING
         )
 
-    def lowest_speed(self, lower: float, upper: float) -> float:
+    def min_speed_between(self, lower: float, upper: float) -> float:
         """Smallest speed limit between two positions [m], in m/s."""
         return self._lowest(self._lists[1], lower, upper)
 
-    def lowest_acceleration(self, lower: float, upper: float) -> float:
+    def min_acceleration_between(self, lower: float, upper: float) -> float:
         """Smallest acceleration limit between two positions [m], in m/s^2."""
         return self._lowest(self._lists[2], lower, upper)
 

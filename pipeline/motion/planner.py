@@ -56,8 +56,8 @@ class LinePlanner:
         """
         p = self._to_state
         p.target_position, p.target_velocity, p.target_acceleration = [target.s], [target.v], [target.a]
-        p.max_velocity = [self.limits.fastest if speed is None else speed]
-        p.max_acceleration = [self.limits.strongest if acceleration is None else acceleration]
+        p.max_velocity = [self.limits.max_speed_limit if speed is None else speed]
+        p.max_acceleration = [self.limits.max_acceleration_limit if acceleration is None else acceleration]
         p.minimum_duration = duration
         return self._calculate(p, start, math.inf if duration is None else duration + ARRIVAL_TOLERANCE_SECONDS)
 
@@ -66,19 +66,19 @@ class LinePlanner:
         limits = self.limits
         # Bounds of the speed (the acceleration is reduced to 0 first) and of the way to rest.
         fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
-        if not state.is_finite or fastest > 10.0 * limits.fastest:
+        if not state.is_finite or fastest > 10.0 * limits.max_speed_limit:
             return None
-        weakest = limits.weakest
+        weakest = limits.min_acceleration_limit
         reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / limits.jerk)
-        self._to_rest.max_acceleration = [limits.lowest_acceleration(state.s - reach, state.s + reach)]
+        self._to_rest.max_acceleration = [limits.min_acceleration_between(state.s - reach, state.s + reach)]
         motion = self._calculate(self._to_rest, state)
         return motion if motion is not None and motion.respects(limits) else None
 
-    def draw_back(self, target: LineState) -> LineState:
+    def nearest_stoppable_state(self, target: LineState) -> LineState:
         """Change a target state as little as possible so that it is on the line and the tool can stop from it."""
         limits = self.limits
         s = min(max(target.s, limits.s_min), limits.s_max)
-        speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)
+        speed, acceleration = limits.min_speed_between(s, s), limits.min_acceleration_between(s, s)
         v = min(max(target.v, -speed), speed)
         a = min(max(target.a, -acceleration), acceleration)
         for share in (1.0, 0.8, 0.5, 0.2):

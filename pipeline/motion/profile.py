@@ -58,7 +58,7 @@ class JerkProfile:
         """State at the end of the last phase."""
         return self.states[-1]
 
-    def at(self, time: float) -> LineState:
+    def state_at(self, time: float) -> LineState:
         """State at a time since the begin of the motion [s]."""
         k = max(bisect_right(self.start, time) - 1, 0)
         return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
@@ -72,10 +72,10 @@ class JerkProfile:
         s, v, a = states[phase].T
         return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
 
-    def part(self, begin: float = 0.0, end: float = math.inf) -> JerkProfile:
+    def section(self, begin: float = 0.0, end: float = math.inf) -> JerkProfile:
         """The part of the motion between two times [s], as a motion that begins at time 0."""
         left = [max(min(b, end) - max(a, begin), 0.0) for a, b in pairwise(self.start)]
-        return JerkProfile(self.at(min(begin, self.duration)), left, self.jerks[:-1])
+        return JerkProfile(self.state_at(min(begin, self.duration)), left, self.jerks[:-1])
 
     def extremes(self) -> list[LineState]:
         """States among which are the extremes of position, speed and acceleration: at phase ends, v = 0 and a = 0."""
@@ -94,15 +94,17 @@ class JerkProfile:
         """
         extremes = self.extremes()
         # Most motions that break a limit break it at an extreme; most others stay far from every limit.
-        if not all(limits.allow(state) for state in extremes):
+        if not all(limits.allows(state) for state in extremes):
             return False
         s, v, a = zip(*extremes, strict=True)
         lower, upper = min(s), max(s)
-        slow = max(map(abs, v)) <= limits.lowest_speed(lower, upper)
-        if slow and max(map(abs, a)) <= limits.lowest_acceleration(lower, upper):
+        slow = max(map(abs, v)) <= limits.min_speed_between(lower, upper)
+        if slow and max(map(abs, a)) <= limits.min_acceleration_between(lower, upper):
             return True
         # A function with a second derivative of at most 2 J rises by at most 2 J h^2 / 8 between samples.
-        spacing = min(SAMPLE_SPACING_SECONDS, math.sqrt(4.0 * MAX_MISSED_SPEED_SHARE * limits.slowest / limits.jerk))
+        spacing = min(
+            SAMPLE_SPACING_SECONDS, math.sqrt(4.0 * MAX_MISSED_SPEED_SHARE * limits.min_speed_limit / limits.jerk)
+        )
         count = int(min(np.ceil(self.duration / spacing), MAX_PROFILE_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
         return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)

@@ -69,9 +69,9 @@ def smooth_reference(
     )
     planner = LinePlanner(easy)
     if start is None:
-        start = planner.draw_back(LineState(float(s_ref[0]), float(v_ref[0])))
+        start = planner.nearest_stoppable_state(LineState(float(s_ref[0]), float(v_ref[0])))
     # The headroom covers errors of the linearisation, and what happens between samples.
-    program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
+    program = _Program(s_ref, v_ref, dt, limits.planning_limits(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
     for k in range(MAX_LINEARISATIONS):
         before, trust = s, TRUST_DISTANCE * TRUST_SHRINKAGE[1] ** max(k - TRUST_SHRINKAGE[0], 0)

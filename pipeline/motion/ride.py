@@ -47,12 +47,12 @@ class SpeedLimitCurve:
         under = np.minimum(np.interp(places, self.nodes, smooth), speed)
         self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
 
-    def at(self, s: float, direction: float) -> LineState:
+    def state_at(self, s: float, direction: float) -> LineState:
         """State of a tool that moves at the speed limit at position s [m]; `direction` is the sign of its speed."""
         speed = float(self._spline(s))
         return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
 
-    def after(self, s: float, time: float, direction: float) -> LineState:
+    def state_after(self, s: float, time: float, direction: float) -> LineState:
         """State of a tool that moves at the speed limit, a time [s] after it has passed position s [m].
 
         `direction` is the sign of its speed. The position is at most the end of the line.
@@ -60,18 +60,18 @@ class SpeedLimitCurve:
         for _ in range(steps := max(round(time / MAX_RIDE_STEP_SECONDS), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
-        return self.at(s, direction)
+        return self.state_at(s, direction)
 
     def _clipped(self, s: float) -> float:
         return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
 
-    def between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
+    def motion_between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
         """Motion at the speed limit between two positions [m]: its duration [s], and a function from time to state."""
         s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * LIMIT_SPACING)) + 1, 4))
         travelled = np.abs(s - s_from)
         time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
         position, direction = CubicSpline(time, s), 1.0 if s_to > s_from else -1.0
-        return float(time[-1]), lambda t: self.at(float(position(t)), direction)
+        return float(time[-1]), lambda t: self.state_at(float(position(t)), direction)
 
     def jerk(self, s: ArrayLike) -> Array:
         """Absolute jerk of a motion at the speed limit at positions s [m], ``|W (W'^2 + W W'')|`` [m/s^3]."""

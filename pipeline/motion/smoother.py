@@ -44,7 +44,7 @@ class LineSmoother:
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
         self._dt = dt
-        self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.tight())
+        self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.planning_limits())
         self._limits = self._planner.limits
         self._ride = SpeedLimitCurve(self._limits)
         # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
@@ -87,18 +87,18 @@ class LineSmoother:
         for m in MEETING_CYCLES:
             if m > len(targets):
                 break
-            if self._meet(self._planner.draw_back(targets[m - 1]), m):
+            if self._meet(self._planner.nearest_stoppable_state(targets[m - 1]), m):
                 return self.state
         later = targets[min(round(PURSUIT_SECONDS / self._dt), len(targets) - 1)]
-        return self.state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
+        return self.state if self._pursue(self._planner.nearest_stoppable_state(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
         """Advance by one cycle while braking to rest; returns the state at the end of the cycle."""
         self._joining = None
-        self.motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
+        self.motion = self._stop.section(self._stop_age, self._stop_age + self._dt)
         self._stop_age += self._dt
         if self._stop_age < self._stop.duration:
-            self.state = self._stop.at(self._stop_age)
+            self.state = self._stop.state_at(self._stop_age)
         else:
             # Rest is exact: rounding errors of speed and acceleration must not add up.
             self.state = LineState(min(max(self._stop.end.s, self._limits.s_min), self._limits.s_max))
@@ -112,7 +112,7 @@ class LineSmoother:
     def _pursue(self, target: LineState) -> bool:
         """Begin the fastest motion towards a position, along the speed limit where necessary."""
         s = self.state.s
-        acceleration = self._limits.lowest_acceleration(min(s, target.s), max(s, target.s))
+        acceleration = self._limits.min_acceleration_between(min(s, target.s), max(s, target.s))
         motion = self._planner.to_state(self.state, target, acceleration=acceleration)
         if motion is not None and self._begin(motion, self._below_ride):
             return True
@@ -121,13 +121,13 @@ class LineSmoother:
             return True
         direction = math.copysign(1.0, target.s - s)
         for m in MEETING_CYCLES:
-            ahead = self._ride.after(s, m * self._dt, direction)
+            ahead = self._ride.state_after(s, m * self._dt, direction)
             if (target.s - ahead.s) * direction <= 0.0:
                 break
             if self._meet(ahead, m, keep=True):
                 return True
         for share in (0.9, 0.5):
-            slower = max(share * min(abs(self.state.v), self._limits.lowest_speed(s, s)), 1e-3)
+            slower = max(share * min(abs(self.state.v), self._limits.min_speed_between(s, s)), 1e-3)
             motion = self._planner.to_state(self.state, LineState(target.s), speed=slower, acceleration=acceleration)
             if motion is not None and self._begin(motion, self._planner):
                 return True
@@ -135,16 +135,16 @@ class LineSmoother:
 
     def _begin(self, motion: JerkProfile, planner: LinePlanner, keep: bool = False) -> bool:
         """Begin a motion if its first cycle and a stop after it are within the limits; `keep` stores the remainder."""
-        cycle = motion.part(end=self._dt)
+        cycle = motion.section(end=self._dt)
         if not cycle.respects(planner.limits):
             return False
-        state = motion.at(self._dt)
+        state = motion.state_at(self._dt)
         stop = planner.stop(state)
         if stop is None:
             return False
         self.state, self.motion = state, cycle
         self._stop, self._stop_age = stop, 0.0
-        self._joining = motion.part(self._dt) if keep and motion.duration > 1.5 * self._dt else None
+        self._joining = motion.section(self._dt) if keep and motion.duration > 1.5 * self._dt else None
         return True
 
     def _continue(self, reference: LineState) -> Sequence[LineState]:

@@ -68,7 +68,7 @@ class LineTrajectory:
     def __iter__(self) -> Iterator[LineState]:
         return (self[k] for k in range(len(self)))
 
-    def then(self, other: LineTrajectory) -> LineTrajectory:
+    def followed_by(self, other: LineTrajectory) -> LineTrajectory:
         """This motion followed by another one, whose times count from the end of this one.
 
         A first sample of the other motion at time 0 is left out, because it equals the last one of this motion.

@@ -44,7 +44,7 @@ class BrakingMotion:
             self.duration = float(self._way.duration)
             self._rest = np.array(self._way.at_time(self.duration)[0])
 
-    def at(self, time: float) -> tuple[Array, Array, Array]:
+    def state_at(self, time: float) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations, (n,) each, at a time since the begin of braking [s]."""
         if time >= self.duration:
             return self._rest, np.zeros_like(self._rest), np.zeros_like(self._rest)
@@ -82,7 +82,7 @@ class StreamBlend:
         self._offset = np.clip(here - told, -MAX_START_OFFSET, MAX_START_OFFSET)
         self._cycle = 0
 
-    def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    def next_command(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Add the offset to the next command: positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
         u = min(self._cycle * CONTROL_PERIOD_SECONDS / BLEND_SECONDS, 1.0)
         self._cycle += 1

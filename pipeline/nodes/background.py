@@ -22,25 +22,25 @@ class BackgroundWorker:
     """Runs long computations directly in the control loop, for a simulated robot whose clock stands meanwhile.
 
     Attributes:
-        at_once: whether `ask` returns only when the computation is finished.
-        thinking: whether this process runs a long computation at present.
+        is_synchronous: whether `request` returns only when the computation is finished.
+        is_computing: whether this process runs a long computation at present.
     """
 
-    at_once = True
+    is_synchronous = True
 
     def __init__(self) -> None:
-        self.thinking = False
+        self.is_computing = False
         self._work: dict[str, BackgroundFunction] = {}
         self._then: dict[str, list[ResultCallback]] = {}  # requests that wait for results, oldest first
 
-    def provide(self, name: str, work: BackgroundFunction) -> None:
+    def register(self, name: str, work: BackgroundFunction) -> None:
         """Register the function `work` under a name; called before `start`."""
         self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
         """Start the worker; it may not see later changes of the objects that the functions use."""
 
-    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
+    def request(self, name: str, argument: Any, then: ResultCallback) -> None:
         """Request a computation.
 
         Args:
@@ -48,14 +48,14 @@ class BackgroundWorker:
             argument: argument of the function.
             then: function that is called with the result, now or later by `collect`.
         """
-        self.thinking = True
+        self.is_computing = True
         try:
             result = self._work[name](argument)
         finally:
-            self.thinking = False
+            self.is_computing = False
         then(result)
 
-    def busy(self, name: str) -> bool:
+    def is_pending(self, name: str) -> bool:
         """Whether a computation of this name was requested and is not finished."""
         return bool(self._then[name])
 
@@ -66,7 +66,7 @@ class BackgroundWorker:
             Exception: a computation failed.
         """
 
-    def end(self) -> None:
+    def stop(self) -> None:
         """Stop the worker; results that were not collected are lost."""
 
 
@@ -80,7 +80,7 @@ class ProcessWorker(BackgroundWorker):
         InputError: the operating system cannot fork a process.
     """
 
-    at_once = False
+    is_synchronous = False
 
     def __init__(self) -> None:
         if "fork" not in multiprocessing.get_all_start_methods():
@@ -99,7 +99,7 @@ class ProcessWorker(BackgroundWorker):
         self._process.start()
         other.close()
 
-    def ask(self, name: str, argument: Any, then: ResultCallback) -> None:
+    def request(self, name: str, argument: Any, then: ResultCallback) -> None:
         """Send a computation to the process; `then` is called with its result by a later `collect`."""
         if self._connection is None:
             raise RuntimeError("start the process before it is asked")
@@ -127,7 +127,7 @@ class ProcessWorker(BackgroundWorker):
         except (EOFError, OSError) as error:
             raise _gone() from error
 
-    def end(self) -> None:
+    def stop(self) -> None:
         """Kill the process; results that were not collected are lost."""
         if self._process is not None and self._connection is not None:
             self._connection.close()

@@ -30,7 +30,7 @@ class DriveNode:
     Attributes:
         fault: why the gate refused a command, so that the arm brakes; None before.
         halted: whether the robot was told to brake by itself.
-        sent_at: time of the last command on the robot's clock [s]; None before the first command.
+        last_command_time: time of the last command on the robot's clock [s]; None before the first command.
     """
 
     name = "drive"
@@ -52,7 +52,7 @@ class DriveNode:
         self._played = 0
         self.fault: str | None = None
         self.halted = False
-        self.sent_at: float | None = None
+        self.last_command_time: float | None = None
 
     @property
     def state(self) -> LineState:
@@ -69,11 +69,11 @@ class DriveNode:
         """Whether the last command was a state at rest and no motion is left to be sent."""
         return self.standing and self._trajectory is None and self._reference is None
 
-    def follow(self, reference: ReferenceFunction) -> None:
+    def follow_reference(self, reference: ReferenceFunction) -> None:
         """Follow a reference that is computed in every cycle, smoothed to be within the limits."""
         self._reference, self._trajectory = reference, None
 
-    def play(self, trajectory: LineTrajectory) -> None:
+    def run_trajectory(self, trajectory: LineTrajectory) -> None:
         """Send a checked trajectory, one sample per cycle, from the next cycle on."""
         self._reference, self._trajectory, self._played = None, trajectory, 0
 
@@ -100,7 +100,7 @@ class DriveNode:
 
     def _send(self, now: float) -> None:
         previous, moving = self._smoother.state, not self._smoother.at_rest
-        late = 0.0 if self.sent_at is None else self._robot.time - self.sent_at
+        late = 0.0 if self.last_command_time is None else self._robot.time - self.last_command_time
         if moving and not 0.0 <= late <= MAX_COMMAND_SILENCE:
             self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
             self.halt()
@@ -118,7 +118,7 @@ class DriveNode:
         if self.halted:  # halted by the watchdog just before the command
             self._robot.stop()
             return
-        self.sent_at = self._robot.time
+        self.last_command_time = self._robot.time
         for name, value in (("reference.x", state.s), ("reference.v", state.v), ("reference.a", state.a)):
             self._recorder.record(name, now, value)
 

@@ -71,7 +71,7 @@ class EstimatorNode:
         worker: BackgroundWorker,
     ) -> None:
         self._measurement, self._estimator, self._recorder, self._worker = measurement, estimator, recorder, worker
-        self._worker.provide(self.name, self._update)
+        self._worker.register(self.name, self._update)
         self.start: float | None = None
         self.history: list[LengthEstimate] = []
         self.left_out: tuple[str, ...] = ()
@@ -95,12 +95,12 @@ class EstimatorNode:
         """
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE_SECONDS - 1e-9:
             return
-        if self._worker.busy(self.name):
+        if self._worker.is_pending(self.name):
             return
         self._measurement.update_path()
         run = without_spikes(self._measurement.run(), ("load_force",))
         self.left_out = run.warnings
-        self._worker.ask(self.name, (now, run), self._take)
+        self._worker.request(self.name, (now, run), self._take)
 
     def _update(self, begun: tuple[float, Run]) -> tuple[dict[str, float], LengthEstimate]:
         """Estimate from all data until a time [s]; the standard deviation allows for errors other than white noise."""
@@ -176,7 +176,7 @@ class SacNode:
         self._begun = now
         kick = round(DOUBLET_SECONDS / self.settings.dt)
         self._lay_out(now, np.repeat([DOUBLET_ACCELERATION, -DOUBLET_ACCELERATION], kick))
-        self._drive.follow(self._reference)
+        self._drive.follow_reference(self._reference)
 
     def end(self) -> None:
         """End the motions; the drive brakes."""

@@ -154,7 +154,7 @@ class MeasurementNode:
         self.joint_check = JointReadingCheck(description.limits)
         self.force_check = ForceReadingCheck(jump, JUMP_DRIFT_SHARE * weight, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
-        self.gripper = self._locate(self.state.q)[0]
+        self.gripper_position = self._locate(self.state.q)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -193,7 +193,7 @@ class MeasurementNode:
             self.joint_check.refuse(ReadingRefusal.UNREADABLE, now)
             self._bridge()
             return
-        if self.joint_check.judge(state, now) is not None:
+        if self.joint_check.check(state, now) is not None:
             self._bridge()
             return
         self.state = state
@@ -217,12 +217,12 @@ class MeasurementNode:
         """Extrapolate the gripper's path over a missing reading, since the path needs a value in every period."""
         if self._gripper.count and self.joint_check.fault is None:
             time = float(self._gripper.time[self._gripper.count - 1]) + self.period
-            self._append(time, *self._locate(self.joint_check.bridged(time - self.state.time)))
+            self._append(time, *self._locate(self.joint_check.extrapolated(time - self.state.time)))
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
         """Append a sample to the gripper's path; missed cycles are interpolated linearly."""
-        self.gripper = along
+        self.gripper_position = along
         last = self._gripper.count - 1
         if last >= 0:
             before = float(self._gripper.time[last]), float(self._gripper.value[last]), float(self._height.value[last])
@@ -243,9 +243,9 @@ class MeasurementNode:
         except Exception:  # a driver may raise any error: these samples are missing
             self.force_check.refuse(ReadingRefusal.UNREADABLE, now)
             return []
-        return self.force_check.judge(samples, now, self.hangs_until)
+        return self.force_check.check(samples, now, self.hangs_until)
 
-    def discard(self) -> None:
+    def discard_stale_samples(self) -> None:
         """Drop the samples that wait in the load cell, because they are too old."""
         with suppress(Exception):  # a cell that cannot be read is treated in the next step
             self._robot.load_cell()

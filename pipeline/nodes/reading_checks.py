@@ -94,7 +94,7 @@ class JointReadingCheck(ReadingCheck):
         self._limits = limits
         self._last: JointState | None = None
 
-    def judge(self, state: JointState, now: float) -> ReadingRefusal | None:
+    def check(self, state: JointState, now: float) -> ReadingRefusal | None:
         """Check a reading that was received at the time `now` [s]; returns why it cannot be used, or None if it can."""
         why = self._why_not(state, now)
         if why is None:
@@ -128,7 +128,7 @@ class JointReadingCheck(ReadingCheck):
             return ReadingRefusal.JUMP
         return None
 
-    def bridged(self, period: float) -> Vector:
+    def extrapolated(self, period: float) -> Vector:
         """Joint positions (n,) [rad], extrapolated with constant velocity by a time [s] from the last good reading.
 
         The extrapolation is used for few missing readings; before it becomes inaccurate, a fault ends the trial.
@@ -162,7 +162,7 @@ class ForceReadingCheck(ReadingCheck):
         self._stamp = -np.inf
         self.failed: list[ForceSample] = []
 
-    def judge(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
+    def check(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
         """Check samples; returns the good ones, oldest first.
 
         Args:

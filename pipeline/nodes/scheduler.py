@@ -186,7 +186,7 @@ WATCHDOG_PERIOD_SECONDS = 0.002
 
 
 class Watchdog:
-    """A thread that stops the arm if the control loop hangs, that is, if the loop does not call `beat` in time.
+    """A thread that stops the arm if the control loop hangs, that is, if the loop does not call `report_alive` in time.
 
     Use it for a real robot only: the clock of a simulated robot stands while this program computes. The thread cannot
     run while other code holds Python's global lock; then only the robot's own timeout helps.
@@ -194,7 +194,7 @@ class Watchdog:
     Args:
         stop: function that brings the arm to rest; it is called from the watchdog's thread.
         moving: function that returns whether the arm is commanded to move; an arm at rest is not stopped.
-        patience: longest time between two calls of `beat` [s].
+        patience: longest time between two calls of `report_alive` [s].
 
     Attributes:
         fault: message about the stop; None before.
@@ -207,12 +207,12 @@ class Watchdog:
         self._thread = HighPriorityThread(self._watch, "watchdog")
         self.fault: str | None = None
 
-    def beat(self) -> None:
+    def report_alive(self) -> None:
         """Report that the control loop is running; called in every round."""
         self._seen = monotonic()
 
     def __enter__(self) -> Self:
-        self.beat()
+        self.report_alive()
         self._thread.start()
         return self
 

@@ -161,7 +161,7 @@ class TaskNode:
     Attributes:
         settings: settings of the swing.
         swing: plan of the last swing; None before.
-        started: time at which the swing began [s]; None before.
+        swing_start: time at which the swing began [s]; None before.
         feasibility: report on the last planned motion; None before.
     """
 
@@ -184,10 +184,10 @@ class TaskNode:
             seconds: TaskPlanner(model, round(seconds / CONTROL_PERIOD_SECONDS), CONTROL_PERIOD_SECONDS)
             for seconds in (settings.duration, settings.settling)
         }
-        self._worker.provide(self.name, self._plan)
+        self._worker.register(self.name, self._plan)
         self._request: _Request | None = None
         self.swing: SwingPlan | None = None
-        self.started: float | None = None
+        self.swing_start: float | None = None
         self.feasibility: FeasibilityReport | None = None
 
     @property
@@ -196,9 +196,9 @@ class TaskNode:
         return self._request is None and self._drive.at_rest
 
     @property
-    def longest_planning(self) -> float:
+    def max_planning_seconds(self) -> float:
         """Longest time between the request and the begin of a motion [s]."""
-        return 0.0 if self._worker.at_once else MAX_PLANNING_SECONDS
+        return 0.0 if self._worker.is_synchronous else MAX_PLANNING_SECONDS
 
     def step(self, now: float) -> None:
         """Plan the requested motion, or start it if it is planned and its time has come.
@@ -209,10 +209,10 @@ class TaskNode:
         request = self._request
         if request is None:
             return
-        if self._worker.at_once:
+        if self._worker.is_synchronous:
             self._ask(request, now)
         elif request.ready is None:
-            if not self._worker.busy(self.name) and self._drive.at_rest:
+            if not self._worker.is_pending(self.name) and self._drive.at_rest:
                 request.tries += 1
                 if request.tries > MAX_PLANS:
                     raise TaskFailedError(
@@ -228,7 +228,7 @@ class TaskNode:
         """Cancel the requested motion, if it has not begun."""
         self._request = None
 
-    def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
+    def request_settling(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
         """Request a motion that brings the load to rest.
 
         Args:
@@ -238,7 +238,7 @@ class TaskNode:
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))
 
-    def throw(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
+    def request_swing(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
         """Request the swing into the box, from rest.
 
         Args:
@@ -262,7 +262,7 @@ class TaskNode:
     def _ask(self, request: _Request, due: float) -> None:
         """Request a plan for a motion that begins at the time `due` [s]."""
         request.due = due
-        self._worker.ask(self.name, request.task(due), lambda planned: self._take(request, planned))
+        self._worker.request(self.name, request.task(due), lambda planned: self._take(request, planned))
 
     def _plan(self, task: _Task) -> _Planned:
         """Plan and check a motion; called by the worker."""
@@ -272,7 +272,7 @@ class TaskNode:
         try:
             trajectory = self._feasible(plan, task.here)
             if task.finish:
-                trajectory = trajectory.then(
+                trajectory = trajectory.followed_by(
                     finish_over_box(trajectory.end, self.settings.finish_x, self._limits, CONTROL_PERIOD_SECONDS)
                 )
         except ArmdynError as error:
@@ -295,9 +295,9 @@ class TaskNode:
         assert planned.trajectory is not None, "a plan without a problem has one"
         self._request = None
         if request.announce is not None:
-            self.started = request.due
+            self.swing_start = request.due
             request.announce(request.due + self._approach(planned.plan))
-        self._drive.play(planned.trajectory)
+        self._drive.run_trajectory(planned.trajectory)
 
     def _approach(self, swing: SwingPlan) -> float:
         """Time in the swing from which the load may touch the box [s]."""

@@ -29,10 +29,10 @@ def batch_report(spec: BatchSpec, done: BatchResult, found: ParameterHistory) ->
     """
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdict_counts(done.rows).get("explained", 0)
-    chance = f"{100 * found.found.false_alarms:.2g} % chance of a false one"
+    chance = f"{100 * found.change_test.false_alarms:.2g} % chance of a false one"
     return Document(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
-        level=ResultLevel.CAUTION if found.events or bad or done.left else ResultLevel.GOOD,
+        level=ResultLevel.CAUTION if found.events or bad or done.unfinished else ResultLevel.GOOD,
         verdict=_summary(done, found),
         sections=[
             parameter_change_section(found),
@@ -43,7 +43,7 @@ def batch_report(spec: BatchSpec, done: BatchResult, found: ParameterHistory) ->
         ],
         subtitle=f"{len({row.item.robot for row in done.rows})} robots, rows in batch.parquet",
         key_figures=(
-            KeyFigure("Recordings", str(len(done.rows)), f"{done.worked} done this time"),
+            KeyFigure("Recordings", str(len(done.rows)), f"{done.computed} done this time"),
             KeyFigure("Explained", str(explained), "only noise is left"),
             KeyFigure("Changes", str(len(found.events)), chance),
             KeyFigure("Not usable", str(len(bad)), "see below" if bad else ""),
@@ -67,11 +67,11 @@ def _summary(done: BatchResult, found: ParameterHistory) -> str:
     if changed := list(dict.fromkeys(event[0].robot for event in found.events)):
         shown = ", ".join(changed[:6]) + (f" and {len(changed) - 6} more" if len(changed) > 6 else "")
         text += f" {len(found.events)} {'change' if len(found.events) == 1 else 'changes'}: {shown}."
-    elif found.found.tested:
+    elif found.change_test.tested:
         text += " No parameter changed on a day."
-    if drifting := len({d.robot for d in found.found.drifts}):
+    if drifting := len({d.robot for d in found.change_test.drifts}):
         text += f" Parameters of {drifting} {'robot drifts' if drifting == 1 else 'robots drift'}."
-    return text + (f" {done.left} recordings are left." if done.left else "")
+    return text + (f" {done.unfinished} recordings are left." if done.unfinished else "")
 
 
 def _times_sentence(rows: Sequence[BatchRow]) -> str:
@@ -138,7 +138,7 @@ def _bad_section(spec: BatchSpec, bad: Sequence[BatchRow]) -> Section:
     listed = bad[:MAX_TABLE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),
-        Column("recording", [spec.name(row.item.run) for row in listed]),
+        Column("recording", [spec.relative_name(row.item.run) for row in listed]),
         Column("what is wrong", [row.outcome.problem for row in listed]),
     ]
     sentence = f"{len(bad)} recordings could not be used; none of them stopped the batch."

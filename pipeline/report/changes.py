@@ -22,7 +22,7 @@ MAX_TABLE_ROWS = 200
 
 def parameter_change_section(history: ParameterHistory) -> Section:
     """Section on sudden changes and slow drifts of parameters: two tables, and a figure for each sudden change."""
-    test = history.found
+    test = history.change_test
     text = (
         f"{test.tested} series of a parameter over time were tested. In a batch where nothing changes, a change is "
         f"marked with a probability of {100 * test.false_alarms:.2g} %, and a drift likewise."
@@ -64,7 +64,7 @@ def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
     figure = _over_time(_quantity(name, history), 300, showlegend=False, margin={"t": 34})
     bars = {"type": "data", "array": series.std, "color": GREY, "thickness": 1, "width": 0}
     _add_points(figure, "", history.rows[first.robot, name], 1e3 * series.time, series.value, BLUE, error_y=bars)
-    mine = (s for s in history.found.steps if (s.robot, s.parameter) == (first.robot, name))
+    mine = (s for s in history.change_test.steps if (s.robot, s.parameter) == (first.robot, name))
     own = sorted(mine, key=lambda s: s.index)
     edges = pairwise([0, *(s.index for s in own), len(series.time)])
     for (begin, end), level in zip(edges, [own[0].before, *(s.after for s in own)], strict=True):
@@ -82,7 +82,7 @@ def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
 
 def parameter_history_section(history: ParameterHistory) -> Section:
     """Section with a figure of each parameter over time for all robots; parameters that changed come first."""
-    changed = [s.parameter for s in history.found.steps]
+    changed = [s.parameter for s in history.change_test.steps]
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
     shown = names[:MAX_PARAMETER_CHARTS]
     text = "Each point is the fit of one recording alone. Robots whose parameter changed are in colour."
@@ -93,7 +93,9 @@ def parameter_history_section(history: ParameterHistory) -> Section:
 
 def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
     figure = _over_time(_quantity(name, history), 380)
-    changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(CURVE_COLOURS)]
+    changed = list(dict.fromkeys(s.robot for s in history.change_test.steps if s.parameter == name))[
+        : len(CURVE_COLOURS)
+    ]
     quiet = [robot for robot, parameter in history.series if parameter == name and robot not in changed]
     if quiet:  # one curve for all segments, with gaps
         series = [history.series[robot, name] for robot in quiet]

@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table, attribute_columns
 from armdyn.recording.channels import FloatArray
-from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
+from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitMargin
 from pipeline.report.theme import ACTUAL_STYLE, LIMIT_STYLE, LINKED_TIME_AXES, TIME_AXIS, number_text, percent_text
 from urdf.robot import Limits
 
@@ -22,7 +22,7 @@ MAX_LIMIT_CURVE_POINTS = 1500
 
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:
     """Document of the feasibility check of a motion: violations and margins as tables, without figures."""
-    margins = [margin for margin in report.margins if margin.limit != "line" or margin.used > 1.0]
+    margins = [margin for margin in report.margins if margin.limit != "line" or margin.used_share > 1.0]
     level = ResultLevel.GOOD if report.feasible else ResultLevel.BAD
     return Document(title, report.sentence, [_violation_section(report), limit_margin_section(margins)], level)
 
@@ -33,13 +33,15 @@ def feasibility_report(report: FeasibilityReport, title: str) -> Document:
     at = f"{tightest.joint}, {tightest.time:.2f} s"
     figures = [
         KeyFigure("limits looked at", str(len(report.margins))),
-        KeyFigure(f"tightest: {_words(tightest.limit)}", percent_text(tightest.used), at),
+        KeyFigure(f"tightest: {_words(tightest.limit)}", percent_text(tightest.used_share), at),
     ]
     for limit, name in (("torque", "largest share of a torque"), ("self_collision", "closest to itself")):
         chosen = [margin for margin in report.margins if margin.limit == limit]
         if chosen:
-            worst = max(chosen, key=lambda margin: margin.used)
-            value = number_text(worst.value, worst.unit) if limit == "self_collision" else percent_text(worst.used)
+            worst = max(chosen, key=lambda margin: margin.used_share)
+            value = (
+                number_text(worst.value, worst.unit) if limit == "self_collision" else percent_text(worst.used_share)
+            )
             figures.append(KeyFigure(name, value, worst.joint))
     document = feasibility_document(report, title)
     violations, *others = document.sections
@@ -61,22 +63,22 @@ def _violation_section(report: FeasibilityReport) -> Section:
     return Section("Violations", sentence, tables=[Table(columns)])
 
 
-def limit_margin_section(margins: Sequence[Margin]) -> Section:
+def limit_margin_section(margins: Sequence[LimitMargin]) -> Section:
     """Section with a table of the margins to all limits; the smallest margin of each kind of limit comes first."""
-    by_use = sorted(margins, key=lambda margin: -margin.used)
-    tightest, broken = by_use[0], sum(margin.used > 1.0 for margin in margins)
+    by_use = sorted(margins, key=lambda margin: -margin.used_share)
+    tightest, broken = by_use[0], sum(margin.used_share > 1.0 for margin in margins)
     first = {margin.limit: margin for margin in reversed(by_use)}
     ordered = sorted(by_use, key=lambda margin: first[margin.limit] is not margin)
     whose = f"{_words(tightest.limit)} of {tightest.joint}"
     sentence = f"All {len(margins)} limits were kept; the tightest is the {whose}, "
-    sentence += f"of which {percent_text(tightest.used)} was used."
+    sentence += f"of which {percent_text(tightest.used_share)} was used."
     if broken:
         sentence = (
             f"Limits broken: {broken} of {len(margins)}; worst the {whose}, "
             f"{number_text(tightest.value, tightest.unit)} against {number_text(tightest.bound, tightest.unit)} "
             f"at {tightest.time:.2f} s."
         )
-    used = [margin.used for margin in ordered]
+    used = [margin.used_share for margin in ordered]
     columns = [
         Column("limit", [_words(margin.limit) for margin in ordered]),
         Column("of", [margin.joint for margin in ordered]),
@@ -95,7 +97,7 @@ def limit_use_section(report: FeasibilityReport) -> Section:
     for bounded in shown:
         if not bounded.is_two_sided:
             continue
-        used, joint = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
+        used, joint = bounded.used_share.max(axis=1), bounded.used_share.argmax(axis=1)
         chunk = -(-used.size // MAX_LIMIT_CURVE_POINTS)  # only the peak of each curve is drawn
         peaks = np.array([i + int(np.argmax(used[i : i + chunk])) for i in range(0, used.size, chunk)])
         figure.add_scatter(

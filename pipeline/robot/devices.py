@@ -51,7 +51,7 @@ class CommandedMotion:
         if self._brake is None:
             q, v, a = self._extrapolated(self._brake_at)
             self._brake = BrakingMotion((q, v, a) if self._extrapolate else (q, 0.0 * v, 0.0 * a), self._limits)
-        return self._brake.at(time - self._brake_at)
+        return self._brake.state_at(time - self._brake_at)
 
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
         age = time - self._start

@@ -163,7 +163,7 @@ class Twin(Closable):
             self.robot.command(*reference)
         self.robot.advance(span)
         for sample in self.robot.load_cell():
-            self.port.send(self.port.line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
+            self.port.send(self.port.next_line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
 
     def publish_joints(self) -> None:
         """Publish one message with the states of all joints of Baxter, in alphabetical order."""

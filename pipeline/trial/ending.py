@@ -74,7 +74,7 @@ def _brake(
 ) -> None:
     """Send braking references until the commanded motion is at rest."""
     try:
-        sent = drive.sent_at
+        sent = drive.last_command_time
         due = sent is None or robot.time - sent >= drive.period / 2
         for _ in range(round(MAX_BRAKING_SECONDS / drive.period)):
             if drive.at_rest:

@@ -179,7 +179,7 @@ class Experiment:
 
     def _begin(self, ended: ExitStack) -> None:
         """On a real clock, start the worker process and the watchdog while the arm is at rest."""
-        ended.callback(self._worker.end)
+        ended.callback(self._worker.stop)
         if self.watchdog is None:
             return
         self.sac.warm_up()
@@ -187,12 +187,12 @@ class Experiment:
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
         self._robot.advance(FIRST_READING_SECONDS)
-        self.measurement.discard()
+        self.measurement.discard_stale_samples()
         self.scheduler.begin()
 
     def _come_round(self) -> None:
         if self.watchdog is not None:
-            self.watchdog.beat()
+            self.watchdog.report_alive()
         self._worker.collect()
 
     def channel(self, name: str) -> Channel:
@@ -210,8 +210,8 @@ class Experiment:
         if c.estimate:
             self._learn()
             self._settle()
-        self.task.throw(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
-        self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
+        self.task.request_swing(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
+        self._run(Phase.SWING, 0.7, self.task.max_planning_seconds + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
         self._run(Phase.LOOK, 0.95, LANDING_SECONDS)
@@ -226,14 +226,14 @@ class Experiment:
             self._run(Phase.LEARN, 0.05, c.estimation_time)
             self.sac.end()
         else:
-            self.drive.play(self._motion)
+            self.drive.run_trajectory(self._motion)
             self._run(Phase.LEARN, 0.05, float(self._motion.time[-1]) + 1.0, lambda: self.drive.at_rest)
         self.estimator.end()
         self._require_estimate()
 
     def _settle(self) -> None:
-        self.task.settle(self.estimator.model, self._swing_state)
-        longest = self.task.longest_planning + self.settings.task.settling + 2.0
+        self.task.request_settling(self.estimator.model, self._swing_state)
+        longest = self.task.max_planning_seconds + self.settings.task.settling + 2.0
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
         self._run(Phase.CALM, 0.65, PAUSE_BEFORE_SWING_SECONDS)
 
@@ -263,7 +263,9 @@ class Experiment:
     def _interrupt(self, number: int) -> None:
         if self.interrupted is None:
             self.interrupted = number
-            if self._worker.thinking:  # this computation may take seconds, and an interruption leaves no damaged data
+            if (
+                self._worker.is_computing
+            ):  # this computation may take seconds, and an interruption leaves no damaged data
                 raise _InterruptedError
 
     def _stopped(self, error: BaseException) -> TrialEnding:
@@ -279,7 +281,7 @@ class Experiment:
         self.estimator.end()
         also = [self._watched] if self._watched and self._watched not in reason else []
         failed = bring_to_rest(
-            self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
+            self.drive, self.measurement, self._robot, self.watchdog.report_alive if self.watchdog is not None else None
         )
         self.phases.append(PhaseSpan(Phase.STOP, start, self._robot.time))
         message = "; ".join([reason, *also, *failed])
@@ -297,7 +299,7 @@ class Experiment:
             )
 
     def _swing_ends(self) -> bool:
-        swing, started = self.task.swing, self.task.started
+        swing, started = self.task.swing, self.task.swing_start
         return (
             swing is not None
             and started is not None

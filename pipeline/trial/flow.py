@@ -50,13 +50,13 @@ class Trial(Generic[R]):
             gripper, load = (
                 np.asarray((points - line.origin) @ line.direction) for points in (history.pivot, history.load)
             )
-            time = history.time - (self.experiment.task.started or 0.0)
+            time = history.time - (self.experiment.task.swing_start or 0.0)
             executed = SwingTrace(time, gripper, load, history.load[:, 2] - line.origin[2])
         return trial_report(self.experiment, self.result, self.subtitle, executed)
 
     def swing_history(self) -> "TrueMotion | None":
         """True motion from the start of the swing; None if there was no swing or the motion is unknown."""
-        started = self.experiment.task.started
+        started = self.experiment.task.swing_start
         return None if self.history is None or started is None else self.history().from_time(started)
 
 

@@ -57,7 +57,7 @@ def rehearsal_motion(table: LineTable, finish: float) -> LineTrajectory:
         LineTrajectory(*_slow_move(first, last, MAX_REHEARSAL_SPEED, CONTROL_PERIOD_SECONDS))
         for first, last in pairwise(stops)
     ]
-    return reduce(LineTrajectory.then, parts)
+    return reduce(LineTrajectory.followed_by, parts)
 
 
 def play_motion(

@@ -60,8 +60,10 @@ def trial_report(experiment: Experiment, result: TrialResult, subtitle: str, exe
         sections += joint_motion_sections(names, time, q, v, limits)
     if experiment.task.feasibility and (margins := experiment.task.feasibility.margins):
         sections.append(limit_margin_section(margins))
-        tightest = max(margins, key=lambda margin: margin.used)
-        figures.append(KeyFigure("Tightest limit", percent_text(tightest.used), f"{tightest.limit}, {tightest.joint}"))
+        tightest = max(margins, key=lambda margin: margin.used_share)
+        figures.append(
+            KeyFigure("Tightest limit", percent_text(tightest.used_share), f"{tightest.limit}, {tightest.joint}")
+        )
     if result.timing:
         sections.append(timing_section(list(result.timing.values())))
     return Document(

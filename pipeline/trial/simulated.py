@@ -59,7 +59,7 @@ def simulate_trial(
     plant = replace(c.plant, length=c.true_length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     cell = plant.cell
-    limits = LoadCellLimits.of(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
+    limits = LoadCellLimits.from_noise(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
     about = f"simulated Baxter, load on a string, seed {c.seed}"
     rig = Rig(through(robot), real, description, table, limits, about, _SimulationHooks(robot), c.true_length)
     experiment, result = perform_trial(rig, c, c.out, say)

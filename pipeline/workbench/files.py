@@ -318,7 +318,7 @@ def save_model(
     file = ModelFile(kept, given.known.file.description, (*given.known.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
-    command = replace(opened, model=model).command("compare", "--report", "compare.html")
+    command = replace(opened, model=model).proposed_command("compare", "--report", "compare.html")
     if report is not None:
         write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)

@@ -47,7 +47,7 @@ def test_random_cold_targets_are_reached_within_the_joint_limits_and_others_miss
 
 def test_postures_of_one_target_differ_and_all_hold_it(baxter, solver) -> None:
     target = baxter.line.position(0.0)
-    postures = solver.postures(baxter.line.rotation, target)
+    postures = solver.alternative_postures(baxter.line.rotation, target)
     assert len(postures) > 5
     assert np.ptp(postures, axis=0).max() > 0.5
     assert max(np.abs(baxter.tool_pose(q).translation - target).max() for q in postures) < 1e-8

@@ -2,12 +2,12 @@
 
 from pipeline.motion.feasibility.check import CheckSettings, check_joints, check_line
 from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, box_and_table
-from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
+from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitMargin
 
 __all__ = [
     "CheckSettings",
     "FeasibilityReport",
-    "Margin",
+    "LimitMargin",
     "Obstacle",
     "PlannedSwing",
     "box_and_table",

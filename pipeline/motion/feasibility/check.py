@@ -72,11 +72,11 @@ def check_line(
     samples = trajectory.time, trajectory.s, trajectory.v, trajectory.a
     fine = _finer(*samples)
     motion, between = joints(*samples), joints(*fine)
-    series = [LimitedQuantity.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
+    series = [LimitedQuantity.from_values("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
     series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_series(robot, table.line, between, swing, settings.collision)
-    return FeasibilityReport.of(series)
+    return FeasibilityReport.from_quantities(series)
 
 
 def check_joints(
@@ -106,7 +106,7 @@ def check_joints(
         )
     fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
     between = JointTrajectory(*fine, robot.joint_names)
-    return FeasibilityReport.of(_series(robot, trajectory, between, settings, line, at))
+    return FeasibilityReport.from_quantities(_series(robot, trajectory, between, settings, line, at))
 
 
 def _series(
@@ -127,7 +127,9 @@ def _series(
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
         start = -MAX_START_DISTANCE, MAX_START_DISTANCE
         apart = fine.q[:1] - here
-        series.append(LimitedQuantity.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
+        series.append(
+            LimitedQuantity.from_values("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start)
+        )
     return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
 
 
@@ -155,7 +157,7 @@ def _joint_series(
     names, limits, unit = robot.joint_names, robot.limits, _unit(robot)
 
     def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> LimitedQuantity:
-        return LimitedQuantity.between(limit, per, names, time, value, -bound, bound)
+        return LimitedQuantity.from_values(limit, per, names, time, value, -bound, bound)
 
     def with_differences(value: Array, slope: Array) -> tuple[Array, Array]:
         when = np.concatenate([fine.time, middle])
@@ -170,12 +172,12 @@ def _joint_series(
     force = "N m" if unit == "rad" else "N m or N"
     tool = (robot.tool_frame,)
     series = [
-        LimitedQuantity.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
+        LimitedQuantity.from_values("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
         both_ways("velocity", f"{unit}/s", *with_differences(motion.q, fine.v), limits.velocity),
         both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
         both_ways("torque", force, fine.time, torque, limits.effort),
-        LimitedQuantity.between(
+        LimitedQuantity.from_values(
             "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value
         ),
     ]
@@ -201,8 +203,8 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        LimitedQuantity.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
-        LimitedQuantity.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
+        LimitedQuantity.from_values("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
+        LimitedQuantity.from_values("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
 
 

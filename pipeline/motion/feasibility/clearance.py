@@ -109,7 +109,7 @@ class ObstacleDistances:
                 self._shapes.addCollisionPair(pin.CollisionPair(k, number))
         self._data, self._distances = self._model.createData(), self._shapes.createData()
 
-    def put(self, number: int, rotation: Array, centre: Array) -> None:
+    def set_pose(self, number: int, rotation: Array, centre: Array) -> None:
         """Set the pose of a body in the robot's base frame.
 
         Args:
@@ -146,7 +146,7 @@ def collision_series(
     if obstacles:
         around = ObstacleDistances(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
-            around.put(number, block.rotation, block.centre)
+            around.set_pose(number, block.rotation, block.centre)
 
         def to_obstacles(k: int) -> tuple[float, str]:
             distance, part, block = around.closest(motion.q[k])
@@ -168,7 +168,7 @@ def swing_series(
         swing: swing of the load.
         collision: whether to compute the distances; the string may touch the hand.
     """
-    tension = LimitedQuantity.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
+    tension = LimitedQuantity.from_values("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
     hand = int(robot.model.frames[robot.tool_frame_id].parentJoint)
@@ -182,8 +182,8 @@ def swing_series(
         hanging = -np.sin(angle[k]) * along - np.cos(angle[k]) * up
         # A capsule lies along its z axis, about its middle.
         turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
-        around.put(0, np.eye(3), top + swing.length * hanging)
-        around.put(1, turned, top + swing.length / 2.0 * hanging)
+        around.set_pose(0, np.eye(3), top + swing.length * hanging)
+        around.set_pose(1, turned, top + swing.length / 2.0 * hanging)
         return around.closest(motion.q[k])[:2]
 
     travel = _travel(robot, motion.q)
@@ -209,7 +209,7 @@ def _where_it_matters(
         room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
-        LimitedQuantity.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
+        LimitedQuantity.from_values(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
         for pair, rows in found.items()
     ]
 

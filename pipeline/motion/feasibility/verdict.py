@@ -47,7 +47,7 @@ class LimitedQuantity:
     upper: Array
 
     @classmethod
-    def between(
+    def from_values(
         cls,
         limit: str,
         unit: str,
@@ -83,7 +83,7 @@ class LimitedQuantity:
         return np.minimum(self.value - self.lower, self.upper - self.value)
 
     @cached_property
-    def used(self) -> Array:
+    def used_share(self) -> Array:
         """Used share of the limit, (n, k): 1 at a bound, more beyond it.
 
         With two bounds, 0 is at their middle. With a lower bound only, such as for a distance, it is the bound divided
@@ -101,20 +101,20 @@ class LimitedQuantity:
                 0.0,
             )  # fmt: skip
 
-    def extreme(self, i: int, k: int) -> Margin:
+    def margin_at(self, i: int, k: int) -> LimitMargin:
         """Margin of the value in sample `i` and column `k`."""
         lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
         bound = lower if value - lower < upper - value else upper
-        margin, used = float(min(value - lower, upper - value)), float(self.used[i, k])
-        return Margin(self.limit, self.names[k], float(self.time[i]), value, bound, self.unit, margin, used)
+        margin, used = float(min(value - lower, upper - value)), float(self.used_share[i, k])
+        return LimitMargin(self.limit, self.names[k], float(self.time[i]), value, bound, self.unit, margin, used)
 
-    def margins(self) -> list[Margin]:
+    def margins(self) -> list[LimitMargin]:
         """For each column with bounds, the margin of the value that comes closest to a bound."""
         margin = self.margin
         bounded = np.flatnonzero(np.isfinite(margin).any(axis=0))
-        return [self.extreme(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
+        return [self.margin_at(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
-    def violations(self) -> list[Margin]:
+    def violations(self) -> list[LimitMargin]:
         """The worst value of each time interval in which a bound is exceeded.
 
         Intervals that are less than `MIN_VIOLATION_GAP_SECONDS` apart count as one.
@@ -127,13 +127,13 @@ class LimitedQuantity:
             samples = np.flatnonzero(column)
             stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > MIN_VIOLATION_GAP_SECONDS) + 1)
             found += [
-                self.extreme(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if len(stretch)
+                self.margin_at(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if len(stretch)
             ]
         return found
 
 
 @dataclass(frozen=True)
-class Margin:
+class LimitMargin:
     """The value of a motion that comes closest to a limit, or is furthest beyond it.
 
     Attributes:
@@ -144,7 +144,7 @@ class Margin:
         bound: the limit, in `unit`.
         unit: SI unit; ``"1"`` for a number without unit.
         margin: distance of the value from the limit, negative beyond it, in `unit`.
-        used: used share of the limit: 1 at the limit, more beyond it.
+        used_share: used share of the limit: 1 at the limit, more beyond it.
     """
 
     limit: str
@@ -154,7 +154,7 @@ class Margin:
     bound: float
     unit: str
     margin: float
-    used: float
+    used_share: float
 
     def __str__(self) -> str:
         """Value, limit and time, as a part of a sentence."""
@@ -164,7 +164,7 @@ class Margin:
         return f"{self.value:.4g} of {self.bound:.4g}{unit} at {self.time:.3f} s"
 
     @property
-    def broken(self) -> str:
+    def violation_text(self) -> str:
         """Text about a violated limit, with the names of the limit and the joint, as a part of a sentence."""
         value = f"{self.value:.4g}{self._unit} (limit {self.bound:.4g}{self._unit})"
         return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
@@ -184,15 +184,15 @@ class FeasibilityReport:
         series: the limited quantities over time with their bounds, for charts.
     """
 
-    violations: tuple[Margin, ...]
-    margins: tuple[Margin, ...]
+    violations: tuple[LimitMargin, ...]
+    margins: tuple[LimitMargin, ...]
     series: tuple[LimitedQuantity, ...]
 
     def __repr__(self) -> str:
         return f"FeasibilityReport: {self.sentence}"
 
     @classmethod
-    def of(cls, series: Iterable[LimitedQuantity]) -> FeasibilityReport:
+    def from_quantities(cls, series: Iterable[LimitedQuantity]) -> FeasibilityReport:
         """Make a report from the limited quantities of a motion."""
         series = tuple(series)
         violations = sorted((v for b in series for v in b.violations()), key=lambda v: v.time)
@@ -204,9 +204,11 @@ class FeasibilityReport:
         return not self.violations
 
     @property
-    def tightest(self) -> Margin:
+    def tightest(self) -> LimitMargin:
         """The limit with the largest used share; the ends of the line count only if they are exceeded."""
-        return max(self.margins, key=lambda margin: (margin.used > 1.0 or margin.limit != "line", margin.used))
+        return max(
+            self.margins, key=lambda margin: (margin.used_share > 1.0 or margin.limit != "line", margin.used_share)
+        )
 
     @property
     def sentence(self) -> str:
@@ -215,7 +217,7 @@ class FeasibilityReport:
             m = self.tightest
             return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
-        return f"Not feasible: the {self.violations[0].broken}{more}."
+        return f"Not feasible: the {self.violations[0].violation_text}{more}."
 
     def require_feasible(self, motion: str) -> None:
         """Check that the motion is feasible; `motion` is its name for the message, such as ``"swing"``.

@@ -143,10 +143,10 @@ class RosRobot(Closable):
             if self._ended is None:
                 self._braking.clear()
                 state = self._states.latest
-                if state is not None and q.shape == state.q.shape and self._gate.begins(self.time):
+                if state is not None and q.shape == state.q.shape and self._gate.begins_stream(self.time):
                     self._blend = StreamBlend(state.q, q)
                 if self._blend is not None and q.shape == v.shape == a.shape:
-                    q, v, a = self._blend.next(q, v, a)
+                    q, v, a = self._blend.next_command(q, v, a)
                 # Without a master the arm still follows, and so can be braked; but the run ends.
                 problem = self._master.trouble or self._send(q, v, a, state)
                 if problem is None:
@@ -268,7 +268,7 @@ class RosRobot(Closable):
         if trouble is not None:
             return trouble
         now = self.time
-        refusal = self._gate.judge(q, v, a, state, now)
+        refusal = self._gate.check_next(q, v, a, state, now)
         if refusal is not None:
             return refusal.sentence
         assert state is not None, "the gate asks for a state"
@@ -315,7 +315,7 @@ class RosRobot(Closable):
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
         brake, due = BrakingMotion(start, self._description.limits), self.time
         for cycle in range(1, round((brake.duration + HOLD_SECONDS) / CONTROL_PERIOD_SECONDS) + 1):
-            q, v, a = brake.at(cycle * CONTROL_PERIOD_SECONDS)
+            q, v, a = brake.state_at(cycle * CONTROL_PERIOD_SECONDS)
             due = CONTROL_PERIOD_SECONDS + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)
             with self._lock:

@@ -101,7 +101,9 @@ def test_the_best_step_is_that_of_a_regression(phi):
     """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
     rng, count = np.random.default_rng(0), 20
     time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
-    test = StepTest.of(ParameterSeries(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
+    test = StepTest.from_series(
+        ParameterSeries(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi
+    )
     own = np.eye(count) - phi * np.eye(count, k=-1)
     own[0, 0] = np.sqrt(1.0 - phi**2)
     sizes = []
@@ -111,7 +113,7 @@ def test_the_best_step_is_that_of_a_regression(phi):
         left = test.scores - columns @ found
         variance = left @ left / (count - 3) * np.linalg.inv(columns.T @ columns)[2, 2]
         sizes.append(abs(found[2]) / np.sqrt(variance))
-    (deviate,), (best,), _ = test.largest(test.scores[None])
+    (deviate,), (best,), _ = test.best_step(test.scores[None])
     assert best == np.argmax(sizes)
     exact = -norm.ppf(student.sf(max(sizes), count - 3))
     assert deviate == pytest.approx(exact, rel=5e-3)

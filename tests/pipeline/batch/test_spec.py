@@ -61,7 +61,7 @@ def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
 
 
 def when(name, clock=None, given=()):
-    return (clock or TimeRules()).of(Path("/lab") / name, Path("/lab"), dict(given))
+    return (clock or TimeRules()).find_time(Path("/lab") / name, Path("/lab"), dict(given))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_what_is_no_date_or_could_be_two_is_not_guessed(name, says):
 
 
 def test_a_form_reads_other_dates_and_says_where_it_fails():
-    clock = TimeRules(form="log_%d%m%y_%H%M")
+    clock = TimeRules(date_format="log_%d%m%y_%H%M")
     assert when("log_040526_1430.csv", clock).time == datetime(2026, 5, 4, 14, 30)
     assert "not of the form log_%d%m%y_%H%M" in when("log_4.csv", clock).problem
 

@@ -30,7 +30,7 @@ def lines(folder):
 
 def check_done_once(folder, done):
     assert len(done.rows) == FEW
-    assert done.left == 0
+    assert done.unfinished == 0
     assert not [row.outcome.problem for row in done.rows if row.outcome.problem]
     assert set(lines(folder).values()) == {1}
     assert len(lines(folder)) == FEW
@@ -79,7 +79,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
     assert f"{kept} of {FEW} recordings are done and kept; continue with: armdyn batch spec.toml --output out" in err
     assert pq.read_table(lab / "out/batch.parquet").num_rows == kept
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
-    assert done.worked == FEW - kept
+    assert done.computed == FEW - kept
     check_done_once(lab, done)
 
 

@@ -98,7 +98,10 @@ def counts_at(rng, force, samples=200, noise=NOISE, scale=SCALE):
 
 def plateaus_at(rng, weights, forces, **options):
     """The cell's answers to forces that are not always those of the weights."""
-    return [WeightMeasurement.of(w, counts_at(rng, force, **options)) for w, force in zip(weights, forces, strict=True)]
+    return [
+        WeightMeasurement.from_counts(w, counts_at(rng, force, **options))
+        for w, force in zip(weights, forces, strict=True)
+    ]
 
 
 def assert_deviations_are_as_stated(z):
@@ -131,9 +134,9 @@ def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_orde
     rng = np.random.default_rng(2)
     weights = parse_weights("0 g, 50 g +/- 0.1 g, 100 g, 200 g", G)
     counts = [NOISE * 20 * rng.standard_normal(200) + w.force / SCALE for w in weights]
-    one = fit_calibration([WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
+    one = fit_calibration([WeightMeasurement.from_counts(w, c) for w, c in zip(weights, counts, strict=True)], "test")
     other = fit_calibration(
-        [WeightMeasurement.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t"
+        [WeightMeasurement.from_counts(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t"
     )
     zero, slope = change(0.0), change(1.0) - change(0.0)
     assert other.offset == pytest.approx(zero + slope * one.offset, rel=1e-9)
@@ -148,7 +151,7 @@ def test_slow_drift_and_correlated_noise_widen_the_mean():
     weight, z = KnownWeight("0 g", 0.0), []
     for seed in range(400):
         noise = lfilter([17.0], [1.0, -0.9], np.random.default_rng(seed).standard_normal(400))
-        plateau = WeightMeasurement.of(weight, np.round(OFFSET + noise[100:]))
+        plateau = WeightMeasurement.from_counts(weight, np.round(OFFSET + noise[100:]))
         z.append((plateau.mean - OFFSET) / plateau.mean_std)
     assert np.mean(np.abs(z) < 3.0) > 0.95
     assert np.std(z) < 1.5
@@ -163,9 +166,9 @@ def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_i
     counts[100] = OFFSET - 0.9 * limit
     if refused:
         with complains(TaskFailedError):
-            WeightMeasurement.of(KnownWeight("x", 1.0), counts)
+            WeightMeasurement.from_counts(KnownWeight("x", 1.0), counts)
     else:
-        plateau = WeightMeasurement.of(KnownWeight("x", 1.0), counts)
+        plateau = WeightMeasurement.from_counts(KnownWeight("x", 1.0), counts)
         assert (plateau.outliers, plateau.samples) == (20, 180)
         assert plateau.mean == pytest.approx(counts[wild:].mean())
         assert plateau.noise == pytest.approx(counts[wild:].std(ddof=1))
@@ -213,7 +216,7 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
     weights, wiggle = parse_weights("0 g, 100 g, 200 g", G), noise * np.resize([1.0, -1.0], 40)
     span = weights[2].force / SCALE
     counts = [w.force / SCALE + wiggle + 1.5 * share * span * (k == 1) for k, w in enumerate(weights)]
-    plateaus = [WeightMeasurement.of(w, c) for w, c in zip(weights, counts, strict=True)]
+    plateaus = [WeightMeasurement.from_counts(w, c) for w, c in zip(weights, counts, strict=True)]
     with pytest.raises(TaskFailedError, match="100 g is off") if refused else contextlib.nullcontext():
         assert max(fit_calibration(plateaus, "test").residuals) == pytest.approx(share * weights[2].force, rel=1e-2)
 
@@ -221,9 +224,9 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
 def test_a_weight_that_still_swings_is_refused(complains):
     rng = np.random.default_rng(9)
     weights = parse_weights("0 g, 100 g, 200 g", G)
-    still = [WeightMeasurement.of(w, counts_at(rng, w.force)) for w in weights[:2]]
+    still = [WeightMeasurement.from_counts(w, counts_at(rng, w.force)) for w in weights[:2]]
     angle = 0.15 * np.cos(5.2 * np.arange(200) / 80)
-    swinging = WeightMeasurement.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
+    swinging = WeightMeasurement.from_counts(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
     with complains(TaskFailedError):
         fit_calibration([*still, swinging], "test")
 
@@ -237,4 +240,4 @@ SICK = {
 @pytest.mark.parametrize("counts", SICK.values(), ids=SICK)
 def test_a_dead_saturated_or_touched_cell_is_refused(counts, complains):
     with complains(TaskFailedError):
-        WeightMeasurement.of(KnownWeight("100 g", 0.981), counts)
+        WeightMeasurement.from_counts(KnownWeight("100 g", 0.981), counts)

@@ -51,14 +51,14 @@ def cell(wire, clock):
 
 
 def began(cell):
-    return [event.fault for event in cell.events() if event.began]
+    return [event.fault for event in cell.take_events() if event.began]
 
 
 def test_forces_arrive_in_order_with_the_time_of_their_reception(wire, clock, cell, until):
     received = []
     for k, counts in enumerate(COUNTS[:50]):
         clock.now = 50.0 + 0.01 * k
-        assert wire.send(wire.line(counts), 10.0)
+        assert wire.send(wire.next_line(counts), 10.0)
         until(lambda k=k: cell.status().samples == k + 1)
         received += cell.read()
     assert [sample.force for sample in received] == pytest.approx([1e-4 * (c - 1000) for c in COUNTS[:50]])
@@ -75,10 +75,10 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
 
     def good(value=None):
         expected.append(next(counts) if value is None else value)
-        return wire.line(expected[-1])
+        return wire.next_line(expected[-1])
 
     def lost():
-        return wire.line(next(counts))
+        return wire.next_line(next(counts))
 
     steps = {
         "good": lambda: [good()],
@@ -106,7 +106,7 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
         wire.close()
         until(lambda: not cell.status().connected)
         received += cell.read()
-        status, events = cell.status(), cell.events()
+        status, events = cell.status(), cell.take_events()
     assert [sample.force for sample in received] == pytest.approx([CALIBRATION.force(c) for c in expected])
     assert np.all(np.diff([sample.time for sample in received]) > 0)
     # Dropped are two, and the one whose line was torn.
@@ -120,14 +120,14 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
 
 
 def test_silence_is_noticed_without_a_sample_and_ends_with_one(wire, clock, cell, until):
-    wire.send(wire.line(2000), 10.0)
+    wire.send(wire.next_line(2000), 10.0)
     until(lambda: cell.status().samples == 1)
     assert cell.status().reliable
     clock.now += 0.21
     assert cell.status().active == (LoadCellFault.SILENT,)
     assert cell.status().rate == 0.0
     assert cell.status().connected
-    wire.send(wire.line(2001), 10.0)
+    wire.send(wire.next_line(2001), 10.0)
     until(lambda: cell.status().reliable)
     assert began(cell) == [LoadCellFault.SILENT]
 
@@ -144,7 +144,7 @@ def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(w
     monkeypatch.setattr("pipeline.loadcell.cell.QUEUE_LENGTH", 10)
     with LoadCell(wire.port, CALIBRATION, clock=clock) as cell:
         for counts in COUNTS[:50]:
-            assert wire.send(wire.line(counts), 10.0)
+            assert wire.send(wire.next_line(counts), 10.0)
         until(lambda: cell.status().samples == 50)
         assert [s.force for s in cell.read()] == pytest.approx([CALIBRATION.force(c) for c in COUNTS[40:50]])
         assert cell.status().counts[LoadCellFault.OVERFLOW] == 40
@@ -155,10 +155,10 @@ def test_a_flood_of_noise_does_not_pile_up(wire, cell, until):
     noise = bytes(range(1, 256)) * 4
     for _ in range(300):
         assert wire.send(noise, 10.0)
-    assert wire.send(b"\n" + wire.line(2000), 10.0)
+    assert wire.send(b"\n" + wire.next_line(2000), 10.0)
     until(lambda: cell.status().samples == 1)
     assert cell.status().counts[LoadCellFault.MALFORMED] > 100
-    assert len(cell.events()) <= 1000
+    assert len(cell.take_events()) <= 1000
 
 
 def test_closing_ends_the_thread_and_frees_the_port_also_when_the_cable_was_pulled(wire, until):
@@ -172,7 +172,7 @@ def test_closing_ends_the_thread_and_frees_the_port_also_when_the_cable_was_pull
     assert LoadCellFault.DISCONNECTED not in cell.status().active
     cell = LoadCell(wire.port, CALIBRATION)
     for counts in COUNTS[:5]:
-        wire.send(wire.line(counts), 10.0)
+        wire.send(wire.next_line(counts), 10.0)
     until(lambda: cell.status().samples == 5)
     wire.close()
     until(lambda: began(cell) == [LoadCellFault.DISCONNECTED])
@@ -213,7 +213,7 @@ def test_times_strictly_increase_and_are_not_in_the_future(pieces):
     times, now, stamps = ReceptionClock(), 100.0, []
     for pause, count in pieces:
         now += pause
-        new = times.stamp(now, count)
+        new = times.reception_times(now, count)
         assert len(new) == count
         stamps += new
         # Only a clock that stands still pushes them ahead, by a microsecond each.
@@ -227,7 +227,7 @@ def test_a_sample_that_comes_alone_has_the_time_of_its_reception_and_counts_in_t
     alone = [k / 80 for k in range(500)] + [500 / 80 + k / 10 for k in range(200)]
     rates = []
     for now in alone:
-        assert times.stamp(now, 1) == [now]
+        assert times.reception_times(now, 1) == [now]
         rates.append(times.rate)
     assert (rates[499], rates[-1]) == pytest.approx((80.0, 10.0))
 
@@ -236,5 +236,5 @@ def test_a_sample_that_comes_alone_has_the_time_of_its_reception_and_counts_in_t
 def test_samples_collected_by_an_adapter_are_dated_back_to_when_they_came_but_not_over_a_silence(now, came):
     times = ReceptionClock()
     for k in range(50):
-        times.stamp(0.01 * k, 1)
-    np.testing.assert_allclose(times.stamp(now, len(came)), came, atol=1e-9)
+        times.reception_times(0.01 * k, 1)
+    np.testing.assert_allclose(times.reception_times(now, len(came)), came, atol=1e-9)

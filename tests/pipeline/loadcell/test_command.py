@@ -34,7 +34,7 @@ class Operator(io.TextIOBase):
         self._cell, self._forces = cell, iter(forces)
 
     def readline(self, _size=-1):
-        self._cell.hang(next(self._forces))
+        self._cell.set_force(next(self._forces))
         time.sleep(0.2)
         return "\n"
 
@@ -65,7 +65,7 @@ def test_a_person_calibrates_a_cell_and_monitors_it(armdyn, source, monkeypatch,
     assert result["scale"] == stored["scale"]
     assert [weight["weight"] for weight in result["weights"]] == ["0 g", "100 g", "200 g"]
 
-    source.hang(0.5)
+    source.set_force(0.5)
     status, out, _ = armdyn("monitor", source.port, "--seconds", 0.5, "--json", "-", *PATIENT)
     assert status == 0
     seen = json.loads(out)

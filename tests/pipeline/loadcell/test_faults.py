@@ -19,7 +19,7 @@ from pipeline.robot.protocol import ForceSample
 
 from .cells import calibration
 
-NOISY = LoadCellLimits.of(0.005, 5e-4, -9.8, 9.8)
+NOISY = LoadCellLimits.from_noise(0.005, 5e-4, -9.8, 9.8)
 
 
 def stream(forces, start=0.0, period=0.01):
@@ -29,7 +29,7 @@ def stream(forces, start=0.0, period=0.01):
 @pytest.mark.parametrize(("noise", "step"), [(0.005, 5e-4), (0.0, 0.0)])
 def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step):
     forces = np.random.default_rng(0).normal(0.78, noise, 20_000)
-    detector = LoadCellFaultDetector(LoadCellLimits.of(noise, step, -9.8, 9.8))
+    detector = LoadCellFaultDetector(LoadCellLimits.from_noise(noise, step, -9.8, 9.8))
     assert detector.update(199.99, stream(step * np.round(forces / step) if step else forces)) is None
     assert detector.take_events() == []
 
@@ -116,7 +116,7 @@ def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
     detector = LoadCellFaultDetector(count_fault_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
     for t, count in zip(time, counts, strict=True):
-        detector.sample(float(t), int(count))
+        detector.add_sample(float(t), int(count))
     return detector
 
 

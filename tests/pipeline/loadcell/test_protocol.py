@@ -102,7 +102,7 @@ def lines(*numbers):
 def decode_all(pieces):
     decoder, readings, faults = LineDecoder(), [], Counter()
     for piece in pieces:
-        decoded = decoder.feed(piece)
+        decoded = decoder.decode_bytes(piece)
         readings += decoded.readings
         faults += decoded.faults
     return readings, faults
@@ -141,11 +141,11 @@ def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, f
 
 def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():
     decoder = LineDecoder()
-    decoder.feed(lines(0)[0])
+    decoder.decode_bytes(lines(0)[0])
     for _ in range(1000):
-        assert not decoder.feed(b"x" * 1000).readings
+        assert not decoder.decode_bytes(b"x" * 1000).readings
     assert len(decoder._rest) < 100
-    decoded = decoder.feed(lines(1)[0])
+    decoded = decoder.decode_bytes(lines(1)[0])
     assert (decoded.readings, decoded.faults) == ([CellReading(1, 1001)], {MALFORMED: 1})
 
 

@@ -56,7 +56,7 @@ def worst_excess_between(limits: LineLimits, motion: JerkProfile, points: int = 
     if motion.duration == 0.0:
         return -1.0
     time = np.linspace(0.0, motion.duration, points)
-    states = [motion.at(t) for t in time]
+    states = [motion.state_at(t) for t in time]
     return worst_excess(limits, states, float(time[1]))
 
 

@@ -30,7 +30,7 @@ def line_gate(robot, table):
 
 
 def why(refusal):
-    return refusal.why if refusal else None
+    return refusal.reason if refusal else None
 
 
 def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_gate):
@@ -110,7 +110,7 @@ def follow(gate, cycles):
 def judge(gate, q, v=REST, a=REST, state=None, now=0.0):
     """Why the command is refused; the arm is where it is told to be, unless a state says otherwise."""
     vectors = [np.array(x, dtype=float) for x in (q, v, a)]
-    return why(gate.judge(*vectors, at(q, now) if state is None else state, now))
+    return why(gate.check_next(*vectors, at(q, now) if state is None else state, now))
 
 
 def test_a_smooth_motion_passes_and_begins_anew_after_a_pause_at_rest_where_the_arm_is(gate):
@@ -137,7 +137,7 @@ BEGINNINGS = [
 @pytest.mark.parametrize(("command", "options", "reason"), BEGINNINGS)
 def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, options, reason):
     assert judge(gate, *command, **options) is reason
-    assert why(gate.judge(REST, REST, REST, None, 0.0)) is RefusalReason.NO_STATE
+    assert why(gate.check_next(REST, REST, REST, None, 0.0)) is RefusalReason.NO_STATE
 
 
 def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
@@ -177,7 +177,7 @@ def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
 
 def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_between_its_commands(gate):
     said = [
-        gate.judge(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10)
+        gate.check_next(*smooth(k), at(smooth(k)[0], k * CONTROL_PERIOD_SECONDS / 10), k * CONTROL_PERIOD_SECONDS / 10)
         for k in range(40)
     ]
     first = next(refusal for refusal in said if refusal is not None)

@@ -44,7 +44,7 @@ asked = st.fixed_dictionaries(
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
     gate = StreamGate(("a", "b"), LIMITS)
     sent, spacings, at, now = [np.zeros(2)] * 3, [CONTROL_PERIOD_SECONDS] * 3, 0.0, 0.0
-    assert gate.judge(*sent, JointState(now, *sent), now) is None
+    assert gate.check_next(*sent, JointState(now, *sent), now) is None
     for wanted in (one for one in stream for _ in range(one["times"])):
         now += wanted["wait"]
         q = following(sent, spacings, min(max(now - at, 1e-6), CONTROL_PERIOD_SECONDS), wanted["jerk"])
@@ -55,7 +55,7 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
         a *= 20.0
         state = JointState(now - wanted["age"], sent[-1] + [wanted["behind"], 0.0], np.zeros(2), np.zeros(2))
         standing = np.all(np.abs(sent[-1] - sent[-2]) <= REST_SPEED * CONTROL_PERIOD_SECONDS)
-        if gate.judge(q, v, a, state, now) is not None:
+        if gate.check_next(q, v, a, state, now) is not None:
             continue
         assert np.isfinite([q, v, a]).all()
         assert wanted["age"] <= MAX_STATE_AGE_SECONDS

@@ -171,7 +171,7 @@ def test_no_reference_makes_the_tool_exceed_a_limit(limits, reference, at, ahead
     states = [smoother.state]
     for k in range(len(reference)):
         states.append(smoother.update(reference[k : k + ahead] if ahead else reference[k]))
-        assert states[-1] == pytest.approx(smoother.motion.at(DT), abs=1e-9)
+        assert states[-1] == pytest.approx(smoother.motion.state_at(DT), abs=1e-9)
         assert worst_excess_between(limits, smoother.motion) < 1e-9
     states += [smoother.stop() for _ in range(5)]
     assert worst_excess(limits, states) < 1e-9

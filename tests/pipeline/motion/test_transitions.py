@@ -15,14 +15,14 @@ share = st.floats(-1.0, 1.0)
 def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pulls):
     start = np.zeros(2), np.array(speeds) * LIMITS.velocity, np.array(pulls) * LIMITS.acceleration
     brake = BrakingMotion(start, LIMITS)
-    for given_, found in zip(start, brake.at(0.0), strict=True):
+    for given_, found in zip(start, brake.state_at(0.0), strict=True):
         assert np.allclose(found, given_, atol=1e-9)
     time = np.arange(0.0, brake.duration + 0.05, CONTROL_PERIOD_SECONDS)
-    q, v, a = (np.array(part) for part in zip(*(brake.at(t) for t in time), strict=True))
+    q, v, a = (np.array(part) for part in zip(*(brake.state_at(t) for t in time), strict=True))
     assert brake.duration < 1.0
     assert np.all(v[-1] == 0.0)
     assert np.all(a[-1] == 0.0)
-    assert np.array_equal(q[-1], brake.at(1e3)[0])
+    assert np.array_equal(q[-1], brake.state_at(1e3)[0])
     assert np.all(np.abs(a) <= np.maximum(BRAKING_SHARE * LIMITS.acceleration, np.abs(start[2])) + 1e-9)
     assert np.all(
         np.abs(np.diff(a, axis=0)) / CONTROL_PERIOD_SECONDS <= (BRAKING_SHARE + LIMIT_TOLERANCE_SHARE) * LIMITS.jerk
@@ -35,4 +35,4 @@ def test_an_arm_that_stands_stays_where_it_is():
     brake = BrakingMotion((np.array([0.3, -0.2]), np.zeros(2), np.zeros(2)), LIMITS)
     assert brake.duration == 0.0
     for time in (0.0, 0.01, 5.0):
-        assert np.array_equal(brake.at(time), [[0.3, -0.2], [0.0, 0.0], [0.0, 0.0]])
+        assert np.array_equal(brake.state_at(time), [[0.3, -0.2], [0.0, 0.0], [0.0, 0.0]])

@@ -34,24 +34,24 @@ def collected(until):
 def process():
     worker = ProcessWorker()
     yield worker
-    worker.end()
+    worker.stop()
 
 
 def test_at_once_is_done_before_it_returns():
     worker, counter, found = BackgroundWorker(), Counter(), []
-    worker.provide("double", counter.work)
-    worker.ask("double", [1.0], found.append)
+    worker.register("double", counter.work)
+    worker.request("double", [1.0], found.append)
     assert found[0][:2] == (1, os.getpid())
-    assert not worker.busy("double")
+    assert not worker.is_pending("double")
 
 
 def test_another_process_works_and_remembers(process, collected):
     counter, found = Counter(), []
-    process.provide("double", counter.work)
+    process.register("double", counter.work)
     process.start()
     for _ in range(2):
-        process.ask("double", [1.5], found.append)
-        assert process.busy("double")
+        process.request("double", [1.5], found.append)
+        assert process.is_pending("double")
         before = len(found)
         while len(found) == before:
             assert collected(process, found)
@@ -59,7 +59,7 @@ def test_another_process_works_and_remembers(process, collected):
     assert [(f[0], f[2][0]) for f in found] == [(1, 3.0), (2, 3.0)]
     assert found[0][1] != os.getpid()
     assert counter.count == 0
-    assert not process.busy("double")
+    assert not process.is_pending("double")
 
 
 @pytest.mark.parametrize("error", [InputError("a sentence of ours"), SystemExit(0), None])
@@ -71,20 +71,20 @@ def test_what_the_work_raises_is_raised_in_the_loop_and_a_process_that_was_kille
             raise error
         os.kill(os.getpid(), signal.SIGKILL)
 
-    process.provide("odd", work)
+    process.register("odd", work)
     process.start()
-    process.ask("odd", None, lambda _result: None)
+    process.request("odd", None, lambda _result: None)
     with complains(TaskFailedError):
         collected(process, [])
-    assert error is None or not process.busy("odd")
+    assert error is None or not process.is_pending("odd")
 
 
 def test_ctrl_c_in_the_terminal_is_left_to_the_loop(process, collected):
     found = []
-    process.provide("pid", lambda _argument: os.getpid())
+    process.register("pid", lambda _argument: os.getpid())
     process.start()
-    process.ask("pid", None, found.append)
+    process.request("pid", None, found.append)
     os.kill(collected(process, found)[0], signal.SIGINT)
-    process.ask("pid", None, found.append)
+    process.request("pid", None, found.append)
     while len(found) < 2:
         process.collect()

@@ -20,7 +20,7 @@ def take(check, forces, hangs_until=FOREVER):
     good = []
     for force in forces:
         check.clock = getattr(check, "clock", 0.0) + 0.01
-        good += check.judge([ForceSample(check.clock, force)], check.clock, hangs_until)
+        good += check.check([ForceSample(check.clock, force)], check.clock, hangs_until)
     return [sample.force for sample in good]
 
 

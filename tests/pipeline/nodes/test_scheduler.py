@@ -93,7 +93,7 @@ def test_an_arm_that_stands_and_a_loop_that_beats_are_left_alone(moves, patience
     stopped = []
     with Watchdog(lambda: stopped.append(1), lambda: moves, patience) as dog:
         for _ in range(4):
-            dog.beat()
+            dog.report_alive()
             sleep(1.1 * PATIENCE)
     assert not stopped
     assert dog.fault is None

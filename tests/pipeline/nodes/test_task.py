@@ -15,18 +15,18 @@ from pipeline.nodes.task import FIRST_LEAD_SECONDS, MAX_PLANNING_SECONDS, MAX_PL
 class Slow:
     """Work that is done when the test says so."""
 
-    at_once = False
+    is_synchronous = False
 
     def __init__(self):
         self.asked = []
 
-    def provide(self, name, work):
+    def register(self, name, work):
         pass
 
-    def ask(self, _name, _argument, then):
+    def request(self, _name, _argument, then):
         self.asked.append(then)
 
-    def busy(self, _name):
+    def is_pending(self, _name):
         return bool(self.asked)
 
     def done(self, planned):
@@ -37,11 +37,11 @@ class Slow:
 def node(monkeypatch):
     monkeypatch.setattr("pipeline.nodes.task.TaskPlanner", lambda *_: None)
     drive = SimpleNamespace(at_rest=True, state=LineState(0.0, 0.0, 0.0), played=[])
-    drive.play = drive.played.append
+    drive.run_trajectory = drive.played.append
     beside, model = Slow(), pendulum_model(0.37, 0.08)
     made = TaskNode(model, drive, None, None, lambda: np.zeros(7), TaskSettings(cautious=False), beside)
     monkeypatch.setattr(made, "_task", lambda *_, **__: "task")
-    made.throw(model, None, lambda _time: None)
+    made.request_swing(model, None, lambda _time: None)
     return SimpleNamespace(node=made, beside=beside, drive=drive, time=0.0)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from armdyn.document import Document, KeyFigure, ResultLevel
 from pipeline.box import Box
-from pipeline.motion.feasibility import Margin
+from pipeline.motion.feasibility import LimitMargin
 from pipeline.nodes.learning import LengthEstimate, Outcome
 from pipeline.nodes.scheduler import Timing
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
@@ -48,7 +48,7 @@ def trial():
     q = (upper + lower) / 2 + slope * (reference[:, None] - 0.1) + 0.1 * slope
     limits = Limits(lower, upper, np.array([2.0, 2.0, 2.0, 2.0, 4.0, 4.0, 4.0]), *[np.full(7, 50.0)] * 3)
     margins = tuple(
-        Margin(limit, name, 10.2 + used, 0.9 * bound * used, bound, unit, (1 - 0.9 * used) * bound, used)
+        LimitMargin(limit, name, 10.2 + used, 0.9 * bound * used, bound, unit, (1 - 0.9 * used) * bound, used)
         for limit, unit, bound in (("velocity", "rad/s", 2.0), ("torque", "N m", 50.0))
         for name, used in zip(JOINTS, (0.31, 0.94, 0.42, 0.66, 0.12, 0.5, 0.2), strict=True)
     )

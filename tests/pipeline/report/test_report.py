@@ -135,7 +135,7 @@ def test_trial_report_tells_its_numbers(trial, trial_report):
 
 
 def test_broken_limits_are_said_and_marked(trial):
-    broken = replace(trial.margins[2], used=1.25, value=2.5)
+    broken = replace(trial.margins[2], used_share=1.25, value=2.5)
     limits = limit_margin_section([*trial.margins, broken])
     assert limits.sentence.startswith("Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00")
     assert "class='share over'" in table_html(limits.tables[0])

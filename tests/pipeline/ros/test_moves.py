@@ -82,7 +82,7 @@ def test_a_refused_command_stops_the_robot(complains):
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
     blend = StreamBlend(here, told)
-    steps = [blend.next(told, zero, zero) for _ in range(round(BLEND_SECONDS / CONTROL_PERIOD_SECONDS) + 2)]
+    steps = [blend.next_command(told, zero, zero) for _ in range(round(BLEND_SECONDS / CONTROL_PERIOD_SECONDS) + 2)]
     q, v, a = (np.array(x) for x in zip(*steps, strict=True))
     assert q[0] == pytest.approx(here)
     assert q[-1] == pytest.approx(told, abs=0.0)

@@ -18,9 +18,9 @@ def off_target() -> Callable[[SimulatedTrial], float]:
 
     def distance(trial: SimulatedTrial) -> float:
         task, line, history = trial.experiment.task, trial.experiment.description.line, trial.robot.history()
-        assert task.started is not None
+        assert task.swing_start is not None
         assert task.swing is not None
-        end = task.started + task.swing.time[-1]
+        end = task.swing_start + task.swing.time[-1]
         moment = int(np.argmin(np.abs(history.time - end)))
         offset = history.load[moment] - line.origin
         target = np.array([task.settings.target_x, -task.settings.target_below])

@@ -30,7 +30,7 @@ def test_the_recording_is_a_run_of_a_hanging_load(learnt):
     csv = read_run(result.recording.with_suffix(".csv"))
     assert set(csv.channels) == set(run.channels)
     force = run.channels["load_force"]
-    swing_end = task.started + task.settings.duration
+    swing_end = task.swing_start + task.settings.duration
     assert force.time[-1] < swing_end + 0.1  # what came after the load was let down is kept elsewhere
     assert force.value.min() > 0.0
     assert run.known["mass"].value == pytest.approx(0.08)
@@ -83,7 +83,7 @@ def test_an_infeasible_plan_never_moves_the_arm():
     result = trial.result
     assert not result.success
     assert result.stopped
-    assert trial.experiment.task.started is None
+    assert trial.experiment.task.swing_start is None
     assert np.abs(trial.experiment.channel("reference.x").value).max() == 0.0
 
 
