@@ -129,7 +129,7 @@ def samples(tension, seconds=2.0, angle=0.0, **given):
     made = cell(**given)
     for step in range(round(seconds * 1000)):
         made.apply_tension(step, tension(step * 1e-3), angle)
-    received = made.received(seconds)
+    received = made.new_samples(seconds)
     return np.array([s.time for s in received]), np.array([s.force for s in received])
 
 
@@ -148,9 +148,9 @@ def test_samples_on_the_way_are_not_handed_out_and_none_is_handed_out_twice():
     made = cell(latency=0.025)
     for step in range(51):
         made.apply_tension(step, 1.0, 0.0)
-    assert [s.time for s in made.received(0.05)] == pytest.approx([0.025, 0.035, 0.045])
-    assert made.received(0.05) == []
-    assert [s.time for s in made.received(0.06)] == pytest.approx([0.055])
+    assert [s.time for s in made.new_samples(0.05)] == pytest.approx([0.025, 0.035, 0.045])
+    assert made.new_samples(0.05) == []
+    assert [s.time for s in made.new_samples(0.06)] == pytest.approx([0.055])
 
 
 @pytest.mark.parametrize(
