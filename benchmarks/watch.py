@@ -163,7 +163,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
 
 
 def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> hidden_table.Row:
-    """FaultFreeStatistics work of so many hours."""
+    """Result for some hours of work without a fault."""
     robot, sound = Robot.of(name, seed), sound_of(name, seed, rate)
     rng, watch, events = np.random.default_rng([seed, 3]), Watch(robot.model, sound, per_hour), []
     begun, minutes = time.process_time(), round(60 * hours)
