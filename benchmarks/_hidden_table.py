@@ -1,4 +1,4 @@
-"""What the tables of hidden effects share: cases run by processes, answers judged, shares printed.
+"""Common code of the tables of hidden effects: run cases in processes, compare results with the truth, print shares.
 
 A row is a dictionary. Its truth values under the keys of `SHARES` become columns of the table; `seconds` (wall) and
 `cpu` become a line on time; `pull` is (estimate - truth) / std, one or several of them; `held_out` and `in_turn` are
@@ -49,7 +49,7 @@ def generator(name: str) -> Any:
 
 
 def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentParser:
-    """Options that every table has."""
+    """Parser with the options that every table has."""
     made = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("--seeds", type=int, default=seeds, help="of each kind")
     made.add_argument("--first-seed", type=int, default=0)
@@ -61,7 +61,7 @@ def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentP
 
 
 def wanted(what: str, kinds: Sequence[str]) -> list[str]:
-    """Names out of an option, separated by commas; ends the program with a sentence where one is unknown."""
+    """Names of an option, separated by commas; an unknown name ends the program with an error message."""
     names = [name.strip() for name in what.split(",")]
     for name in names:
         if name not in kinds:
@@ -80,7 +80,7 @@ def answered(case: Callable[..., Row], arguments: Sequence[tuple[Any, ...]], pro
 
 
 def judged(found: Diagnosis, truth: str) -> Row:
-    """Right first name; that or an honest tie that contains it; whether a tie was reported; nothing else named."""
+    """Whether the first name is right; it or a reported tie; whether there is a tie; whether no other name is given."""
     first = found.ranked_effects[0] if found.ranked_effects else None
     if first is None or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
         return {"named": False, "honest": False, "tie": False, "alone": False}
@@ -96,7 +96,7 @@ def judged(found: Diagnosis, truth: str) -> Row:
 
 
 def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
-    """Chi2 per sample of runs that a fit has never seen, and of its own runs held out in turn.
+    """Chi2 per sample of runs that took part in no fit, and of the fit's own runs, each predicted from the others.
 
     The second fits again to fewer runs, so that it is the larger one where one run teaches little. Neither is asked for
     where there is no fresh run.
@@ -120,7 +120,7 @@ def chi2_per_sample(blocks: Sequence[ResidualBlock]) -> float:
 
 
 def kept(file: Path | None, make: Callable[[], Any]) -> Any:
-    """What `make` returns; it is read from a file if it was written there before, None for no file."""
+    """Result of `make`; it is read from the file if that exists and written to it otherwise; None means no file."""
     if file is not None and file.exists():
         with file.open("rb") as stream:
             return pickle.load(stream)
@@ -146,12 +146,12 @@ def by_effect(
 
 
 def seeds_of(options: argparse.Namespace) -> range:
-    """Seeds that were asked for."""
+    """Seeds that the options select."""
     return range(options.first_seed, options.first_seed + options.seeds)
 
 
 def table(title: str, rows: Sequence[Row]) -> None:
-    """Print one kind of cases: a line for each thing hidden, then all of them."""
+    """Print the cases of one kind: a line for each hidden effect, then a line for all of them."""
     print(f"\n{title}: {len(rows)} cases")
     for name in dict.fromkeys(row["what"] for row in rows):
         mine = [row for row in rows if row["what"] == name]
@@ -183,18 +183,18 @@ def table(title: str, rows: Sequence[Row]) -> None:
 
 
 def show_shares(shares: Mapping[str, tuple[float, int]], targets: Mapping[str, float]) -> None:
-    """Print shares of so many beside what is wanted."""
+    """Print shares, each with its number of cases, beside their targets."""
     for what, (share, count) in shares.items():
         print(f"{what}: {100 * share:.1f} % of {count}, wanted {100 * targets[what]:.0f} %")
 
 
 def missed(row: Row) -> bool:
-    """Whether a row is worth a line of its own."""
+    """Whether a row has a false alarm, or a name or a start that is wrong."""
     return bool(row.get("false")) or any(row.get(key) is False for key in ("start", "honest", "exact", "flagged"))
 
 
 def save(path: Path | None, everything: Mapping[str, Sequence[Row]]) -> None:
-    """Every row as JSON, where a file is asked for."""
+    """Write all rows as JSON, if a file is given."""
     if path is not None:
         path.write_text(json.dumps(everything, indent=1, default=_plain))
 

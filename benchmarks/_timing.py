@@ -25,7 +25,7 @@ import numpy as np
 from armdyn.threads import one_thread
 
 Contender = Callable[[], float]
-"""Does the work once and returns the seconds that it took."""
+"""Function that does the work once and returns its duration [s]."""
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 """Default folder of the public recordings, which are not in the repository."""
 PACKAGES = ("armdyn", "casadi", "crocoddyl", "numpy", "scipy")
@@ -33,7 +33,7 @@ PACKAGES = ("armdyn", "casadi", "crocoddyl", "numpy", "scipy")
 
 @dataclass(frozen=True)
 class Ratio:
-    """How many times longer one contender takes than another, over the rounds.
+    """Ratio of the durations of two contenders over the rounds.
 
     Attributes:
         median: of the ratios within each round.
@@ -51,7 +51,7 @@ class Ratio:
 
 @dataclass(frozen=True)
 class Claim:
-    """Something the benchmark was made to find out.
+    """A statement that the benchmark checks.
 
     Attributes:
         sentence: what is claimed.
@@ -65,7 +65,7 @@ class Claim:
 
 
 def timed(work: Callable[[], object]) -> Contender:
-    """The contender that does `work`."""
+    """Contender that measures the duration of `work`."""
 
     def run() -> float:
         started = perf_counter()
@@ -77,7 +77,7 @@ def timed(work: Callable[[], object]) -> Contender:
 
 @one_thread  # the rivals as well: methods are compared
 def race(contenders: Mapping[str, Contender], rounds: int) -> dict[str, np.ndarray]:
-    """Let the contenders take turns; every second round runs backwards, so that none always follows the same other.
+    """Durations of contenders in turns; every second round runs backwards, so that none always follows the same other.
 
     Returns:
         (rounds,) s for each; one round that warms caches up is not counted.
@@ -103,13 +103,13 @@ def ratio(seconds: Mapping[str, np.ndarray], name: str, base: str) -> Ratio:
 
 
 def milliseconds(seconds: np.ndarray) -> str:
-    """The median, for orientation."""
+    """Median of durations, as text in milliseconds."""
     return f"{1e3 * np.median(seconds):.3g}"
 
 
 @contextmanager
 def without_compiler() -> Iterator[Callable[[Contender], Contender]]:
-    """Runs contenders, which must be functions of a module, in a process where armdyn has no C compiler."""
+    """Wrapper that runs contenders, functions of a module, in a process where armdyn has no C compiler."""
     os.environ["ARMDYN_COMPILE"] = "0"
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         pool.submit(os.getpid).result()  # the process starts now, with the variable set
@@ -118,7 +118,7 @@ def without_compiler() -> Iterator[Callable[[Contender], Contender]]:
 
 
 def arguments(description: str, rounds: int, quick_rounds: int) -> argparse.ArgumentParser:
-    """The options that all benchmarks share; `rounds` is None unless given."""
+    """Parser with the options that all benchmarks share; `rounds` is None unless given."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--rounds", type=int, help=f"turns of each contender ({rounds}; {quick_rounds} with --quick)")
     parser.add_argument("--quick", action="store_true", help="a few seconds only: checks answers, judges no ratio")
@@ -128,13 +128,13 @@ def arguments(description: str, rounds: int, quick_rounds: int) -> argparse.Argu
 
 
 def rounds_of(options: argparse.Namespace) -> int:
-    """How many rounds to run."""
+    """Number of rounds to run."""
     quick, full = options.default_rounds
     return options.rounds or (quick if options.quick else full)
 
 
 def print_table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> None:
-    """A table whose first `texts` columns are text and whose others are numbers."""
+    """Print a table whose first `texts` columns are text and whose others are numbers."""
     widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
     print(f"\n{title}")
     for row in (headings, ["-" * width for width in widths], *rows):

@@ -23,11 +23,11 @@ from pipeline.batch.spec import BatchSpec, read_spec
 
 SPEC = 'task = "compare"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
 TOOL, FRICTION = 7, 13
-"""Robots that change: the tool is 0.1 kg heavier, the elbow has a quarter more dry friction."""
+"""Numbers of the robots that change: a tool 0.1 kg heavier, and an elbow with a quarter more dry friction."""
 
 
 SHARE = 100
-"""Recordings that are done with one worker and with two."""
+"""Number of recordings for the comparison of one worker with two."""
 
 
 def main() -> None:
@@ -74,7 +74,7 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
 
 
 def ratio(folder: Path, spec: BatchSpec) -> None:
-    """Print what one worker does, and how much more two do on the same recordings."""
+    """Print the recordings per second of one worker, and the ratio for two workers on the same recordings."""
     seconds = {}
     for workers in (1, 2):
         (folder / f"out_{workers}").mkdir()

@@ -17,7 +17,7 @@ from pipeline.batch.series import ParameterSeries
 DAY = 86400.0
 ROBOTS, PARAMETERS, RECORDINGS, DAYS = 10, 4, 40, 120
 SIMULATED = 400
-"""Batches that give the bound; fewer than in use, which matters little at 5 %."""
+"""Number of simulated batches for the bound; fewer than in use, with little effect at 5 %."""
 Noise = Callable[[np.random.Generator, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray | None]]
 
 
@@ -74,7 +74,7 @@ KINDS: dict[str, Noise] = {
 
 
 def batch(rng: np.random.Generator, noise: Noise, recordings: int = RECORDINGS, step: float = 0.0) -> dict:
-    """Series by robot and parameter; one of them has a step in the middle."""
+    """Series by robot and parameter, one of them with a step in the middle."""
     series = {}
     for robot in range(ROBOTS):
         t = DAY * np.sort(rng.choice(DAYS, recordings, replace=False)) + rng.uniform(0, DAY / 2, recordings)

@@ -38,9 +38,9 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run, read_run
 
 RATE = 100.0
-"""Hz; the swings last a second or so."""
+"""Rate of the recordings after thinning [Hz]; a swing lasts about a second."""
 LEFT = 2.0
-"""Times the noise that a repair must leave for a law to be looked for."""
+"""Least error after a repair, over the noise, from which a law is searched."""
 SETS: dict[str, pendulums.Recorded | arms.Recorded] = {
     **{one.name: one for one in pendulums.SETS},
     **{one.folder: one for one in arms.SETS},
@@ -48,7 +48,7 @@ SETS: dict[str, pendulums.Recorded | arms.Recorded] = {
 
 
 def judged(name: str, data: Path) -> dict[str, object]:
-    """One set: the effects of the repair, what it leaves, what was found beside it, and the errors before and after."""
+    """Result for one set: effects of the repair, remaining error, laws found in addition, errors before and after."""
     of, begun = SETS[name], time.process_time()
     folder, exams = data / of.folder, of.exam if isinstance(of.exam, tuple) else (of.exam,)
     runs, held_out, exam = (
@@ -70,7 +70,7 @@ def judged(name: str, data: Path) -> dict[str, object]:
 
 
 def given(of: pendulums.Recorded | arms.Recorded, folder: Path) -> tuple[Model, list[Effect]]:
-    """The model of a set as given, and effects to choose from."""
+    """Model of a set as given, and the effects to choose from."""
     if isinstance(of, pendulums.Recorded):
         return pendulum_model(pendulums.LENGTH, pendulums.MASS), list(CATALOGUE.values())
     file = folder / of.robot
@@ -79,7 +79,7 @@ def given(of: pendulums.Recorded | arms.Recorded, folder: Path) -> tuple[Model, 
 
 
 def thinned(file: Path) -> Run:
-    """A recording at no more than `RATE`."""
+    """Run of a recording with at most the rate `RATE`."""
     run = read_run(file)
 
     def every(channel: Channel) -> Channel:
@@ -90,7 +90,7 @@ def thinned(file: Path) -> Run:
 
 
 def errors(study: Study, fit: Fit) -> dict[str, float]:
-    """Over the noise, by kind of run."""
+    """Errors over the noise by kind of run."""
     kinds = {"fitted": fit.blocks, "held out": study.held_out_blocks(fit), "exam": study.exam_blocks(fit)}
     return {kind: round(largest_error(blocks), 2) for kind, blocks in kinds.items() if blocks}
 

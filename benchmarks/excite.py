@@ -1,4 +1,4 @@
-"""How much more does a designed motion of Baxter's right arm tell than random ones, or one of least condition number?
+"""How much more information has a designed motion of Baxter's arm than random ones or one of least condition number?
 
     python benchmarks/excite.py
     python benchmarks/excite.py --what friction_and_payload --verify 8
@@ -54,18 +54,18 @@ SEPARATE = {
     "rotor_or_link": ("rotor_inertia", "link_inertia"),
 }
 SIZES = {"gravity_spring": 0.02, "torque_offset": 0.2, "payload": 0.05, "link_inertia": 0.1}
-"""Of the realistic ones: small enough that a poor motion does not tell them."""
+"""Sizes of the realistic effects, so small that a poor motion does not determine them."""
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A motion for the plant."""
+    """Motion in the form that the plant takes."""
 
     series: FourierSeries
     coefficients: np.ndarray
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, velocities, accelerations."""
+        """Positions, velocities and accelerations at times."""
         found = self.series.basis_at(time).motion(self.coefficients)
         return found.q, found.v, found.a
 
@@ -87,7 +87,7 @@ def goal_of(name: str) -> MotionGoal:
 
 
 def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: float, seed: int, encoder: float) -> Run:
-    """A recording by the independent plant, with the torque noise that the design assumed."""
+    """Recording of the independent plant, with the torque noise of the design."""
     clean = hidden_arm.generate(hidden, size, seed, duration=SECONDS, rate=RATE, noise=0.0, stated=False, path=path)
     rng = np.random.default_rng([seed, 7])
     channels, noise = {}, {}
@@ -101,7 +101,7 @@ def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: floa
 
 
 def errors(found: Excitation, motion: ExpectedResults, seeds: int, encoder: float) -> np.ndarray:
-    """(W,) root mean square errors of the wanted unknowns after armdyn's fit."""
+    """Root mean square errors (W,) of the unknowns of the design after armdyn's fit."""
     goal = found.goal
     model = goal.columns.model
     wanted = [goal.columns.unknowns[i] for i in goal.wanted]
@@ -136,7 +136,7 @@ def verify(found: Excitation, seeds: int) -> dict:
 
 
 def named(found: Excitation, motion: ExpectedResults, truth: str, seed: int) -> tuple[bool, bool]:
-    """Whether the first name is right without a tie, and whether the answer is honest."""
+    """Whether the first name is right without a tie, and whether it or a reported tie contains the truth."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
     said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT_EFFECTS))
@@ -167,7 +167,7 @@ def separations(found: Excitation) -> list[list[str]]:
 
 
 def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_timing.Claim]]:
-    """Print what is expected; return it, and the claims that follow from it."""
+    """Print the expected errors; return them, and the claims about them."""
     print(
         f"\n{name}: {excitation_sentence(found)}\n"
         f"  {found.check.sentence} {seconds:.0f} s of the processor to design all."

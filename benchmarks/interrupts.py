@@ -26,15 +26,15 @@ from armdyn.errors import ArmdynError
 from armdyn.run import read_run
 
 START = "import sys; import pipeline; sys.stderr.write('armdyn\\n'); from pipeline.cli import main; main()"
-"""Says when the interpreter is ready and armdyn's first import begins: what comes before belongs to Python."""
+"""Program that prints a word when Python is ready and armdyn's first import begins."""
 LONGEST = 120.0
 BEFORE, OLD = ("trial.mcap", "trial.csv", "model.toml", "report.html"), "of the last trial"
-"""Files that are there before, and what they hold."""
+"""Files that exist before the command, and their content."""
 
 
 @dataclass(frozen=True)
 class Try:
-    """One signal: when it came, how the process ended, after which time, and what was wrong (empty where nothing)."""
+    """Result of one signal: its time, the process's exit status and delay, and the errors, empty if there are none."""
 
     name: str
     at: float
@@ -44,7 +44,7 @@ class Try:
 
 
 def attempt(name: str, at: float, command: list[str]) -> Try:
-    """Start, signal, wait, look."""
+    """Start a command, send it a signal, wait for its end and check its files."""
     number = getattr(signal, f"SIG{name}")
     with TemporaryDirectory() as scratch:
         (Path(scratch) / "out").mkdir()
@@ -73,12 +73,12 @@ def attempt(name: str, at: float, command: list[str]) -> Try:
 
 
 def over(seconds: float) -> set[int]:
-    """Statuses of a command that was done already when the signal came."""
+    """Exit statuses of a command that had ended when the signal came."""
     return {0, 1} if seconds < 1.0 else set()
 
 
 def damage(folder: Path, killed: bool) -> list[str]:
-    """What is left and cannot be read, or was only written for a moment."""
+    """Faults in the files of a command: unreadable, left over, or an old report beside new files."""
     found, out = [], folder / "out"
     old = {name for name in BEFORE if (out / name).exists() and (out / name).read_bytes() == OLD.encode()}
     if "report.html" in old and old != set(BEFORE):
@@ -94,7 +94,7 @@ def damage(folder: Path, killed: bool) -> list[str]:
 
 
 def main() -> int:
-    """Run it; nothing is judged but the claims."""
+    """Run the benchmark; 1 where a claim is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tries", type=int, default=100, help="of each signal")
     parser.add_argument("--signals", default="INT,TERM,HUP")

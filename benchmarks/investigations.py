@@ -1,4 +1,4 @@
-"""Does a robot that does not know what its model lacks find it out by itself, and land?
+"""Does a robot find by itself which effect its model lacks, and then land the load?
 
     python benchmarks/investigations.py [--seeds N] [--first-seed N] [--processes N] [--only EFFECT,...] [--json FILE]
 
@@ -43,12 +43,12 @@ class Case:
 
     @property
     def right(self) -> bool:
-        """Whether the hidden effect was named, and no other."""
+        """Whether the hidden effect and no other was named."""
         return self.stop == InvestigationEnd.NAMED.name and self.last == (self.effect,)
 
 
 def investigation(effect: str, seed: int) -> Case:
-    """Find out, and throw."""
+    """Investigate, then swing the load into the box."""
     trial = simulate_trial(TrialSettings(hidden={effect: HIDDEN[effect]}, seed=seed, investigate=EXPERIMENTS))
     found = trial.result.investigation
     assert found is not None, "it was asked for"
@@ -57,7 +57,7 @@ def investigation(effect: str, seed: int) -> Case:
 
 
 def row(effect: str, mine: list[Case]) -> list[str]:
-    """One line of the table."""
+    """Line of the table for one effect."""
     others = Counter("+".join(c.last) or c.stop.lower() for c in mine if not c.right)
     return [
         f"{effect} {HIDDEN[effect]:g}",
@@ -71,7 +71,7 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 
 def main() -> int:
-    """Run it; 1 where a claim is missed."""
+    """Run the benchmark; 1 where a claim is missed."""
     options, of = by_effect(__doc__, HIDDEN, investigation)
     done = [case for mine in of.values() for case in mine]
     bench.print_table(

@@ -21,18 +21,18 @@ import numpy as np
 from pipeline.trial import TrialSettings, run_trial
 
 GUESSES = np.linspace(0.15, 0.9, 16)
-"""m; seeds take them in turn."""
+"""Guesses of the length [m]; the seeds take them in turn."""
 LARGEST_MEAN, LARGEST_STD = 5e-4, 1.5e-3
-"""m."""
+"""Largest mean and standard deviation of the length's error [m]."""
 COVERAGE, LEAST_COVERED = 3.0, 0.97
-"""Reported standard deviations, and the share of trials whose truth must be within them."""
+"""Distance of the truth in reported standard deviations, and the least share of trials within it."""
 FEW, ENOUGH = 10, 100
-"""Trials below which nothing is judged, and the number below which the share that is covered is not."""
+"""Least number of trials for any claim, and for the claim about the covered share."""
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """The length after one trial: guess, error and reported standard deviation, m."""
+    """Length after one trial: guess, error and reported standard deviation [m]."""
 
     seed: int
     guess: float
@@ -44,12 +44,12 @@ class Learnt:
 
     @property
     def deviations(self) -> float:
-        """Error in reported standard deviations; infinite where nothing was estimated."""
+        """Error in reported standard deviations; infinite without an estimate."""
         return abs(self.error) / self.std if self.std > 0 else np.inf
 
 
 def learn(seed: int) -> Learnt:
-    """One trial."""
+    """Learnt length of one trial."""
     guess = float(GUESSES[seed % len(GUESSES)])
     result = run_trial(TrialSettings(seed=seed, length_guess=guess))
     return Learnt(
@@ -59,7 +59,7 @@ def learn(seed: int) -> Learnt:
 
 
 def run(seeds: range, workers: int) -> list[Learnt]:
-    """All trials, with a line of progress each where somebody looks."""
+    """Learnt lengths of all trials; a terminal shows a line of progress for each."""
     found = []
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         for learnt in pool.map(learn, seeds):

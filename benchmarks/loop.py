@@ -1,4 +1,4 @@
-"""Does the loop close: a swing misses for a hidden effect, its recording is repaired, and the next one lands?
+"""Does the loop close: a hidden effect makes a swing miss, its recording repairs the model, and the next swing lands?
 
     python benchmarks/loop.py [--seeds N] [--first-seed N] [--workers N] [--only EFFECT,...] [--json FILE]
 
@@ -28,14 +28,14 @@ HIDDEN = {
     "quadratic_drag": ("coefficient", 0.05), "string_creep": ("rate", 1e-3), "wind": ("force", 0.2),
     "load_inertia": ("inertia", 4e-3), "gripper_lag": ("time", 0.09), "pivot_viscous_friction": ("coefficient", 7e-3),
 }  # fmt: skip
-"""Parameter and value in SI units, each large enough that the robot's usual model mostly misses the box."""
+"""Parameter and value [SI units] by effect, so large that the robot's usual model mostly misses the box."""
 ELSEWHERE = 1000
-"""Added to the seed for the other plant."""
+"""Offset of the seed for the other plant."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One turn of the loop; `value` is what the repair found over the truth, nan where it did not find it."""
+    """Result of one loop; `value` is the found value over the true one, nan where the effect was not found."""
 
     effect: str
     seed: int
@@ -48,7 +48,7 @@ class Case:
 
 
 def turn(effect: str, seed: int) -> Case:
-    """Miss, repair, land."""
+    """One loop: a first swing, a repair, a second swing."""
     parameter, size = HIDDEN[effect]
     with TemporaryDirectory() as scratch:
         out = Path(scratch)
@@ -72,7 +72,7 @@ def turn(effect: str, seed: int) -> Case:
 
 
 def row(effect: str, mine: list[Case]) -> list[str]:
-    """One line of the table."""
+    """Line of the table for one effect."""
     ratio = np.array([c.value for c in mine])
     ratio = ratio[np.isfinite(ratio)]
     before, after = (np.median([c.chi2[i] for c in mine]) for i in (0, 1))
@@ -88,7 +88,7 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 
 def main() -> int:
-    """Run it; nothing is judged, the table says what happened."""
+    """Run the benchmark and print the table; there are no claims."""
     options, of = by_effect(__doc__, HIDDEN, turn)
     bench.print_table(
         f"Miss, repair, land: {options.seeds} seeds each",

@@ -1,4 +1,4 @@
-"""Does one designed motion tell rivals apart, does a random one, and is the predicted probability right?
+"""Does one designed motion separate rival models, does a random one, and is the predicted probability right?
 
     python benchmarks/next_experiment.py [--seeds N] [--first-seed N] [--processes N] [--what PAIRS] [--quick]
     python benchmarks/next_experiment.py --separations
@@ -48,7 +48,7 @@ SIZES = {
     "path_tilt": 0.01, "load_inertia": 4e-4, "string_mass": 5e-3, "gripper_scale": 0.03, "sensor_drift": 1e-3,
     "string_creep": 2e-4, "cross_axis_sensitivity": 0.02, "sensor_nonlinearity": 0.05, "sensor_gain": 0.03,
 }  # fmt: skip
-"""Of what is hidden, SI units; usual sizes."""
+"""Usual sizes of the hidden effects [SI units]."""
 PAIRS = (
     ("pivot_viscous_friction", "linear_drag"), ("linear_drag", "pivot_viscous_friction"),
     ("linear_drag", "quadratic_drag"), ("sensor_lag", "gripper_lag"),
@@ -59,7 +59,7 @@ PAIRS = (
     ("gripper_scale", "load_inertia"), ("load_inertia", "gripper_scale"), ("string_creep", "sensor_drift"),
     ("path_tilt", "wind"), ("load_inertia", "string_mass"), ("string_mass", "load_inertia"),
 )  # fmt: skip
-"""What is hidden, and its rival: first those of which it is known what a random search found, then more ties."""
+"""Hidden effects with their rivals: first the pairs with a known result of a random search, then other ties."""
 INSEPARABLE = ({"wind", "path_tilt"},)
 """Exact ties of a load cell, whatever the motion: a rotation of the frame. Inertia and a heavy string are one, too,
 unless the load was weighed, as it was here."""
@@ -79,7 +79,7 @@ def model() -> PendulumModel:
 def recorded(
     name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, KnownQuantity]
 ) -> Run:
-    """One run; along the generator's own random motion where none is given."""
+    """One run, along the generator's random motion if no motion is given."""
     if motion is None:
         run = hidden_pendulum.record(name, setup, rng)
     else:
@@ -104,7 +104,7 @@ def right(found: Diagnosis, hidden: str) -> bool:
 
 
 def random_motion(rivals: Rivals, proposal: ProposedExperiment, rng: np.random.Generator) -> GripperPath:
-    """With the peak acceleration of the designed one, within the same limits."""
+    """Random motion with the peak acceleration of the designed one, within the same limits."""
     assert proposal.experiment.motion is not None
     limits = GripperLimits(acceleration=float(proposal.experiment.motion.peaks[2]))
     problem = GripperProblem(rivals.hypotheses, proposal.experiment, motion_series(DURATION), limits, NODE_SECONDS)
@@ -112,7 +112,7 @@ def random_motion(rivals: Rivals, proposal: ProposedExperiment, rng: np.random.G
 
 
 def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
-    """The first of a pair is hidden."""
+    """Result for a pair of which the first effect is hidden."""
     hidden = pair[0]
     rng = np.random.default_rng([seed, zlib.crc32("/".join(pair).encode())])
     mass, length = 0.08 * (1 + 0.1 * rng.normal()), 0.368 * (1 + 0.05 * rng.normal())
@@ -151,7 +151,7 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
 
 
 def calibration(rows: list[dict[str, object]]) -> list[tuple[float, float, int, float, float]]:
-    """By bin of the predicted probability: how often the verdict was right."""
+    """Shares of right verdicts by bin of the predicted probability."""
     points = [
         (float(r[f"{k}_predicted"]), bool(r[f"{k}_right"]))
         for r in rows for k in ("designed", "random") if f"{k}_right" in r
@@ -166,7 +166,7 @@ def calibration(rows: list[dict[str, object]]) -> list[tuple[float, float, int, 
 
 
 def hypothesis(effect: str) -> Hypothesis:
-    """At its size in `SIZES`, with nothing known but a weighing to 1 %, and priors of bias and delay."""
+    """Hypothesis of an effect of its size in `SIZES`, with a mass known to 1 % and priors of bias and delay."""
     found = pendulum_model(0.368, 0.08, [CATALOGUE[n] for n in (effect, "sensor_bias", "sensor_delay")])
     own = next(name for name, p in found.parameters.items() if p.effect == effect)
     found = found.with_values({own: SIZES[effect], "sensor_delay.time": 0.01})
@@ -176,7 +176,7 @@ def hypothesis(effect: str) -> Hypothesis:
 
 
 def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
-    """The smaller rise of chi2 of either direction: median of eight random motions, and the designed one."""
+    """Smaller rise of chi2 of the two directions: median of eight random motions, and the designed motion."""
     rows = []
     for pair in pairs:
         both = [hypothesis(name) for name in pair]
@@ -243,7 +243,7 @@ def main() -> int:
 
 
 def report(rows: list[dict[str, object]], options: Namespace) -> int:
-    """Print what came out."""
+    """Print the results; 1 where a claim is missed."""
     table = []
     for name in dict.fromkeys(str(r["pair"]) for r in rows):
         mine = [r for r in rows if r["pair"] == name]

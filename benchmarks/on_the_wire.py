@@ -26,19 +26,19 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from ros_wire.wire import Stalls, TracedTwin, Trial, Wire, missing
 
 WITHIN = 1e-3
-"""Error of the length that is claimed [m]."""
+"""Largest error of the length in the claim [m]."""
 LATE = ("loop stood still", "too old", "no command for", "watchdog stopped the arm")
-"""What a trial says that was ended because something came too late."""
+"""Parts of the messages of trials that ended because a message came too late."""
 
 
 def busy() -> float:
-    """Processor time of all processes that this one has started and seen end [s]."""
+    """Processor time of all ended child processes [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def one(guess: float, seed: int, hidden: list[str], options: list[str], keep: Path | None) -> dict[str, object]:
-    """One trial in three processes."""
+    """Result of one trial in three processes."""
     with TemporaryDirectory() as scratch:
         folder, stalls, before = keep or Path(scratch), Stalls(), busy()
         folder.mkdir(parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ def one(guess: float, seed: int, hidden: list[str], options: list[str], keep: Pa
 
 
 def tried(guess: float, again: int, *arguments: object) -> dict[str, object]:
-    """A trial, made again up to so many times while it is ended by something that came too late."""
+    """Result of a trial, repeated up to `again` times while late messages end it."""
     for tries in range(1, again + 2):
         row = one(guess, *arguments) | {"tries": tries}
         print(f"  {guess:g}: {row['said']}", file=sys.stderr, flush=True)
@@ -82,14 +82,14 @@ def tried(guess: float, again: int, *arguments: object) -> dict[str, object]:
 
 
 def milliseconds(row: dict[str, object], name: str) -> str:
-    """Median, 95 %, 99 % and worst of what the robot measured."""
+    """Median, 95 %, 99 % and largest of a duration that the robot measured, as text in milliseconds."""
     robot = row["robot"]
     spread = robot.get(name) if isinstance(robot, dict) else None
     return "" if not spread else " ".join(f"{1e3 * spread[k]:.1f}" for k in ("median", "p95", "p99", "worst"))
 
 
 def main() -> int:
-    """Prints the table; returns the exit status."""
+    """Print the table; 1 where a claim is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--guesses", default=",".join(map(str, LENGTH_GUESSES)), help="of the length [m]")
     parser.add_argument("--hidden", action="append", default=[], help="EFFECT=VALUE of the twin")

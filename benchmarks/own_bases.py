@@ -1,4 +1,4 @@
-"""How far off may the start values of a base of one's own be?
+"""How wrong may the start values of a user's base be?
 
     python benchmarks/own_bases.py [--starts N]
 
@@ -34,7 +34,7 @@ Motion = Callable[[np.ndarray, float], Sequence[float]]
 
 @dataclass(frozen=True)
 class Place(Stage):
-    """Where something is lost: a speed or a level, and what acts there besides."""
+    """Place of a loss: a speed or a level, and the other forces or flows there."""
 
     level: Expression
     force: Expression = 0
@@ -42,13 +42,13 @@ class Place(Stage):
 
 @effect("in_proportion", acts_on="place", summary="A loss in proportion.", source="of its own")
 def in_proportion(place: Place, size: Expression = quantity("1", typical=0.1, lower=0.0)) -> Place:
-    """Viscous friction, seepage."""
+    """Loss in proportion to the speed or level: viscous friction, seepage."""
     return replace(place, force=place.force - size * place.level)
 
 
 @effect("with_the_square", acts_on="place", summary="A loss with the square.", source="of its own")
 def with_the_square(place: Place, size: Expression = quantity("1", typical=0.1, lower=0.0)) -> Place:
-    """Drag, radiation."""
+    """Loss with the square of the speed or level: drag, radiation."""
     return replace(place, force=place.force - size * place.level * ca.fabs(place.level))
 
 
@@ -57,7 +57,7 @@ EFFECTS: list[Effect] = [in_proportion, with_the_square]
 
 @dataclass(frozen=True)
 class World:
-    """A base, its true values, what really happens, what is measured with which noise, and what is hidden."""
+    """A base, its true values, the simulated system, the measured channels with their noise, and the hidden effect."""
 
     base: Physics
     truth: dict[str, float]
@@ -69,7 +69,7 @@ class World:
     hidden: str
 
     def record(self, seed: int) -> Run:
-        """A run with an input of its own."""
+        """Simulated run, with an input that depends on the seed."""
         rng = np.random.default_rng(seed)
         sizes, paces, phases = rng.uniform(0.4, 1.0, 3), self.pace * rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 6.0, 3)
 
@@ -95,7 +95,7 @@ class World:
     states=(state("charge", "m", typical=1.0),), inputs={"gripper_x": "m"}, outputs={"q.charge": "m"}, period=2.0,
 )  # fmt: skip
 def circuit(at: Moment) -> Equations:
-    """One state of first order."""
+    """Electric circuit with one state of first order."""
     leak = at.stage("place", Place(at["charge"]))
     rate = (at["gain"] * at.input("gripper_x").value - at["charge"]) / at["lag"] + leak.force
     return Equations({"charge": rate}, {"q.charge": at["charge"]})
@@ -115,7 +115,7 @@ def circuit(at: Moment) -> Equations:
     inputs={"tau.motor": "N m"}, outputs={"q.motor": "rad"}, period=1.0, step=0.005,
 )  # fmt: skip
 def shaft(at: Moment) -> Equations:
-    """The load is never measured."""
+    """Shaft between a motor and a load that is not measured."""
     v, w = at["motor_rate"], at["load_rate"]
     twist, bearing = at["stiffness"] * (at["motor_angle"] - at["load_angle"]), at.stage("place", Place(v))
     motor = (at.input("tau.motor").value - twist + bearing.force) / at["motor"]
@@ -136,7 +136,7 @@ def shaft(at: Moment) -> Equations:
     inputs={"tau.push": "N"}, outputs={"q.cart": "m", "q.pole": "rad"}, period=1.5,
 )  # fmt: skip
 def cart_and_pole(at: Moment) -> Equations:
-    """Two bodies."""
+    """Cart with a pole, two bodies."""
     v, a, w, length, pole = at["speed"], at["angle"], at["rate"], at["length"], at["pole"]
     force = at.input("tau.push").value + at.stage("place", Place(v)).force
     pushed = force + pole * ca.sin(a) * (length * w**2 + 9.81 * ca.cos(a))
@@ -175,7 +175,7 @@ WORLDS = (
 
 
 def outcome(world: World, seed: int, runs: Sequence[Run]) -> str:
-    """What comes of one start: right, lost or wrong."""
+    """Result of a repair from one start: right, lost or wrong."""
     factors = np.random.default_rng(seed).uniform(0.5, 1.5, len(world.truth))
     values = {name: f * value for f, (name, value) in zip(factors, world.truth.items(), strict=True)}
     model = physics_model(world.base, own_effects=EFFECTS).with_values(values)

@@ -1,4 +1,4 @@
-"""What does armdyn find in public recordings of real pendulums, and how good is it beside a careful fit by hand?
+"""Which effects does armdyn find in public recordings of real pendulums, and how good is it beside a fit by hand?
 
     python benchmarks/real.py --data DIR --pictures docs/pictures
 
@@ -37,19 +37,19 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import read_run
 
 LENGTH, MASS = 0.35, 0.1
-"""m, kg: of every model as given."""
+"""Length [m] and mass [kg] of every model as given."""
 CLOSE = 1.1
 """Held-out error over that of the fit by hand, up to which a repair counts as good."""
 QUICK = "wheel"
 SHOWN = ("speed", "angle")
 PICTURE = (1000, 372)
-"""Pixels."""
+"""Size of the picture in pixels."""
 COLOURS = 64
 
 
 @dataclass(frozen=True)
 class ByHand:
-    """The best structure that a person found with output error.
+    """Best structure that a person found by an output-error fit.
 
     Attributes:
         effects: names of its effects in the catalogue.
@@ -68,7 +68,7 @@ class ByHand:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One set of recordings of one pendulum.
+    """Set of recordings of one pendulum.
 
     Attributes:
         name: name in the table and of the figure's file.
@@ -124,7 +124,7 @@ SETS = (
 
 
 def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]:
-    """One set as a row of the table, and the repair."""
+    """Row of the table for one set, and the repair."""
 
     def runs(stems: Sequence[str]) -> list:
         return [read_run(data / recorded.folder / f"{stem}.csv") for stem in stems]
@@ -172,7 +172,7 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
 
 
 def accelerations(parameters: dict[str, Parameter]) -> dict[str, tuple[float, str]]:
-    """What the effects do to the swing: an angle does not see the mass, so that forces are over the inertia m l^2."""
+    """Accelerations by the effects: forces over the inertia m l^2, as an angle does not determine the mass."""
     length, mass = parameters["length"].value, parameters["mass"].value
     inertia = mass * length**2
     known = {
@@ -192,7 +192,7 @@ def accelerations(parameters: dict[str, Parameter]) -> dict[str, tuple[float, st
 
 
 def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
-    """What the model lacks against speed and angle, as given and repaired, as a PNG in few colours."""
+    """PNG in few colours of the missing force over speed and angle, of the model as given and repaired."""
     import plotly.graph_objects as go
     from PIL import Image
 
@@ -220,7 +220,7 @@ def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
 
 
 def show(rows: Sequence[dict]) -> None:
-    """Tables of errors, in mrad or mrad/s, of names and of values."""
+    """Print tables of errors [mrad] or [mrad/s], of names and of values."""
 
     def small(value: float | None) -> str:
         return "" if value is None else f"{float(f'{1e3 * value:.3g}'):g}"

@@ -1,4 +1,4 @@
-"""What does armdyn find in public recordings of real arms, and how good is it beside a careful fit by hand?
+"""Which effects does armdyn find in public recordings of real arms, and how good is it beside a fit by hand?
 
     python benchmarks/real_arms.py --data DIR
 
@@ -26,7 +26,7 @@ from armdyn.run import Run, read_run
 
 @dataclass(frozen=True)
 class Recorded:
-    """One set of recordings of one arm.
+    """Set of recordings of one arm.
 
     Attributes:
         folder: below the data folder.
@@ -66,7 +66,7 @@ def total(errors: Mapping[str, float]) -> float:
 
 
 def examine(recorded: Recorded, data: Path) -> list[str]:
-    """One row of the table."""
+    """Row of the table for one set."""
     folder = data / recorded.folder
 
     def runs(*stems: str) -> list[Run]:

@@ -1,4 +1,4 @@
-"""Many trials with random hidden effects, noise, lengths and a single fault each: does any of them break something?
+"""Does a trial with random hidden effects, noise, length and a single fault ever break a rule? Runs many of them.
 
     python benchmarks/robustness.py [--trials 1000] [--first-seed N] [--workers N] [--json FILE]
 
@@ -37,17 +37,17 @@ if tests not in sys.path:
     sys.path.insert(0, tests)
 
 AT_REST = 0.02
-"""Speed along the line of an arm that stands [m/s]."""
+"""Largest speed along the line of an arm at rest [m/s]."""
 ACCELERATION = 1.05
-"""Share of a joint's acceleration limit that the difference of two commands may show."""
+"""Largest difference of two commands over that of a joint's acceleration limit."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One trial: what was tried, how it ended, and what was wrong (empty where nothing).
+    """Result of one trial: its settings, its ending, and the errors, empty if there are none.
 
-    `megabytes` is the largest memory of the process so far; `to_rest` the time from the reason to an arm that is told
-    to stand, nan where it was not stopped.
+    `megabytes` is the largest memory of the process so far; `to_rest` is the time from the reason of a stop to the
+    command that stops the arm, nan without a stop.
     """
 
     seed: int
@@ -83,7 +83,7 @@ def settings_of(seed: int, rng: np.random.Generator) -> TrialSettings:
 
 
 def fault_of(rng: np.random.Generator) -> tuple[str, float, Any]:
-    """A fault at a random instant [s], in one trial of five none; one half of them lasts."""
+    """Fault at a random instant [s]; one trial of five has none, and half of the faults persist."""
     from faults.faulty import ClockJumps, Raises, Stalls, Through
     from faults.kinds import SENSORS
 
@@ -104,7 +104,7 @@ def fault_of(rng: np.random.Generator) -> tuple[str, float, Any]:
 
 
 def violations(told: list[tuple[Any, ...]], limits: Any) -> list[str]:
-    """Commands that the robot should never have been given."""
+    """Names of the limits that commands broke, and a missing stop."""
     commands = [entry for entry in told if len(entry) == 4]
     wrong = []
     if not told or len(told[-1]) != 1:
@@ -125,7 +125,7 @@ def violations(told: list[tuple[Any, ...]], limits: Any) -> list[str]:
 
 
 def one(seed: int) -> Outcome:
-    """One trial."""
+    """Result of one trial."""
     rng = np.random.default_rng(seed)
     settings = settings_of(seed, rng)
     name, at, robot = fault_of(rng)
@@ -156,7 +156,7 @@ def one(seed: int) -> Outcome:
 
 
 def main() -> int:
-    """Run it."""
+    """Run the benchmark; 1 where a claim is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--first-seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""Does `watch` find what happens to a working arm, tell what it is, and stay silent otherwise? Prints a table.
+"""Does `watch` detect changes of a working arm, name them, and raise no false alarm? Prints a table.
 
     python benchmarks/watch.py --seeds 3 --hours 1
 
@@ -47,17 +47,17 @@ motions = hidden_table.generator("motions")
 CASE = "coulomb"
 MINUTE = 60.0
 CALIBRATION = 15
-"""Minutes of sound work."""
+"""Minutes of work without a fault that calibrate the watch."""
 CONTACT, CONTACT_LASTS, SOON = 5.0, 1.0, 0.05
-"""N m, s, and s within which it must be found."""
+"""Largest torque [N m] and duration [s] of a contact, and the longest time to its detection [s]."""
 LOAD, LATER = 0.1, 30.0
-"""kg, and s within which it must be found."""
+"""Additional load [kg], and the longest time to its detection [s]."""
 FRICTION = 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """An imperfect robot and its repaired model."""
+    """Imperfect robot and its repaired model."""
 
     case: object
     model: ArmModel
@@ -65,7 +65,7 @@ class Robot:
     @classmethod
     @lru_cache(maxsize=4)
     def of(cls, name: str, seed: int) -> "Robot":
-        """Repaired as a user would."""
+        """Robot with a model that is repaired as by a user."""
         case = imperfect.generate(name, CASE, seed)
         return cls(
             case, repair(Study.of(arm_model(robot=name), case.train, case.held_out, hidden_table.JOINT_EFFECTS)).model
@@ -74,7 +74,7 @@ class Robot:
     def work(
         self, rng: np.random.Generator, rate: float, *, seconds: float = MINUTE, what: str = "", begin: float = 0.0
     ) -> tuple[Run, str]:
-        """A minute of work, and the joint that something happens to at `begin` s."""
+        """Recording of a minute of work, and the joint that changes at `begin` [s]."""
         world, truth = self.case.exam_world, self.case.exam_truth
         plant = world.plant
         kind = list(motions.KINDS)[rng.integers(len(motions.KINDS))]
@@ -104,7 +104,7 @@ class Robot:
         return _run(plant.joints, stamps, q, effort), joint
 
     def _outside(self, rng: np.random.Generator, q: np.ndarray) -> tuple[np.ndarray, str]:
-        """(nj,) torques of a force on a random link, the largest of them 5 N m, and its joint."""
+        """Torques (nj,) of a force on a random link, the largest of them 5 N m, and the joint of that one."""
         rigid = self.model.arm.model
         data = rigid.createData()
         pin.computeJointJacobians(rigid, data, q)
@@ -131,14 +131,14 @@ def _run(joints: Sequence[str], stamps: np.ndarray, q: np.ndarray, tau: np.ndarr
 
 @lru_cache(maxsize=4)
 def sound_of(name: str, seed: int, rate: float) -> FaultFreeStatistics:
-    """What fifteen minutes of sound work say."""
+    """Calibration by fifteen minutes of work without a fault."""
     robot, rng = Robot.of(name, seed), np.random.default_rng([seed, 1])
     runs = [robot.work(rng, rate)[0] for _ in range(CALIBRATION)]
     return statistics_of_recordings(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
 
 
 def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour: float) -> hidden_table.Row:
-    """One change in a minute of work, or in 15 s for a contact."""
+    """Result for one change in a minute of work, or in 15 s for a contact."""
     robot, sound = Robot.of(name, seed), sound_of(name, seed, rate)
     rng = np.random.default_rng([seed, 2, number])
     seconds = 15.0 if what == "contact" else MINUTE
@@ -163,7 +163,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
 
 
 def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> hidden_table.Row:
-    """Sound work of so many hours."""
+    """Result for some hours of work without a fault."""
     robot, sound = Robot.of(name, seed), sound_of(name, seed, rate)
     rng, watch, events = np.random.default_rng([seed, 3]), Watch(robot.model, sound, per_hour), []
     begun, minutes = time.process_time(), round(60 * hours)

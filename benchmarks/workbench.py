@@ -29,7 +29,7 @@ PAUSE = 0.6  # s, in which the refit ends
 
 
 def main() -> None:
-    """Print median and worst."""
+    """Print median and largest duration."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for i in range(2):
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def measure(tab: Browser, address: str) -> None:
-    """Open the page and click."""
+    """Open the page, click, and print the durations until the new curve."""
     print(f"processes that wait for one of {os.cpu_count()} cores: {os.getloadavg()[0]:.1f}")
     start = time.perf_counter()
     tab.go(address)

@@ -12,7 +12,7 @@ def evaluated(robot):
     """MuJoCo at the present state in a copy, so that looking at it changes nothing."""
     data = mujoco.MjData(robot._plant.model)
     mujoco.mj_copyData(data, robot._plant.model, robot._data)
-    data.ctrl[:] = robot._servo.driven
+    data.ctrl[:] = robot._servo.reference_torque
     mujoco.mj_forward(robot._plant.model, data)
     return data
 

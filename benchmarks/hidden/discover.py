@@ -33,7 +33,7 @@ from armdyn.pendulum.model import pendulum_model
 
 
 def judged(kind: str, seed: int, folder: Path) -> dict:
-    """One law: what was found, and the error on the run that nothing saw, over the noise."""
+    """Result for one hidden law: the found laws, and the error over the noise on the exam run."""
     given = world(kind, seed)
     model = _model(given, folder)
     start = time.process_time()
@@ -57,7 +57,7 @@ def _model(given: World, folder: Path) -> Model:
 
 
 def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
-    """What was found as effects to add: its file is written to a folder, and read as a user's."""
+    """Found laws as effects to add, after their file was written to a folder and read as a user's file."""
     own: dict[str, Effect] = {}
     if found.new_laws:
         found.write(folder / "effect.py")
@@ -67,13 +67,13 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
 
 
 def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:
-    """Largest error of the exam run over the noise, after `add` of some effects."""
+    """Largest error over the noise on the exam run, after `add` with some effects."""
     study = Study.of(model, given.runs, [given.held_out], tuple(effects), [given.exam])
     return round(largest_error(study.exam_blocks(add(study, effects).steps[-1].fit)), 3)
 
 
 def largest_error(blocks: Sequence[ResidualBlock]) -> float:
-    """Largest root mean square error of a channel, over its noise."""
+    """Largest root mean square error of a channel over its noise."""
     return max(float(np.sqrt(np.mean(block.residual**2))) for block in blocks)
 
 

@@ -44,7 +44,7 @@ TARGETS = {"led": 0.95, "frictions": 0.95, "model": 0.95}
 
 
 def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
-    """One case."""
+    """Row of the table for one case."""
     case = dominated.generate(robot, kind, seed)
     big, train, held_out, exam = case.dominant, case.train, [case.held_out] if seed % 2 else [], [case.exam]
     model = arm_model(robot=robot)
@@ -74,7 +74,7 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
 
 
 def _lead(steps: Sequence[RepairStep], wanted: set[tuple[str, str]]) -> bool:
-    """Whether these effects come first, and nothing with them."""
+    """Whether the first steps add these effects and no others."""
     left = set(wanted)
     for step in steps:
         here = {(effect, joint) for effect in step.added for joint in step.joints or ("",)}

@@ -1,4 +1,4 @@
-"""Is everything that is hidden in an arm found, nothing else, with right values, whatever the rate and the length?
+"""Are all hidden effects of an arm found and no others, with right values, at every rate and length?
 
     python benchmarks/hidden/generated_arm.py --first-seed 0 --robots 40
     python benchmarks/hidden/generated_arm.py --first-seed 0 --same-story
@@ -48,7 +48,7 @@ generated = hidden_table.generator("generated_arm")
 TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.95, "second": 0.98}
 DEVIATIONS = 3.0
 CLOSE = 1.2
-"""Error of the exported model over the model's own."""
+"""Largest error of the exported model over the error of the model itself."""
 EXPORTED = tuple(
     effect
     for effect in generated.EFFECTS
@@ -56,7 +56,7 @@ EXPORTED = tuple(
     and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
 )
 LENGTHS, COUNTS = (12.0, 30.0, 60.0, 120.0), (1, 6)
-"""s; runs."""
+"""Lengths of the recordings [s], and numbers of runs."""
 Atom = tuple[str, str]
 
 
@@ -74,7 +74,7 @@ def atoms(effects: Iterable[Candidate]) -> set[Atom]:
 
 
 def judged(mended: Repair, truth: set[Atom]) -> tuple[set[Atom], set[Atom]]:
-    """Hidden effects that are not named, and named ones that are not hidden."""
+    """Hidden effects that are not named, and named effects that are not hidden."""
     found = atoms(mended.steps[-1].effects)
     missed, false = truth - found, found - truth
     for one, parts in hidden_table.SAME_TORQUE.items():
@@ -92,7 +92,7 @@ def judged(mended: Repair, truth: set[Atom]) -> tuple[set[Atom], set[Atom]]:
 
 
 def examine(seed: int) -> hidden_table.Row:
-    """One robot."""
+    """Row of the table for one robot."""
     robot = generated.generate(seed)
     runs, truth = robot.runs(), {(hidden.effect, hidden.joint) for hidden in robot.truth}
     model = model_of(robot)
@@ -120,7 +120,7 @@ def examine(seed: int) -> hidden_table.Row:
 
 
 def line(row: hidden_table.Row) -> str:
-    """One robot's, in one line, and what is wrong in more."""
+    """Result of one robot in a line, with further lines for errors."""
     off = {name: round(pull, 1) for name, pull in row["pulls"].items() if abs(pull) > DEVIATIONS}
     text = (
         f"{row['seed']:5d} {row['robot']:12s} {row['rate']:4d} Hz {row['length']:5.1f} s in {row['runs']}"
@@ -144,7 +144,7 @@ def _spoken(which: object) -> str:
 
 
 def found_shares(rows: Sequence[hidden_table.Row]) -> dict[str, tuple[float, int]]:
-    """Shares, each with its number of cases: of named effects, of robots with no wrong name, of right values."""
+    """Shares of named effects, of robots without a wrong name and of right values, each with its number of cases."""
     pulls = np.abs(np.concatenate([[*row["pulls"].values()] for row in rows]))
     hidden = sum(row["hidden"] for row in rows)
     return {
@@ -155,7 +155,7 @@ def found_shares(rows: Sequence[hidden_table.Row]) -> dict[str, tuple[float, int
 
 
 def show(rows: Sequence[hidden_table.Row]) -> None:
-    """Print the shares of all robots beside the wanted ones, and the time."""
+    """Print the shares of all robots beside their targets, and the time."""
     print()
     second = float(np.mean([row["same after"] for row in rows])), len(rows)
     hidden_table.show_shares({**found_shares(rows), "second": second}, TARGETS)
@@ -165,7 +165,7 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
 
 
 def same_story(seed: int) -> None:
-    """One robot at every rate, in every length, in one run and in several."""
+    """Print the results of one robot at every rate and length, in one run and in several."""
     robot = generated.generate(seed, story=True)
     truth, model = {(hidden.effect, hidden.joint) for hidden in robot.truth}, model_of(robot)
     print(f"{Path(robot.name).stem}: {_spoken(sorted(truth))}")
@@ -186,7 +186,7 @@ def same_story(seed: int) -> None:
 
 
 def exported_error(seed: int) -> tuple[float, float]:
-    """Rms error of the exported and of the repaired model on new motions against the true torque, N m."""
+    """Rms error of the exported and of the repaired model against the true torque on new motions [N m]."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
     arm = mended.with_only_effects(

@@ -70,7 +70,7 @@ def study_of(runs: list[Run]) -> Study:
 
 
 def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_table.Row:
-    """One effect is hidden."""
+    """Row of the table for one hidden effect."""
     size = hidden_pendulum.REALISTIC[name] * scale
     runs, length, _ = recordings(seed, {name: size}, keep)
     study, found, row = _diagnosed(runs)
@@ -86,7 +86,7 @@ def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_tabl
 
 
 def nothing(kind: str, seed: int, keep: Path | None) -> hidden_table.Row:
-    """No effect is hidden: anything but `explained` is a false alarm."""
+    """Row of the table without a hidden effect: any verdict but `explained` is a false alarm."""
     runs, length, _ = recordings(seed, {}, keep, count=2, **SETTINGS[kind])
     study, found, row = _diagnosed(runs)
     row |= {"what": "none", "seed": seed, "false": found.verdict.key != "explained"}
@@ -94,7 +94,7 @@ def nothing(kind: str, seed: int, keep: Path | None) -> hidden_table.Row:
 
 
 def pair(one: str, two: str, seed: int, keep: Path | None) -> hidden_table.Row:
-    """Two effects are hidden; both must be in the repaired model and nothing else."""
+    """Row of the table for two hidden effects: the repaired model must have both and no others."""
     _warm()
     truth = {name: hidden_pendulum.REALISTIC[name] for name in (one, two)}
     runs, _, _ = recordings(seed, truth, keep)
@@ -120,7 +120,7 @@ def pair(one: str, two: str, seed: int, keep: Path | None) -> hidden_table.Row:
 
 
 def outside(name: str, seed: int, keep: Path | None) -> hidden_table.Row:
-    """Something is hidden that the catalogue lacks."""
+    """Row of the table for a hidden effect that the catalogue lacks."""
     runs, _, _ = recordings(seed, {name: OUTSIDE[name]}, keep, count=2)
     _, found, row = _diagnosed(runs)
     row |= {"what": name, "seed": seed, "flagged": found.verdict.key == "unknown_effect"}

@@ -53,7 +53,7 @@ def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: floa
 
 
 def study_of(runs: list[Run]) -> Study:
-    """Against Baxter's arm as described, with the whole catalogue of joints."""
+    """Study of runs with Baxter's arm as described, and the whole catalogue of joints."""
     return Study.of(arm_model(robot="baxter"), runs, [], hidden_table.JOINT_EFFECTS)
 
 
@@ -62,7 +62,7 @@ def true_joints(effect: str) -> set[str]:
 
 
 def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
-    """Right first name; right first name or an honest tie that contains it; the right joints with the right name."""
+    """Whether the first name is right; whether it or a reported tie is; whether name and joints are."""
     if not found.ranked_effects or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
         return False, False, False
     first = found.ranked_effects[0]
@@ -76,7 +76,7 @@ def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
 
 
 def pulls(study: Study, last: SearchStep, truth: str, size: float) -> dict[str, float]:
-    """By true parameter: the final model's error over its standard deviation."""
+    """Errors of the final model's values over their standard deviations, by true parameter."""
     fitted = fitted_parameters(study, last.fit)
     true = hidden_arm.true_parameters(truth, size)
     return {
@@ -87,7 +87,7 @@ def pulls(study: Study, last: SearchStep, truth: str, size: float) -> dict[str, 
 
 
 def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
-    """One case."""
+    """Row of the table for one case."""
     _warm()
     hidden = () if what == "none" else tuple(what.split("+"))
     size = 0.1 if kind == "tenth" else 1.0
@@ -136,7 +136,7 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
 
 @cache
 def _warm() -> None:
-    """Compiled functions and parsed robots, once in a process; that is not counted."""
+    """Compile functions and parse robots once in a process, outside the measured time."""
     diagnose(study_of(recordings(("joint_coulomb_friction",), 1.0, 0, duration=4.0)))
 
 

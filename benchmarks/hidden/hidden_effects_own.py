@@ -1,4 +1,4 @@
-"""Is what is hidden in bases of one's own named, and are other recordings predicted as by the truth?
+"""Are hidden effects of users' bases named, and are other recordings predicted as well as by the truth?
 
     python benchmarks/hidden/hidden_effects_own.py [--cases N] [--thresholds N] [--clean N] [--first SEED] [--off SHARE]
 
@@ -39,18 +39,18 @@ THRESHOLDS = (
     ("geared", "backlash"), ("masses", "end_stop"), ("train", "coupling_backlash"), ("cylinder", "valve_dead_zone"),
 )  # fmt: skip
 AS_GOOD, WITHIN = 1.2, 3.0
-"""Error over the noise up to which a prediction is as the truth's own; standard deviations of what is found."""
+"""Largest error of a good prediction over the noise, and largest error of a right value in standard deviations."""
 
 
 def drawn(number: int, first: int, of: Sequence[tuple[Family, str | None]]) -> Iterator[Case]:
-    """So many cases, each family in turn."""
+    """Cases of a given number, each family in turn."""
     for k in range(number):
         family, hidden = of[k % len(of)]
         yield case(family, first + k // len(of), hidden)
 
 
 def repaired(one: Case, off: float) -> tuple[str, float, Repair | None]:
-    """What came of a case, the error of the recording that took part in nothing over its noise, and the repair."""
+    """Outcome of a case, error over the noise on the recording that took part in no fit, and the repair."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             runs = one.runs()
@@ -72,14 +72,14 @@ def repaired(one: Case, off: float) -> tuple[str, float, Repair | None]:
 
 
 def within(one: Case, found: Repair) -> tuple[int, int]:
-    """How many of the true values are within three standard deviations, of those that are told; how many are not."""
+    """Number of values within `WITHIN` standard deviations of the truth, and number of values compared."""
     told = {n: p for n, p in found.model.parameters.items() if n in one.true and p.std}
     near = [abs(p.value - one[n]) <= WITHIN * p.std for n, p in told.items()]
     return sum(near), len(near)
 
 
 def counted(cases: Sequence[Case], off: float, title: str) -> list[list[str]]:
-    """A row per family, and one for all; what is not right is printed."""
+    """A row per family, and one for all; wrong results are printed."""
     rows: dict[str, list[float]] = {}
     for one in cases:
         begun = time.process_time()

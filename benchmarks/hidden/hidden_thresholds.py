@@ -28,20 +28,20 @@ from armdyn.pendulum.model import pendulum_model
 thresholds = hidden_table.generator("thresholds")
 
 WITHIN = 3.0
-"""Standard deviations of what is found."""
+"""Largest error of a right value in standard deviations."""
 SHORT, LONG = 5.0, 15.0
-"""Of a recording, s."""
+"""Lengths of short and long recordings [s]."""
 
 
 def repaired(one: "thresholds.Case") -> Repair:
-    """What comes of a case."""
+    """Repair of a case."""
     model = pendulum_model(0.35, 0.1) if one.robot == "pendulum" else arm_model(robot="baxter")
     catalogue = [effect for effect in CATALOGUE.values() if effect.acts_on in model.stages]
     return repair(Study.of(model, one.runs[:2], one.runs[2:], [*catalogue, *thresholds.effects(one.robot)]))
 
 
 def counted(cases: Sequence["thresholds.Case"]) -> list[str]:
-    """A row of the table; what is not right is printed."""
+    """Row of the table; wrong results are printed."""
     ends, begun = list[str](), time.process_time()
     for one in cases:
         found = repaired(one)

@@ -1,4 +1,4 @@
-"""Does `repair` find what dominates where a little of everything is wrong? Prints a table.
+"""Does `repair` find the dominant effect where many small effects are hidden too? Prints a table.
 
     python benchmarks/hidden/imperfect_arm.py --seeds 10 --robots baxter,ur5,panda --processes 2
 
@@ -42,16 +42,16 @@ from armdyn.run import Run
 imperfect = hidden_table.generator("imperfect_arm")
 
 CLOSE = 1.2
-"""Error in the exam, over that of the true effects, up to which a repair counts as good."""
+"""Largest exam error of a good repair over that of the true effects."""
 FEW = 2.0
-"""Values added, over those of the true effects, up to which they count as few."""
+"""Largest number of added values over that of the true effects that counts as few."""
 CONFIDENT = 0.5
-"""Share of the squared error, in training and held out, from which the first step claims to be what is missing."""
+"""Least share of the squared error, in training and held out, that a dominant first step removes."""
 TARGETS = {"named": 0.95, "few": 0.95, "close": 0.9, "quiet": 0.95}
 
 
 def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
-    """Root of the summed squares of all joints' errors, N m, with the model as it is."""
+    """Root of the sum of squared errors of all joints, with the model as it is [N m]."""
     squares = []
     for run in runs:
         ready = model.prepare_run(run)
@@ -62,7 +62,7 @@ def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
 
 
 def removed_share(before: RepairStep, after: RepairStep) -> float:
-    """Share of the squared error over all joints that a step removes, in training or held out, whichever is less."""
+    """Smaller of the shares of the squared error that a step removes in training and held out, over all joints."""
     pairs = ((before.rmse, after.rmse), (before.held_out_rmse, after.held_out_rmse))
     return min(1.0 - _squared(left) / _squared(given) for given, left in pairs)
 
@@ -72,20 +72,20 @@ def _squared(errors: Mapping[str, float]) -> float:
 
 
 def named(first: RepairStep, truth: set[tuple[str, str]]) -> bool:
-    """Whether a step adds nothing but what was put in, where it was."""
+    """Whether a step adds only hidden effects on their own joints."""
     joints = {joint for effect, joint in truth if effect in first.added}
     return set(first.added) <= {effect for effect, _ in truth} and set(first.joints) == joints
 
 
 def with_true_effects(model: ArmModel, case: object, held_out: Sequence[Run]) -> Repair:
-    """The true effects on their joints, fitted to the training runs."""
+    """Model with the true effects on their joints, fitted to the training runs."""
     effects = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
     study = Study.of(model, case.train, held_out, effects)
     return add(study, effects)
 
 
 def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
-    """One case."""
+    """Row of the table for one case."""
     case = imperfect.generate(robot, name, seed)
     truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
     model = arm_model(robot=robot)
@@ -115,7 +115,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
 
 
 def show(title: str, rows: Sequence[hidden_table.Row]) -> None:
-    """Print a line for each case and robot, then all of them beside what is wanted."""
+    """Print a line for each case and robot, then the shares of all beside their targets."""
     print(f"\n{title}: {len(rows)} cases")
     for what in dict.fromkeys(row["what"] for row in rows):
         print(f"  {what:24s}{_line([row for row in rows if row['what'] == what])}")

@@ -1,4 +1,4 @@
-"""Is what is wrong with a pendulum named in recordings as people make them, and do fits of the truth get there?
+"""Are hidden effects of a pendulum named in recordings as people make them, and do fits reach the true model?
 
     python benchmarks/hidden/imperfect_pendulum.py --seeds 40 --first-seed 0 --what names,clean,fits --processes 2
 
@@ -46,15 +46,15 @@ imperfect = hidden_table.generator("imperfect_pendulum")
 output_error = hidden_table.generator("output_error")
 
 CLOSE = 1.1
-"""Error in the exam over that of the true structure, up to which a repair counts as good."""
+"""Largest exam error of a good repair over that of the true structure."""
 REACHED = 1.05
-"""The same of a fit's error over what it can reach."""
+"""Largest error of a good fit over the least error that it can reach."""
 SPARE = 1
-"""Values that a repair may add beyond the truth."""
+"""Largest number of values that a good repair adds beyond the true ones."""
 WRONG_SIZES = np.geomspace(1e-3, 3.0, 15)
-"""In units of `accelerating`, from which output error of a friction that is not there is started."""
+"""Start values of an absent friction in an output-error fit, in units of `accelerating`."""
 QUICK = {"names": (1, 4), "clean": (1,), "fits": (4,)}
-"""Seeds of `--quick`."""
+"""Seeds of `--quick` by kind."""
 WANTED = {
     ("names", "named"): ("the first name is right, or an honest tie", 0.95),
     ("names", "set"): ("the whole set, with at most one value too many", 0.85),
@@ -63,11 +63,11 @@ WANTED = {
     ("fits", "truth"): (f"the true effects reach {REACHED} of the noise", 0.98),
     ("fits", "wrong"): (f"a wrong friction reaches {REACHED} of what output error reaches", 0.98),
 }  # fmt: skip
-"""By kind and column: what is claimed, and in which share of the cases at least."""
+"""Claims by kind and column: the text and the least share of the cases."""
 
 
 def named(world: object) -> hidden_table.Row:
-    """What `diagnose` says first, and what `repair` ends with."""
+    """First name by `diagnose`, and last model of `repair`, as a row of the table."""
     truth = [world.alike[effect] | {effect} for effect in world.hidden]
     first = set().union(*(world.alike[effect] | {effect} for effect in world.first))
     study = _study(world, exam=True)
@@ -100,7 +100,7 @@ def named(world: object) -> hidden_table.Row:
 
 
 def quiet(world: object) -> hidden_table.Row:
-    """Whether anything is named where nothing is hidden."""
+    """Row of the table without a hidden effect: whether an effect is named."""
     begun = time.process_time()
     found = diagnose(_study(world))
     said = found.ranked_effects[0].effect if found.ranked_effects else ""
@@ -109,7 +109,7 @@ def quiet(world: object) -> hidden_table.Row:
 
 
 def reached(world: object) -> hidden_table.Row:
-    """How far `add` gets with the truth and with a friction that is not there."""
+    """Errors of `add` with the true effects and with an absent friction, as a row of the table."""
     (noise,), records = world.noise.values(), world.records["run"]
     begun = time.process_time()
     error = _added(world, tuple(world.hidden))
@@ -124,7 +124,7 @@ def reached(world: object) -> hidden_table.Row:
 
 
 def _best_with(pendulum: object, effect: str, records: Sequence[object]) -> object:
-    """Output error of one effect alone, from the best of many sizes beside the true length and starts."""
+    """Output-error fit of one effect alone, best of many start sizes, from the true length and start of the swing."""
     unit = output_error.accelerating(pendulum, effect)
     tried = [replace(pendulum, effects={effect: size * unit}) for size in WRONG_SIZES]
     tried.sort(key=lambda start: _mean(output_error.predicted(start, records, steps=0)))
@@ -135,7 +135,7 @@ KINDS: Mapping[str, Callable[[object], hidden_table.Row]] = {"names": named, "cl
 
 
 def case(what: str, seed: int) -> hidden_table.Row:
-    """One world, whatever happens."""
+    """Row of the table for one world, also where an error occurs."""
     _warm()
     world = imperfect.world(seed, what)
     row: hidden_table.Row = {
@@ -156,7 +156,7 @@ def case(what: str, seed: int) -> hidden_table.Row:
 
 @cache
 def _warm() -> None:
-    """The equations of the whole catalogue are derived once in a process; that is not counted."""
+    """Derive the equations of the whole catalogue once in a process, outside the measured time."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         diagnose(_study(imperfect.world(1, "clean")))
@@ -169,7 +169,7 @@ def _study(world: object, *, exam: bool = False) -> Study:
 
 
 def _added(world: object, names: Sequence[str]) -> float:
-    """Error in the training runs after `add`."""
+    """Error in the training runs after `add` with some effects."""
     length, mass = world.guess
     effects = [CATALOGUE[name] for name in names]
     return _root(
@@ -178,18 +178,18 @@ def _added(world: object, names: Sequence[str]) -> float:
 
 
 def _root(errors: Mapping[str, float]) -> float:
-    """Of the only channel."""
+    """Error of the only channel."""
     (error,) = errors.values()
     return error
 
 
 def _mean(fit: object) -> float:
-    """Root mean square over all samples of all runs."""
+    """Root mean square error over all samples of all runs."""
     return float(np.sqrt(np.average(np.square(fit.rmse), weights=fit.samples)))
 
 
 def _values(world: object, model: Model) -> dict[str, float]:
-    """Sizes found over true ones, both per m l^2 (or what an angle sees of them), of the effects found."""
+    """Found over true sizes of the found effects, both per m l^2, or the part of them that an angle determines."""
     length, mass = (model.parameters[name].value for name in ("length", "mass"))
     found = type(world.pendulum)(length, mass, {})
     ratios = {}
@@ -203,7 +203,7 @@ def _values(world: object, model: Model) -> dict[str, float]:
 
 
 def show(what: str, rows: Sequence[hidden_table.Row]) -> None:
-    """A line for each way to record."""
+    """Print a line for each kind of recording."""
     columns = [column for kind, column in WANTED if kind == what]
     asked = [row for row in rows if not row.get("skipped")]
     lines = []
@@ -221,7 +221,7 @@ def show(what: str, rows: Sequence[hidden_table.Row]) -> None:
 
 
 def claims(everything: Mapping[str, Sequence[hidden_table.Row]], *, judged: bool) -> list[bench.Claim]:
-    """What is claimed of the kinds that were asked for."""
+    """Claims about the selected kinds."""
     found = []
     for (what, column), (sentence, least) in WANTED.items():
         values = [bool(row[column]) for row in everything.get(what, ()) if column in row]

@@ -1,4 +1,4 @@
-"""Does `inspect` find what people do to recordings by mistake, and leave sound recordings alone? Prints tables.
+"""Does `inspect` find common mistakes in recordings, and no mistake in sound recordings? Prints tables.
 
     python benchmarks/hidden/mistakes.py --seeds 3 --data DIR
 
@@ -47,21 +47,21 @@ DESCRIBED = {
     "arm_dfki_double": "double_pendulum_C1.urdf", "arm_gen3": "gen3.urdf", "emps": "emps.urdf", "ur10e": "ur10e.urdf",
     "arm_panda_unisa": "panda",
 }  # fmt: skip
-"""URDF, or known robot, by folder; what is not here is a pendulum."""
+"""URDF or known robot by folder; the recordings of all other folders are of pendulums."""
 PENDULUMS = (
     (False, ("swing_angle",)), (True, ("swing_angle", "swing_rate")), (True, ("swing_angle", "load_force")),
 )  # fmt: skip
 REAL = ("", "pivot_coulomb_friction", "quadratic_drag", "angle_gain", "angle_offset", "gripper_scale", "sensor_bias")
 CLOCK = 0.02
-"""s; the recordings' torques and rates are late in themselves, and a clock is fitted."""
+"""Largest error of a corrected clock [s]; torques and rates of the recordings have delays of their own."""
 SAME = 1e-6
-"""Of a channel's range, to which a corrected recording is the sound one."""
+"""Largest difference of a corrected recording from the sound one, over a channel's range."""
 TARGET, FALSE, COST = 0.95, 0.01, 0.3
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of one mistake; `undone` is None where only recording again helps."""
+    """Result for one mistake; `undone` is None where only a new recording helps."""
 
     name: str
     found: bool
@@ -70,7 +70,7 @@ class Answer:
 
 
 def judged(mistake: object, sound: Run, answer: Inspection) -> Answer:
-    """Whether an inspection names a mistake and undoes it."""
+    """Whether an inspection names a mistake and corrects it."""
     hits = [c for c in answer.checks if _right(c, mistake)]
     others = [c for c in answer.wrong if c.kind not in mistake.kinds]
     said = "; ".join(f"{c.severity.key} {c.kind}: {c.sentence}" for c in answer.checks[:3])
@@ -98,7 +98,7 @@ def _same(run: Run, sound: Run) -> bool:
 
 
 def as_written(model: ArmModel, mass: float, length: float) -> ArmModel:
-    """The model of a description in other units."""
+    """Model of a description in other units."""
     robot = replace(
         model.arm.robot, model=DescriptionCorrection(mass=mass, length=length).corrected_model(model.arm.model)
     )
@@ -106,7 +106,7 @@ def as_written(model: ArmModel, mass: float, length: float) -> ArmModel:
 
 
 def of_arm(robot: str, seed: int) -> Iterator[Answer]:
-    """Every mistake with one recording of an arm."""
+    """Results for every mistake in one recording of an arm."""
     real = recorded.SOUND[seed % len(recorded.SOUND)]
     sound = recorded.arm(robot, real, seed)
     model = arm_model(robot=robot, joints=made.Plant(robot).joints)
@@ -117,7 +117,7 @@ def of_arm(robot: str, seed: int) -> Iterator[Answer]:
 
 
 def of_pendulum(kind: int, seed: int) -> Iterator[Answer]:
-    """Every mistake with one recording of a pendulum."""
+    """Results for every mistake in one recording of a pendulum."""
     driven, channels = PENDULUMS[kind]
     sound = recorded.pendulum(REAL[seed % len(REAL)], seed, driven=driven, channels=channels)
     for mistake in (*made.of_pendulums(sound, seed), *made.of_signals(sound, np.random.default_rng(seed))):
@@ -139,7 +139,7 @@ def sound_runs(robots: list[str], seeds: int) -> Iterator[tuple[str, Model, Run]
 
 
 def recorded_runs(data: Path) -> Iterator[tuple[str, Model, Run]]:
-    """Real recordings, all taken to be sound."""
+    """Real recordings, all assumed to be sound."""
     for folder in sorted(path for path in data.iterdir() if path.is_dir() and path.name != "reference"):
         for file in sorted(folder.glob("*.csv")):
             try:
@@ -155,7 +155,7 @@ def recorded_runs(data: Path) -> Iterator[tuple[str, Model, Run]]:
 
 
 def cost_of(model: Model, run: Run) -> float:
-    """Processor time of inspect over that of compare."""
+    """Processor time of `inspect` over that of `compare`."""
     catalogue = [e for e in CATALOGUE.values() if e.acts_on in model.stages]
     begun = time.process_time()
     compare(Study.of(model, [run], [], catalogue))

@@ -1,4 +1,4 @@
-"""Does `inspect` find mistakes in recordings that are imperfect as real ones are? Prints tables.
+"""Does `inspect` find mistakes in recordings as imperfect as real ones? Prints tables.
 
     python benchmarks/hidden/mistakes_imperfect.py --pendulums 24 --arms 10 --first-seed 9000
 
@@ -35,12 +35,12 @@ from armdyn.run import Run
 pendulums, arms = hidden_table.generator("imperfect_pendulum"), hidden_table.generator("imperfect_arm")
 made = hidden_table.generator("imperfect_mistakes")
 TARGET, CLOCK, SAME = 0.95, 0.03, 1e-6
-"""Share that is asked for; s, and share of a channel's range, by which a mended recording may be another one."""
+"""Target share; largest difference of a corrected recording from the sound one in time [s] and over a range."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of one mistake; `mended` is None where nothing can undo it, or it is not called wrong."""
+    """Result for one mistake; `mended` is None where no correction exists, or the mistake is not named."""
 
     name: str
     found: bool
@@ -49,7 +49,7 @@ class Answer:
 
 
 def worlds(count: int, arm_count: int, first: int) -> Iterator[tuple[str, Model, Run, list]]:
-    """Name, model, sound recording and mistakes."""
+    """Name, model, sound recording and mistakes of each world."""
     for seed in range(first, first + count):
         world, rng = pendulums.world(seed, "names"), np.random.default_rng(seed)
         moved = [run for run in world.runs if "gripper_x" in run.channels]
@@ -64,7 +64,7 @@ def worlds(count: int, arm_count: int, first: int) -> Iterator[tuple[str, Model,
 
 
 def judged(mistake: object, sound: Run, model: Model) -> Answer:
-    """Whether an inspection names a mistake, and whether its correction gives the sound recording back."""
+    """Whether an inspection names a mistake, and whether its correction restores the sound recording."""
     answer = inspect_runs([mistake.run], model)
     right = [c for c in answer.checks if c.kind in mistake.kinds and c.severity is not Severity.NOTE]
     found = bool(right) and all(c.kind in mistake.kinds for c in answer.wrong)
@@ -80,7 +80,7 @@ def judged(mistake: object, sound: Run, model: Model) -> Answer:
 
 
 def _alike(run: Run, sound: Run, model: Model) -> bool:
-    """Whether a mended recording is sound, and its channels have the sound one's values at times that fit together."""
+    """Whether a corrected recording is sound and its channels have the sound values at consistent times."""
     if not inspect_runs([run], model).usable:
         return False
     shifts = []

@@ -1,4 +1,4 @@
-"""Is everything hidden in an arm found that records no torque, only what its drives were told and where it went?
+"""Are all hidden effects found in an arm that records commands and positions of its drives, but no torque?
 
     python benchmarks/hidden/servo_arm.py --first-seed 0 --robots 40
     python benchmarks/hidden/servo_arm.py --first-seed 0 --robots 20 --exports
@@ -45,12 +45,12 @@ from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 generated = hidden_table.generator("servo_arm")
 TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.93, "roll-out": 1.0}
 CLOSE, ALIKE, SHORT = 1.2, 1.05, 1e-4
-"""Errors over those of the truth; errors of an exported model over its own; short time steps [s]."""
+"""Largest error over that of the truth; largest error of an export over the model's own; short time step [s]."""
 in_mujoco = hidden_table.generator("servo_in_mujoco")
 
 
 def off(model: ArmModel, run: Run) -> dict[str, float]:
-    """By kind of roll-out, rms error of all joints together, rad."""
+    """Rms error of all joints together by kind of roll-out [rad]."""
     found = roll_outs(model, [(run, "held_out")])
     kinds = {one.kind for one in found} - {"window_5"}  # a torque pulls nothing back
     return {
@@ -62,7 +62,7 @@ def off(model: ArmModel, run: Run) -> dict[str, float]:
 
 
 def examine(seed: int) -> hidden_table.Row:
-    """One arm."""
+    """Row of the table for one arm."""
     arm = generated.generate(seed)
     truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.possible_joints(e)}
     begun = time.process_time()
@@ -100,7 +100,7 @@ def examine(seed: int) -> hidden_table.Row:
 
 
 def exported_errors(seed: int) -> list[float]:
-    """Rms error of the positions, rad, in the held-out run: by short steps in MuJoCo, by its usual ones, the model."""
+    """Rms errors of the positions in the held-out run [rad]: MuJoCo with short and usual steps, and the model."""
     arm = generated.generate(
         seed, tuple(effect for effect in generated.EFFECTS if effect in EXPRESSIBLE_EFFECTS["mujoco"])
     )
@@ -116,7 +116,7 @@ def exported_errors(seed: int) -> list[float]:
 
 
 def line(row: hidden_table.Row) -> str:
-    """One arm's, in one line, and what is wrong in more."""
+    """Result of one arm in a line, with further lines for errors."""
     wrong = {name: round(pull, 1) for name, pull in row["pulls"].items() if abs(pull) > DEVIATIONS}
     text = (
         f"{row['seed']:5d} {row['robot'][:8]:8s} {row['law']:8s} {row['hidden'] - len(row['missed']):2d} of "
@@ -128,7 +128,7 @@ def line(row: hidden_table.Row) -> str:
 
 
 def show(rows: list[hidden_table.Row]) -> None:
-    """Print the shares of all arms beside the wanted ones, and the time."""
+    """Print the shares of all arms beside their targets, and the time."""
     roll_out = float(np.mean([row["roll-out"] <= CLOSE for row in rows])), len(rows)
     hidden_table.show_shares({**found_shares(rows), "roll-out": roll_out}, TARGETS)
     print(f"seconds of processor time: median {np.median([row['cpu'] for row in rows]):.1f}")

@@ -1,4 +1,4 @@
-"""Does the first fit find the start of the swing in what users record, and is the right effect named there?
+"""Does the first fit find the start of the swing in recordings of users, and is the right effect named?
 
     python benchmarks/hidden/situations.py --seeds 20 --first-seed 1000 --processes 2
 
@@ -33,14 +33,14 @@ situations = hidden_table.generator("situations")
 
 EFFECTS = ("pivot_viscous_friction", "quadratic_drag", "sensor_bias")
 UNSEEN = {("release_unweighed", "sensor_bias")}
-"""A bias is mass where nothing is weighed."""
+"""Undetermined effects by situation: a bias acts as mass where the load is not weighed."""
 AS_GOOD = 1.02
-"""Ratio of two chi2 up to which a fit counts as the same minimum."""
+"""Largest ratio of two chi2 of the same minimum."""
 SAME_ERROR = 0.01
 
 
 def recordings(name: str, effect: str, seed: int, keep: Path | None) -> tuple[object, dict[str, float]]:
-    """The runs with the truth, and what is hidden in them; ``"none"`` hides nothing."""
+    """Runs with the truth, and their hidden values; ``"none"`` hides nothing."""
     situation = situations.SITUATIONS[name]
     hidden = {} if effect == "none" else situations.realistic(effect, situation)
     file = None if keep is None else keep / f"{name}-{effect}-{seed}.pickle"
@@ -53,13 +53,13 @@ def study_of(model: PendulumModel, recorded: object) -> Study:
 
 
 def given(name: str) -> PendulumModel:
-    """What the user starts from: a length 5 % off and a mass that is no better than a guess."""
+    """Model that the user starts with: a length 5 % wrong, and a guessed mass."""
     situation = situations.SITUATIONS[name]
     return pendulum_model(0.95 * float(np.mean(situation.length)), 1.1 * float(np.mean(situation.mass)))
 
 
 def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden_table.Row:
-    """Chi2 per sample of the true structure: of its first fit, and of the fit that starts from the truth."""
+    """Chi2 per sample of the true structure after its first fit, and after a fit that starts from the truth."""
     model = given(name)
     for effect in hidden:
         model = model.with_effect(CATALOGUE[effect])
@@ -87,7 +87,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
 
 
 def diagnosed(name: str, effect: str, seed: int, keep: Path | None) -> hidden_table.Row:
-    """One situation with one thing hidden, or with nothing."""
+    """Row of the table for one situation with one hidden effect or none."""
     _warm()
     recorded, hidden = recordings(name, effect, seed, keep)
     wall, cpu = time.perf_counter(), time.process_time()
@@ -109,7 +109,7 @@ def diagnosed(name: str, effect: str, seed: int, keep: Path | None) -> hidden_ta
 
 
 def repaired(name: str, effect: str, seed: int, keep: Path | None) -> hidden_table.Row:
-    """Whether the model that `repair` writes, compared with the same runs, gives the error that it left."""
+    """Whether the model that `repair` writes has, on the same runs, the error that `repair` reports."""
     _warm()
     recorded, _ = recordings(name, effect, seed, keep)
     found = repair(study_of(given(name), recorded))

@@ -1,4 +1,4 @@
-"""Learning the length in closed loop on a pendulum of the benchmarks' own, with a gripper that does as it is told."""
+"""Learning the length in closed loop on a pendulum of the benchmarks' own, whose gripper follows commands exactly."""
 
 from dataclasses import dataclass
 
@@ -14,22 +14,22 @@ from armdyn.pendulum.path import gripper_path
 from armdyn.run import Channel, Run
 
 DT = 0.01
-"""s between samples of load cell and gripper."""
+"""Period of the samples of load cell and gripper [s]."""
 ACT_EVERY, ESTIMATE_EVERY, FIRST_ESTIMATE = 5, 50, 100
-"""Samples."""
+"""Number of samples between actions, between estimates, and before the first estimate."""
 KICK, KICK_SAMPLES = 0.8, 20
-"""m/s^2 and samples of each half of the doublet that starts the motion: from exact rest SAC never moves."""
+"""Acceleration [m/s^2] and samples of each half of the doublet that starts the motion; from rest SAC never moves."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a trial came to.
+    """Motion, recording and estimates of one simulated trial.
 
     Attributes:
-        motion: of the gripper.
-        run: the recording.
+        motion: motion of the gripper.
+        run: recording of gripper and load cell.
         estimates: one every half second from 1 s on.
-        evaluations: of the model, by all estimates together.
+        evaluations: number of evaluations of the model in all estimates.
     """
 
     motion: Motion
@@ -38,12 +38,12 @@ class Trial:
 
     @property
     def length(self) -> float:
-        """The last estimate, m."""
+        """Length of the last estimate [m]."""
         return self.estimates[-1].value("length")
 
     @property
     def evaluations(self) -> int:
-        """Of the model, by all estimates together."""
+        """Number of evaluations of the model in all estimates."""
         return sum(estimate.evaluations for estimate in self.estimates)
 
 
@@ -55,14 +55,14 @@ def learn(
     rng: np.random.Generator,
     minimise: MinimiseFunction = descend,
 ) -> Trial:
-    """Kick, then act 20 times a second on the latest estimate.
+    """Simulated trial: a doublet starts the motion, then SAC acts 20 times a second on the latest estimate.
 
     Args:
-        truth: what really hangs there.
-        model: the first guess; its `fitted` parameters are estimated.
-        duration: s.
-        noise: standard deviation of the load cell, N.
-        rng: of the noise.
+        truth: pendulum that is simulated.
+        model: model of the first guess; its `fitted` parameters are estimated.
+        duration: duration of the trial [s].
+        noise: standard deviation of the load cell [N].
+        rng: random generator of the noise.
         minimise: method of the estimator.
     """
     samples = round(duration / DT)
@@ -90,7 +90,7 @@ def learn(
 
 
 def recording(gripper: np.ndarray, force: np.ndarray) -> Run:
-    """A run from the gripper's x, v, a (3, n) and the force (n,), both known at the samples."""
+    """Run with the gripper's x, v, a (3, n) and the force (n,) at the samples."""
     time = DT * np.arange(len(force))
     channels = {
         name: Channel(time, values.copy(), unit)
@@ -103,7 +103,7 @@ def recording(gripper: np.ndarray, force: np.ndarray) -> Run:
 
 
 def held(gripper: np.ndarray) -> Motion:
-    """The motion through x, v, a (3, n) whose acceleration is constant between samples."""
+    """Motion through the samples x, v, a (3, n), with constant acceleration between them."""
     time = DT * np.arange(gripper.shape[1])
     position = CubicHermiteSpline(time, gripper[0], gripper[1])
     velocity = position.derivative()

@@ -1,4 +1,4 @@
-"""What the estimator's benchmark estimates: recordings, models and starts, for armdyn and its rivals alike."""
+"""Cases of the estimator's benchmark: recordings, models and start values, the same for armdyn and its rivals."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -19,26 +19,26 @@ TIME = 0.01 * np.arange(1, 1001)
 NOISE = 0.01
 LENGTH, MASS = 0.368, 0.1
 TRUTH = dict(zip(NAMES, (LENGTH, 0.1003, 0.008, 0.01, 0.008), strict=True))
-"""Of the run in which everything is fitted."""
+"""True parameters of the run in which all parameters are fitted."""
 FIXED = {"mass": MASS, "drag": 0.0, "bias": 0.0, "delay": 0.0}
-"""What is not fitted where only the length is."""
+"""Values of the fixed parameters in the cases that fit only the length."""
 KNOWN = {"mass": (0.1, 0.001), "drag": (0.0, 0.01), "bias": (0.0, 0.02), "delay": (0.01, 0.01)}
 OUR_NAMES = ("length", "mass", "linear_drag.coefficient", "sensor_bias.force", "sensor_delay.time")
 
 
 WINDOWS = (0.75, 1.5, 3.0, 6.0)
-"""s, over which a start that is far off is followed; the whole recording comes last."""
+"""Ends of the growing windows of a fit from a distant start [s]; the last fit takes the whole recording."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One thing to estimate.
+    """One estimation problem.
 
     Attributes:
-        data: with the start.
-        run: the same for armdyn.
-        model: the same for armdyn.
-        windows: whether it starts far off and so over growing windows.
+        data: problem and start values for the rivals.
+        run: the recording for armdyn.
+        model: model with the start values for armdyn.
+        windows: whether the fit passes over growing windows, as from a distant start.
     """
 
     data: Data
@@ -47,19 +47,19 @@ class Scenario:
     windows: bool
 
     def ours(self) -> Estimate:
-        """By armdyn."""
+        """Estimate by armdyn."""
         estimator, begin = Estimator(self.model, {"load_force": NOISE}), self.run.channels["load_force"].time[0]
         for window in WINDOWS if self.windows else ():
             estimator.update(run_until(self.run, begin + window))
         return estimator.update(self.run)
 
     def theirs(self, fit: Fit) -> np.ndarray:
-        """By a rival: the free parameters."""
+        """Free parameters that a rival finds."""
         return over_windows(fit, self.data, WINDOWS) if self.windows else fit(self.data)
 
 
 def recording(force: np.ndarray) -> Run:
-    """The gripper's path, known from 0 on, with a force at each of `TIME`."""
+    """Run of the gripper's motion, which is known from time 0 on, and of a force at each time of `TIME`."""
     t = np.insert(TIME, 0, 0.0)
     path = {"gripper_x": (MOTION.x, "m"), "gripper_v": (MOTION.v, "m/s"), "gripper_a": (MOTION.a, "m/s^2")}
     channels = {name: Channel(t, signal(t), unit) for name, (signal, unit) in path.items()}
@@ -67,12 +67,12 @@ def recording(force: np.ndarray) -> Run:
 
 
 def simple_model(length: float, mass: float = MASS) -> PendulumModel:
-    """Only the length is fitted."""
+    """Pendulum model whose only fitted parameter is the length."""
     return pendulum_model(length, mass).with_fixed("mass", "initial_angle", "initial_rate")
 
 
 def full_model(length: float) -> PendulumModel:
-    """Length, mass, drag, bias and delay are fitted."""
+    """Pendulum model that fits length, mass, drag, bias and delay."""
     model = pendulum_model(length, MASS).with_fixed("initial_angle", "initial_rate")
     for name in ("linear_drag", "sensor_bias", "sensor_delay"):
         model = model.with_effect(CATALOGUE[name])
@@ -83,14 +83,14 @@ def full_model(length: float) -> PendulumModel:
 
 
 def length_force(data: Path | None) -> np.ndarray:
-    """(1000,) N of the run in which only the length is unknown; column 7 of a recording of `MOTION` at `TIME`."""
+    """Force of the run in which only the length is unknown (1000,) [N]: column 7 of a recording of `MOTION`."""
     if data is not None:
         return np.loadtxt(data, delimiter=",", skiprows=1)[:, 6]
     return Pendulum(LENGTH, MASS).simulate(MOTION, TIME)[1] + NOISE * np.random.default_rng(0).normal(size=len(TIME))
 
 
 def full_force() -> np.ndarray:
-    """(1000,) N of the run in which everything is unknown."""
+    """Force of the run in which all parameters are unknown (1000,) [N]."""
     pendulum = Pendulum(TRUTH["length"], TRUTH["mass"], TRUTH["drag"])
     late = np.maximum(TIME - TRUTH["delay"], 0.0)
     force = pendulum.simulate(MOTION, late)[1] + TRUTH["bias"]
@@ -99,7 +99,7 @@ def full_force() -> np.ndarray:
 
 @cache
 def scenarios(data: Path | None) -> dict[str, Scenario]:
-    """The length alone and everything: from the estimate half a second earlier, from 2 mm off and from 20 % off."""
+    """Cases by name: the length or all parameters, from an earlier estimate, 2 mm beside or 20 % beside the truth."""
     return {
         f"{what}, {where}": scenario
         for what, everything in (("length", False), ("five parameters", True))

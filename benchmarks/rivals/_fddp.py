@@ -16,7 +16,7 @@ Evaluation = Callable[[Data, np.ndarray, np.ndarray | None], None]
 
 
 def fddp(staged: Staged) -> Callable[[], tuple[float, int]]:
-    """A function that solves the problem from rest and returns the cost and the number of iterations."""
+    """Function that solves the problem from rest and returns the cost and the number of iterations."""
     n = len(staged.initial)
     s, u = ca.SX.sym("s", n), ca.SX.sym("u")
     following, cost = staged.step(s, u), staged.end(s)

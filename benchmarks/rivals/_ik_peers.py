@@ -11,26 +11,26 @@ from scipy.optimize import OptimizeResult, least_squares
 import urdf
 
 Solve = Callable[[pin.SE3, np.ndarray], np.ndarray | None]
-"""Takes the pose of the tool's frame and a start (n,), gives a posture (n,) or None."""
-TOLERANCE = 1e-6  # m and rad, of every component
-STARTS = 20  # a cold target may take
-ITERATIONS = 100  # of pink's steps from one start
-TRACIK_SECONDS = 0.05  # a target may take; trac-ik restarts by itself
+"""Function of the tool frame's pose and a start posture (n,) that returns a posture (n,) or None."""
+TOLERANCE = 1e-6  # largest error of every component [m], [rad]
+STARTS = 20  # largest number of starts for a target without a nearby posture
+ITERATIONS = 100  # largest number of pink's steps from one start
+TRACIK_SECONDS = 0.05  # longest time for a target [s]; trac-ik restarts by itself
 
 
 class MissingPeerError(Exception):
-    """A peer that is not installed; the message says how to get it."""
+    """A library is not installed; the message gives the command that installs it."""
 
 
 def error_of(robot: urdf.Robot, data: pin.Data, target: pin.SE3, q: np.ndarray) -> np.ndarray:
-    """Shift [m] and turn [rad] left to the target, (6,)."""
+    """Remaining translation [m] and rotation [rad] from a posture to the target (6,)."""
     pin.framesForwardKinematics(robot.model, data, q)
     pose = data.oMf[robot.tool_frame_id]
     return np.concatenate((target.translation - pose.translation, pin.log3(pose.rotation.T @ target.rotation)))
 
 
 def scipy_solver(robot: urdf.Robot) -> Solve:
-    """Bounded least squares (dogbox, faster here than trf) on Pinocchio's Jacobian."""
+    """Inverse kinematics by scipy's bounded least squares (dogbox, faster here than trf) on Pinocchio's Jacobian."""
     data, lower, upper = robot.model.createData(), robot.limits.lower, robot.limits.upper
 
     def residual(q: np.ndarray, target: pin.SE3) -> np.ndarray:
@@ -56,7 +56,7 @@ def scipy_solver(robot: urdf.Robot) -> Solve:
 
 
 def pink_solver(robot: urdf.Robot) -> Solve:
-    """Differential inverse kinematics stepped until it arrives, with its joint limits; QP by daqp."""
+    """Inverse kinematics by pink's differential steps up to the target, with joint limits; daqp solves the QP."""
     try:
         import pink
         from pink.limits import ConfigurationLimit
@@ -80,7 +80,7 @@ def pink_solver(robot: urdf.Robot) -> Solve:
 
 
 def tracik_solver(robot: urdf.Robot) -> Solve:
-    """trac-ik: KDL's Newton method and NLopt's SQP side by side, restarts of its own."""
+    """Inverse kinematics by trac-ik: KDL's Newton method and NLopt's SQP in parallel, with its own restarts."""
     try:
         from trac_ik import TracIK
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Sequential action control in plain Python and numpy, every derivative by hand: a rival that owes armdyn nothing.
+"""Sequential action control in plain Python and numpy, every derivative by hand, without armdyn's code.
 
 The step-by-step forward pass is in Python floats, which are faster there than small arrays; the derivatives of all
 steps are taken at once with numpy. State: x, v, phi, P (momentum), d phi/d l, d P/d l.
@@ -17,13 +17,13 @@ Number = TypeVar("Number", float, np.ndarray)
 
 
 class NumpyControl:
-    """Chooses needles for a bare pendulum of a length (m) and a mass (kg)."""
+    """Sequential action control of a pendulum with a length [m], a mass [kg] and no other effect."""
 
     def __init__(self, length: float, mass: float, settings: SacSettings) -> None:
         self.length, self.mass, self.settings = length, mass, settings
 
     def act(self, state: np.ndarray) -> tuple[float, float, float, np.ndarray, float]:
-        """Acceleration, start, end, schedule and cost of the action from an extended state (6,)."""
+        """Acceleration, start, end, schedule and cost of the best action from an extended state (6,)."""
         c = self.settings
         free = np.zeros(c.steps)
         free_cost, gradient = self.gradient(free, state)
@@ -45,7 +45,7 @@ class NumpyControl:
         return 0.0, 0.0, 0.0, self._within_speed(free, float(state[1])), free_cost
 
     def gradient(self, schedule: np.ndarray, state: np.ndarray) -> tuple[float, np.ndarray]:
-        """Cost and its derivative (steps,) with respect to the accelerations."""
+        """Cost of a schedule of accelerations (steps,) and its gradient (steps,)."""
         dt = self.settings.dt
         cost, stages = self._forward(schedule, state)
         visited = np.array(stages).reshape(len(schedule), 4, 6)
@@ -67,7 +67,7 @@ class NumpyControl:
         return cost, gradient
 
     def _forward(self, schedule: np.ndarray, state: np.ndarray) -> tuple[float, list[State]]:
-        """Cost, and the four points of every Runge-Kutta step."""
+        """Cost of a schedule, and the four points of every Runge-Kutta step."""
         dt, z, cost, stages = self.settings.dt, tuple(state.tolist()), 0.0, []
         for u in schedule.tolist():
             cost += dt * self._running(z, u)
@@ -91,7 +91,7 @@ class NumpyControl:
         return v, u, rate, m * L * s * h, rate_l, m * s * h + m * L * c * psi1 * h + m * L * s * v * rate_l
 
     def _swing(self, v: Number, s: Number, c: Number, P: Number, psi1: Number, psi2: Number) -> tuple[Number, Number]:
-        """Swing rate, and its derivative with respect to the length; s, c are sine and cosine of the angle."""
+        """Swing rate and its derivative with respect to the length; s and c are sine and cosine of the angle."""
         L, i = self.length, 1 / (self.mass * self.length * self.length)
         return P * i + v * c / L, psi2 * i - 2 * P * i / L - v * c / (L * L) - v * s * psi1 / L
 
@@ -108,7 +108,7 @@ class NumpyControl:
         )  # fmt: skip
 
     def _rate_jacobian(self, z: np.ndarray) -> np.ndarray:
-        """(..., 6, 6) of `_rate` at points (..., 6)."""
+        """Jacobians of `_rate` (..., 6, 6) at points (..., 6)."""
         L, m = self.length, self.mass
         v, phi, P, psi1, psi2 = np.moveaxis(z, -1, 0)[1:]
         s, c = np.sin(phi), np.cos(phi)
@@ -136,7 +136,7 @@ class NumpyControl:
     def _swing_gradients(
         self, v: np.ndarray, s: np.ndarray, c: np.ndarray, psi1: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(..., 6) each, of the two numbers of `_swing` with respect to the state."""
+        """Gradients of the two values of `_swing` with respect to the state, (..., 6) each."""
         L, i = self.length, 1 / (self.mass * self.length**2)
         a_z, b_z = np.zeros((*v.shape, 6)), np.zeros((*v.shape, 6))
         a_z[..., 1], a_z[..., 2], a_z[..., 3] = c / L, -v * s / L, i
@@ -145,7 +145,7 @@ class NumpyControl:
         return a_z, b_z
 
     def _running_gradient(self, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 6) and (N,) derivatives of the running cost."""
+        """Derivatives of the running cost with respect to states (N, 6) and accelerations (N,)."""
         L, m, w = self.length, self.mass, self.settings
         x, v, phi, P, psi1, psi2 = z.T
         s, c = np.sin(phi), np.cos(phi)

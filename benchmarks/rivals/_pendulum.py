@@ -20,7 +20,7 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Motion:
-    """The gripper along its line: position m, velocity m/s, acceleration m/s^2, each a function of time, s."""
+    """Gripper on its line: position [m], velocity [m/s] and acceleration [m/s^2] as functions of time [s]."""
 
     x: Signal
     v: Signal
@@ -29,30 +29,30 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pendulum:
-    """Parameters: m, kg, N s/m."""
+    """Load on a string: its length [m], mass [kg] and linear drag coefficient [N s/m]."""
 
     length: float
     mass: float
     drag: float = 0.0
 
     def momentum(self, angle: float, rate: float, v: float) -> float:
-        """Canonical momentum of the angle, kg m^2/s."""
+        """Canonical momentum of the angle [kg m^2/s]."""
         return self.mass * self.length * (self.length * rate - v * np.cos(angle))
 
     def derivative(self, state: Sequence[float], v: float) -> tuple[float, float]:
-        """Rates of phi and p."""
+        """Time derivatives of the angle phi and its momentum p."""
         phi, p = state
         rate = p + v / self.length * cos(phi)
         return rate, sin(phi) / self.length * (v * rate - GRAVITY) - self.drag / self.mass * p
 
     def tension(self, phi: np.ndarray, p: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """T, N; (n,) each."""
+        """String tension (n,) [N] from angle, momentum, and velocity and acceleration of the gripper, (n,) each."""
         rate = p + v / self.length * np.cos(phi)
         pull = GRAVITY * np.cos(phi) + self.length * rate**2 + a * np.sin(phi)
         return self.mass * pull + self.drag * v * np.sin(phi)
 
     def simulate(self, motion: Motion, times: np.ndarray, tolerance: float = 1e-11) -> tuple[np.ndarray, np.ndarray]:
-        """Angle rad and tension N at `times` (n,), from a load at rest at time 0."""
+        """Angle [rad] and tension [N] at `times` (n,) of a load that is at rest at time 0."""
         solution = solve_ivp(
             lambda t, state: self.derivative(state, float(motion.v(t))),
             (0.0, times[-1]), [0.0, 0.0], "DOP853", times, rtol=tolerance, atol=tolerance, max_step=0.05,
@@ -61,7 +61,7 @@ class Pendulum:
         return phi, self.tension(phi, p, motion.v(times), motion.a(times))
 
     def advance(self, state: tuple[float, float], v: float, a: float, dt: float) -> tuple[float, float]:
-        """State phi, p after a time in which the acceleration is held: two Runge-Kutta steps, exact to 1e-9."""
+        """State (phi, p) after a time of constant acceleration, by two Runge-Kutta steps, accurate to 1e-9."""
         h = dt / 2
         for _ in range(2):
             k1 = self.derivative(state, v)
@@ -74,7 +74,7 @@ class Pendulum:
         return state
 
     def length_sensitivity(self, motion: Motion, times: np.ndarray, change: float = 1e-5) -> np.ndarray:
-        """(n,) dT/dl, N/m, by central differences."""
+        """Derivative of the tension with respect to the length (n,) [N/m], by central differences."""
         longer, shorter = (replace(self, length=self.length + sign * change) for sign in (1, -1))
         return (longer.simulate(motion, times)[1] - shorter.simulate(motion, times)[1]) / (2 * change)
 
@@ -84,7 +84,7 @@ def _moved(state: Sequence[float], time: float, rate: Sequence[float]) -> tuple[
 
 
 def sum_of_cosines(amplitudes: tuple[float, ...], frequencies: tuple[float, ...]) -> Motion:
-    """The motion x = sum A_i (1 - cos(2 pi f_i t)), m and Hz, which starts at rest."""
+    """Motion x = sum A_i (1 - cos(2 pi f_i t)) with amplitudes in m and frequencies in Hz; it starts at rest."""
     parts = [(A, 2 * pi * f) for A, f in zip(amplitudes, frequencies, strict=True)]
 
     def x(t: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-r"""Problem TA: swing a load on a string up to a point, as nonlinear programs that owe nothing to armdyn's code.
+r"""Problem TA: swing a load on a string up to a point, as nonlinear programs without armdyn's code.
 
 A load of m = 0.1 kg on l = 0.368 m hangs at rest; over N = 500 steps of dt = 0.01 s the gripper's acceleration a_k
 minimises
@@ -20,16 +20,16 @@ LENGTH, MASS, GRAVITY, DT, STEPS = 0.368, 0.1, 9.81, 0.01, 500
 TARGET = (-0.45, -0.248)
 POSITION_WEIGHT, VELOCITY_WEIGHT = 1e4, 1e3
 BEST_VARIATIONAL, BEST_RUNGE_KUTTA = 0.515326192, 0.515467631
-"""Least costs; on the second IPOPT, fatrop and FDDP agree to 1e-9."""
+"""Least costs of the two discretisations; on the second one IPOPT, fatrop and FDDP agree to 1e-9."""
 
 
 @dataclass(frozen=True)
 class Staged:
-    """Dynamics and end of a problem stage by stage.
+    """Optimal control problem in stages.
 
     Attributes:
-        step: ``(s, u) -> s_next``.
-        end: ``s -> ()`` cost of the last state.
+        step: dynamics of a stage, ``(s, u) -> s_next``.
+        end: cost of the last state, ``s -> ()``.
         initial: state at rest.
         best: the least cost.
     """
@@ -45,8 +45,8 @@ class Program:
     """A nonlinear program with equality constraints.
 
     Attributes:
-        nlp: as `casadi.nlpsol` takes it.
-        guess: of the unknowns: everything at rest.
+        nlp: the program in the form that `casadi.nlpsol` accepts.
+        guess: start values of the unknowns: everything at rest.
         best: the least cost.
     """
 
@@ -61,7 +61,7 @@ def end_cost(position: ca.SX, velocity: ca.SX) -> ca.SX:
 
 
 def runge_kutta() -> Staged:
-    """State x, v, phi, phi'."""
+    """Problem TA discretised by Runge-Kutta steps, with states x, v, phi, phi'."""
     s, u = ca.SX.sym("s", 4), ca.SX.sym("u")
 
     def rate(s: ca.SX) -> ca.SX:
@@ -109,7 +109,7 @@ def variational() -> Staged:
 
 
 def flat(staged: Staged) -> Program:
-    """Every stage written out in scalar operations: the fastest form for CasADi's virtual machine."""
+    """Program with all stages written out in scalar operations, the fastest form for CasADi's virtual machine."""
     n = len(staged.initial)
     states = [ca.SX.sym(f"s{k}", n) for k in range(STEPS + 1)]
     controls = [ca.SX.sym(f"u{k}") for k in range(STEPS)]
@@ -127,7 +127,7 @@ def flat(staged: Staged) -> Program:
 
 
 def mapped(staged: Staged) -> Program:
-    """The same program with loops over the stages: the form whose C code compiles in seconds."""
+    """The same program with loops over the stages, a form whose C code compiles in seconds."""
     n = len(staged.initial)
     w = ca.MX.sym("w", STEPS * (n + 1) + n)
     stages, last = ca.reshape(w[: STEPS * (n + 1)], n + 1, STEPS), w[STEPS * (n + 1) :]
@@ -145,7 +145,7 @@ def mapped(staged: Staged) -> Program:
 
 
 def as_stated() -> Program:
-    """The variational problem in Cartesian positions with the multipliers as unknowns, from their values at rest."""
+    """Variational problem in Cartesian positions, with unknown multipliers that start from their values at rest."""
     gripper, load = [ca.SX(0), ca.SX(0)], [ca.SX([0, -LENGTH])] * 2
     unknowns, residuals, guess, effort = [], [], [], 0
     weight = ca.vertcat(0, DT * MASS * GRAVITY)

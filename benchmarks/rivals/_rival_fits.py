@@ -16,23 +16,23 @@ from scipy.optimize import least_squares
 NAMES = ("length", "mass", "drag", "bias", "delay")
 TYPICAL = np.array([0.3, 0.1, 5e-3, 0.01, 0.01])
 SHORTEST_STEP = 1e-2
-"""Standard deviations."""
+"""Step in standard deviations below which Gauss-Newton stops."""
 INTEGRATOR = "DOP853"
-"""The fastest of scipy's at the tolerance that the finite differences need; RK45 takes three times as long."""
+"""Fastest integrator of scipy at the tolerance that finite differences need; RK45 takes three times as long."""
 
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """What was measured, and what is known besides.
+    """Measurements, priors and start values of an estimation problem.
 
     Attributes:
-        time: (n,) of the load cell's samples, s; everything is at rest at 0.
-        force: (n,) N.
-        noise: standard deviation of one sample, N.
-        motion: of the gripper.
-        known: by name: mean and standard deviation of a prior; a parameter that is neither here nor in `free` is fixed.
-        free: parameters to find.
-        start: (5,) in the order of `NAMES`.
+        time: times of the load cell's samples (n,) [s]; gripper and load are at rest at 0.
+        force: measured force (n,) [N].
+        noise: standard deviation of one sample [N].
+        motion: motion of the gripper.
+        known: mean and standard deviation of the priors by parameter; a parameter neither here nor in `free` is fixed.
+        free: names of the parameters to find.
+        start: start values (5,) in the order of `NAMES`.
     """
 
     time: np.ndarray
@@ -45,28 +45,28 @@ class Data:
 
     @property
     def columns(self) -> list[int]:
-        """Of the free parameters."""
+        """Indices of the free parameters in `NAMES`."""
         return [NAMES.index(name) for name in self.free]
 
     def until(self, end: float) -> "Data":
-        """The samples up to `end` s."""
+        """The same problem with the samples up to `end` [s]."""
         n = int(np.searchsorted(self.time, end, side="right"))
         return replace(self, time=self.time[:n], force=self.force[:n])
 
     def with_start(self, values: np.ndarray) -> "Data":
-        """Other values of the free parameters to start from."""
+        """The same problem with other start values of the free parameters."""
         start = self.start.copy()
         start[self.columns] = values
         return replace(self, start=start)
 
     def full(self, values: np.ndarray) -> np.ndarray:
-        """(5,) or (k, 5) parameters from (p,) or (k, p) free ones."""
+        """All parameters, (5,) or (k, 5), from the free ones, (p,) or (k, p)."""
         theta = np.broadcast_to(self.start, (*np.shape(values)[:-1], 5)).copy()
         theta[..., self.columns] = values
         return theta
 
     def residual(self, predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(n + priors,) in standard deviations."""
+        """Residuals of samples and priors (n + priors,), in standard deviations."""
         beliefs = [
             (values[i] - self.known[k][0]) / self.known[k][1] for i, k in enumerate(self.free) if k in self.known
         ]
@@ -75,11 +75,11 @@ class Data:
 
 Number = float | np.ndarray
 Fit = Callable[[Data], np.ndarray]
-"""The free parameters of least cost, from the data's start."""
+"""Function that finds the free parameters of least cost from the data's start values."""
 
 
 def with_scipy(data: Data) -> np.ndarray:
-    """`scipy.optimize.least_squares` on `scipy.integrate.solve_ivp`, in units of the parameters' typical size."""
+    """Fit by `scipy.optimize.least_squares` on `scipy.integrate.solve_ivp`, scaled by the parameters' typical size."""
     start, scale = data.start[data.columns], TYPICAL[data.columns]
 
     def residual(scaled: np.ndarray) -> np.ndarray:
@@ -101,7 +101,7 @@ def with_scipy(data: Data) -> np.ndarray:
 
 
 def with_floats(data: Data) -> np.ndarray:
-    """Gauss-Newton; the Runge-Kutta steps of one rollout after another in Python floats."""
+    """Fit by Gauss-Newton, with the Runge-Kutta steps of one rollout after another in Python floats."""
 
     def predict(values: np.ndarray) -> np.ndarray:
         return np.stack([_force(data, theta, math.sin, math.cos) for theta in data.full(values)])
@@ -110,7 +110,7 @@ def with_floats(data: Data) -> np.ndarray:
 
 
 def with_arrays(data: Data) -> np.ndarray:
-    """Gauss-Newton; the Runge-Kutta steps of all rollouts of a finite difference at once, in numpy arrays."""
+    """Fit by Gauss-Newton, with the rollouts of a finite difference side by side in numpy arrays."""
 
     def predict(values: np.ndarray) -> np.ndarray:
         return _force(data, data.full(values).T[..., None], np.sin, np.cos)
@@ -119,7 +119,7 @@ def with_arrays(data: Data) -> np.ndarray:
 
 
 def over_windows(fit: Fit, data: Data, windows: Sequence[float]) -> np.ndarray:
-    """Fit over windows that grow, each from the last one's result, then over everything."""
+    """Fit over growing windows, each from the last result, then over the whole recording."""
     for window in (*windows, np.inf):
         values = fit(data.until(window))
         data = data.with_start(values)
@@ -127,7 +127,7 @@ def over_windows(fit: Fit, data: Data, windows: Sequence[float]) -> np.ndarray:
 
 
 def _force(data: Data, theta: np.ndarray, sine: Callable, cosine: Callable) -> np.ndarray:
-    """(n,) for (5,) parameters in floats, (k, n) for parameters (5, k, 1) in arrays."""
+    """Predicted force: (n,) for parameters (5,) in floats, (k, n) for parameters (5, k, 1) in arrays."""
     length, mass, drag, bias, delay = theta
     nodes = np.maximum(np.insert(data.time, 0, 0.0) - delay, 0.0)  # (n+1,) or (k, n+1)
     v = data.motion.v(nodes)
@@ -146,7 +146,7 @@ def _force(data: Data, theta: np.ndarray, sine: Callable, cosine: Callable) -> n
 def _integrate(
     length: Number, decay: Number, rows: Iterable[tuple[Number, ...]], sine: Callable, cosine: Callable, zero: Number
 ) -> list[tuple[Number, Number]]:
-    """States phi, p after every Runge-Kutta step, of one rollout in floats or of several in arrays."""
+    """States (phi, p) after every Runge-Kutta step of one rollout in floats or of several in arrays."""
 
     def rate(phi: Number, p: Number, v: Number) -> tuple[Number, Number]:
         swing = p + v / length * cosine(phi)
@@ -165,7 +165,7 @@ def _integrate(
 
 
 def _gauss_newton(data: Data, predict: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Gauss-Newton with forward differences; `predict` takes (k, p) values and gives (k, n) forces."""
+    """Free parameters by Gauss-Newton with forward differences; `predict` maps values (k, p) to forces (k, n)."""
     values = data.start[data.columns]
     change = 1e-6 * TYPICAL[data.columns]
     while True:

@@ -34,22 +34,22 @@ RIVALS: dict[str, Fit] = {
     "plain Runge-Kutta, numpy arrays": with_arrays,
 }
 SAME = 0.02
-"""Standard deviations by which two answers may differ; each stops within 0.01."""
+"""Largest difference of two estimates in standard deviations; each method stops within 0.01."""
 LEAST_EFFICIENCY = 0.95
 GUESSES = np.linspace(0.15, 0.9, 12)
-"""m; of the study of convergence."""
+"""Guesses of the length in the study of convergence [m]."""
 WITHIN = 5.0
-"""Standard deviations of the last estimate within which it counts as converged to the truth."""
+"""Largest error of a converged estimate, in its standard deviations."""
 DEFAULT_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "reference" / "est_data.csv"
 
 
 def armdyn_once(name: str, data: Path | None) -> float:
-    """A contender that another process can be asked to run."""
+    """Seconds of one estimate by armdyn, as a function that another process can call by its name."""
     return bench.timed(scenarios(data)[name].ours)()
 
 
 def compare(data: Path | None, rounds: int, near_only: bool) -> tuple[list[dict[str, object]], float]:
-    """Rows of the race, and by how many standard deviations any answer differs from armdyn's."""
+    """Rows of the comparison, and the largest difference of an estimate from armdyn's in standard deviations."""
     rows: list[dict[str, object]] = []
     worst = 0.0
     with bench.without_compiler() as elsewhere:
@@ -84,16 +84,16 @@ def compare(data: Path | None, rounds: int, near_only: bool) -> tuple[list[dict[
 
 @dataclass(frozen=True)
 class Efficiency:
-    """Cramer-Rao bound over mean squared error.
+    """Ratio of the Cramer-Rao bound to the mean squared error of the estimates.
 
     Attributes:
-        plain: from the squared errors alone.
-        plain_std: its sampling uncertainty.
-        paired: against the squared errors that the best linear unbiased estimate makes on the same noise, whose
-            expectation is the bound; most of the chance cancels.
-        paired_std: its sampling uncertainty.
-        bound: standard deviation, m.
-        mean_error: m.
+        plain: ratio from the squared errors alone.
+        plain_std: standard deviation of `plain`.
+        paired: ratio with the squared errors of the best linear unbiased estimate on the same noise as reference;
+            their expectation is the bound, and most of the chance cancels.
+        paired_std: standard deviation of `paired`.
+        bound: least standard deviation of the length [m].
+        mean_error: mean error of the length [m].
     """
 
     plain: float
@@ -105,7 +105,7 @@ class Efficiency:
 
 
 def efficiency(draws: int) -> Efficiency:
-    """Of the length alone on the exact model, one estimate per draw of the noise, started 2 mm off."""
+    """Efficiency of the length on the exact model: one estimate per draw of the noise, from a guess 2 mm beside."""
     truth = Pendulum(LENGTH, MASS)
     force, slope = truth.simulate(MOTION, TIME)[1], truth.length_sensitivity(MOTION, TIME)
     bound = NOISE**2 / float(slope @ slope)
@@ -130,7 +130,7 @@ def efficiency(draws: int) -> Efficiency:
 
 
 def convergence(guesses: np.ndarray, seeds: int) -> list[dict[str, object]]:
-    """From far-off guesses: 6 s of SAC at 5 mN, and the weaker motion of the other tables at 10 mN for comparison."""
+    """Shares of converged estimates by guess: 6 s of SAC at 5 mN, and the other tables' weaker motion at 10 mN."""
     strong, weak = Pendulum(LENGTH, 0.08), Pendulum(LENGTH, MASS).simulate(MOTION, TIME)[1]
     rows: list[dict[str, object]] = []
     for guess in guesses.tolist():

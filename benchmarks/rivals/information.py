@@ -1,4 +1,4 @@
-"""What a motion of the gripper tells about the length: sequential action control against chirps, multisines and sines.
+"""Information of a gripper motion about the length: sequential action control against chirps, multisines and sines.
 
     python benchmarks/rivals/information.py [--quick] [--seeds N] [--json FILE]
 
@@ -33,17 +33,17 @@ from armdyn.run import Run
 LENGTH, MASS, NOISE, DURATION = 0.368, 0.08, 0.005, 6.0
 TIME = DT * np.arange(round(DURATION / DT) + 1)
 REACH = 0.2
-"""m to either side."""
+"""Largest distance of the gripper from the middle [m]."""
 LEAST_TENSION = 0.2
-"""Of the load's weight: nearer to zero the string goes slack at the smallest disturbance."""
+"""Least tension over the load's weight; below it, the string goes slack at the smallest disturbance."""
 RAMP = 0.5
-"""s in which a periodic motion fades in."""
+"""Time in which a periodic motion fades in [s]."""
 RESONANCE = np.sqrt(9.81 / LENGTH) / (2 * np.pi)
 CHIRPS = ((0.1, 1.0), (0.2, 2.0), (0.5, 3.0), (0.1, 5.0), (0.6, 1.1))
-"""Hz; the last about the resonance, for which one must know the length."""
+"""First and last frequency of the chirps [Hz]; the last chirp is about the resonance and needs a known length."""
 MULTISINES = 20
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
-"""m; of the paper's Table I."""
+"""Guesses of the length in the paper's Table I [m]."""
 NUISANCES = {
     "linear_drag": ("linear_drag.coefficient", 0.0, 0.01),
     "sensor_bias": ("sensor_bias.force", 0.0, 0.02),
@@ -51,23 +51,23 @@ NUISANCES = {
 }
 MASS_STD = 0.0008
 AGREEMENT = 0.01
-"""Relative difference allowed between armdyn's information and finite differences of other equations."""
+"""Largest relative difference between armdyn's information and finite differences of other equations."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """What a motion costs and what it tells.
+    """Sizes of a motion and its information about the length.
 
     Attributes:
-        energy: integral of the squared acceleration, m^2/s^3.
-        x: largest distance from the middle, m.
-        v: m/s.
-        a: m/s^2.
-        swing: rad.
-        tension: smallest, N.
-        information: on the length alone, 1/m^2.
-        bound: standard deviation of the length alone, m.
-        full_bound: with mass, drag, bias and delay uncertain, m.
+        energy: integral of the squared acceleration [m^2/s^3].
+        x: largest distance from the middle [m].
+        v: largest speed [m/s].
+        a: largest acceleration [m/s^2].
+        swing: largest swing angle [rad].
+        tension: smallest tension [N].
+        information: Fisher information about the length where nothing else is unknown [1/m^2].
+        bound: least standard deviation of the length where nothing else is unknown [m].
+        full_bound: least standard deviation where mass, drag, bias and delay are uncertain [m].
     """
 
     energy: float
@@ -85,13 +85,13 @@ Condition = Callable[[Measures], bool]
 
 
 def fisher_information(model: PendulumModel, run: Run, names: tuple[str, ...]) -> np.ndarray:
-    """Of a run about some parameters of a model, the others being known (Kay, Estimation Theory, 1993, §3.9)."""
+    """Fisher information of a run about some parameters, with the others known (Kay, Estimation Theory, 1993, §3.9)."""
     problem = Problem(model, [run], {(run.name, "load_force"): NOISE})
     return problem.expansion(problem.start_values(), problem.unknowns_of(names)).hessian
 
 
 def measure(gripper: np.ndarray) -> Measures:
-    """Of x, v, a (3, n) at `TIME`."""
+    """Measures of a motion x, v, a (3, n) at `TIME`."""
     model = pendulum_model(LENGTH, MASS)
     run = recording(gripper, np.zeros(len(TIME)))
     outputs = model.rollout(gripper_path(run), model.theta(), channels=("load_force", "swing_angle")).outputs
@@ -101,7 +101,7 @@ def measure(gripper: np.ndarray) -> Measures:
         full_bound = float(
             np.sqrt(parameter_covariance(names, fisher_information(uncertain_model(), run, names))[0, 0])
         )
-    except InputError:  # the motion says nothing
+    except InputError:  # the motion has no information
         full_bound = np.inf
     x, v, a = np.max(np.abs(gripper), axis=1)
     return Measures(
@@ -112,7 +112,7 @@ def measure(gripper: np.ndarray) -> Measures:
 
 
 def uncertain_model() -> PendulumModel:
-    """With the effects that a trial allows for."""
+    """Pendulum model with the effects and priors of a trial."""
     model = pendulum_model(LENGTH, MASS)
     for name, prior in NUISANCES.items():
         model = model.with_effect(CATALOGUE[name]).with_prior(*prior)
@@ -120,7 +120,7 @@ def uncertain_model() -> PendulumModel:
 
 
 def faded_in(wave: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """x, v, a (3, n) of a wave that fades in from rest, at `TIME`."""
+    """Motion x, v, a (3, n) at `TIME` of a wave that fades in from rest."""
     knots = np.linspace(0.0, DURATION, round(DURATION / 0.002) + 1)
     s = np.clip(knots / RAMP, 0.0, 1.0)
     position = make_interp_spline(knots, s**3 * (10 - 15 * s + 6 * s**2) * wave(knots), k=5)
@@ -128,19 +128,19 @@ def faded_in(wave: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
 
 
 def chirp(start: float, end: float) -> np.ndarray:
-    """A sine whose frequency rises evenly, Hz."""
+    """Motion along a sine whose frequency rises linearly from `start` to `end` [Hz]."""
     return faded_in(lambda t: np.sin(2 * np.pi * (start * t + (end - start) * t**2 / (2 * DURATION))))
 
 
 def multisine(seed: int) -> np.ndarray:
-    """Ten tones from 0.2 to 2 Hz of equal acceleration and random phase."""
+    """Motion along ten sines from 0.2 to 2 Hz with equal acceleration and random phases."""
     tones = 0.2 * np.arange(1, 11)
     phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(tones))
     return faded_in(lambda t: sum(np.sin(2 * np.pi * f * t + p) / f**2 for f, p in zip(tones, phases, strict=True)))
 
 
 def rivals() -> dict[str, np.ndarray]:
-    """x, v, a (3, n) of each at `TIME`, up to a scale."""
+    """Motions x, v, a (3, n) at `TIME` by name, each up to a scale."""
     found = {f"chirp {low:g}-{high:g} Hz": chirp(low, high) for low, high in CHIRPS}
     sines = [multisine(seed) for seed in range(MULTISINES)]
     found[f"multisine 0.2-2 Hz, best of {MULTISINES}"] = max(sines, key=efficiency)
@@ -151,13 +151,13 @@ def rivals() -> dict[str, np.ndarray]:
 
 
 def efficiency(gripper: np.ndarray) -> float:
-    """Information per energy with a peak of 0.1 m, s^3/m^4."""
+    """Information per energy of a motion scaled to a peak of 0.1 m [s^3/m^4]."""
     found = measure(gripper * (0.1 / np.max(np.abs(gripper[0]))))
     return found.information / found.energy
 
 
 def crossing(gripper: np.ndarray, largest: float, condition: Condition) -> tuple[float, float] | None:
-    """Neighbouring scales between which a condition begins to hold; None if it does not up to `largest`."""
+    """Neighbouring scales of a motion between which a condition becomes true; None if it is false up to `largest`."""
     scales = np.geomspace(largest / 100, largest, 60)
     holds = [condition(measure(scale * gripper)) for scale in scales]
     if not any(holds):
@@ -171,7 +171,7 @@ def crossing(gripper: np.ndarray, largest: float, condition: Condition) -> tuple
 
 
 def largest_allowed(gripper: np.ndarray, acceleration: float = np.inf) -> float:
-    """The scale that keeps to the reach, a peak acceleration (m/s^2) and a taut string."""
+    """Largest scale of a motion within the reach and a peak acceleration [m/s^2] that keeps the string taut."""
     x, _, a = np.max(np.abs(gripper), axis=1)
     most = float(min(REACH / x, acceleration / a))
     slack = crossing(gripper, most, lambda found: found.tension < LEAST_TENSION * MASS * 9.81)
@@ -179,20 +179,20 @@ def largest_allowed(gripper: np.ndarray, acceleration: float = np.inf) -> float:
 
 
 def least_that(gripper: np.ndarray, condition: Condition) -> Measures | None:
-    """The motion at the smallest allowed scale at which a condition holds, None where it never does."""
+    """Measures at the smallest allowed scale at which a condition is true; None where it is never true."""
     found = crossing(gripper, largest_allowed(gripper), condition)
     return None if found is None else measure(found[1] * gripper)
 
 
 def learnt(guess: float, seed: int) -> np.ndarray:
-    """x, v, a (3, n) of the gripper while SAC learns the length in closed loop."""
+    """Motion x, v, a (3, n) of the gripper while SAC learns the length in closed loop."""
     model = pendulum_model(guess, MASS).with_fixed("mass", "initial_angle", "initial_rate")
     trial = learn(Pendulum(LENGTH, MASS), model, DURATION, NOISE, np.random.default_rng(seed))
     return np.stack([trial.run.channels[name].value for name in ("gripper_x", "gripper_v", "gripper_a")])
 
 
 def average(found: list[Measures]) -> Measures:
-    """The mean of everything; of information and bounds too."""
+    """Mean of every measure, information and bounds included."""
     return Measures(**{name: float(np.mean([getattr(m, name) for m in found])) for name in vars(found[0])})
 
 

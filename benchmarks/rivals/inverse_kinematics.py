@@ -47,7 +47,7 @@ def line_targets(robot: urdf.Robot, count: int) -> list[pin.SE3]:
 
 
 class OneByOne:
-    """A peer on a list of targets; `answers` are those of its last run."""
+    """Solver that takes a list of targets one by one; `answers` are those of its last run."""
 
     def __init__(self, solve: Solve, targets: list[pin.SE3], starts: np.ndarray, follow: bool) -> None:
         self.solve, self.targets, self.starts, self.follow = solve, targets, starts, follow
@@ -71,7 +71,7 @@ class OneByOne:
 
 
 class Batch:
-    """armdyn on the same list, all targets at once."""
+    """armdyn on the same list of targets, all at once."""
 
     def __init__(self, work: Callable[[], np.ndarray]) -> None:
         self.work = work
@@ -87,7 +87,7 @@ class Batch:
 
 
 def success(robot: urdf.Robot, targets: list[pin.SE3], answers: list[np.ndarray | None]) -> float:
-    """Share of targets that a posture within the limits holds, by Pinocchio."""
+    """Share of targets that are reached by a posture within the limits, checked by Pinocchio."""
     data = robot.model.createData()
     good = [
         answer is not None
@@ -99,7 +99,7 @@ def success(robot: urdf.Robot, targets: list[pin.SE3], answers: list[np.ndarray 
 
 
 def roughness(robot: urdf.Robot, answers: list[np.ndarray | None]) -> tuple[float, float, float]:
-    """Largest bend |q''| [rad/m^2], largest step [rad] and usable speed in the core [m/s] of postures on the line."""
+    """Largest |q''| [rad/m^2], largest step [rad] and usable speed in the core [m/s] of postures on the line."""
     line = robot.line
     s = np.linspace(line.s_min, line.s_max, len(answers))
     kept = [index for index, answer in enumerate(answers) if answer is not None]
@@ -112,7 +112,7 @@ def roughness(robot: urdf.Robot, answers: list[np.ndarray | None]) -> tuple[floa
 
 
 def peers(robot: urdf.Robot) -> dict[str, Solve]:
-    """Those that are installed; the others are named with what to do."""
+    """Solvers of the installed libraries by name; for the others, the command that installs them is printed."""
     found = {}
     for name, make in PEERS.items():
         try:
@@ -123,7 +123,7 @@ def peers(robot: urdf.Robot) -> dict[str, Solve]:
 
 
 def main() -> int:
-    """Run, print, judge."""
+    """Run the comparisons, print the tables and check the claims; 1 where a claim is missed."""
     parser = arguments(__doc__.splitlines()[0], rounds=5, quick_rounds=1)
     parser.add_argument("--robot", default="baxter", help="a robot that has a line (baxter)")
     parser.add_argument("--targets", type=int, help="cold targets (200; 20 with --quick)")
@@ -149,7 +149,7 @@ def main() -> int:
 
 
 def race_cold(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: int) -> dict[str, dict[str, object]]:
-    """Unrelated targets: home first, then up to nineteen random starts, the same for every peer."""
+    """Results on unrelated targets: every solver starts from home, then up to 19 random postures, equal for all."""
     targets = cold_targets(robot, count)
     starts = np.random.default_rng(3141).uniform(robot.limits.lower, robot.limits.upper, (STARTS, robot.model.nv))
     starts[0] = robot.home
@@ -173,7 +173,7 @@ def race_cold(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: i
 
 
 def batch_of_many(robot: urdf.Robot) -> dict[str, float]:
-    """The batch solver where it is at home."""
+    """Results of the batch solver on many targets at once."""
     targets = cold_targets(robot, MANY)
     rotation, position = _arrays(robot, targets)
     solver = IkSolver(robot)
@@ -188,7 +188,7 @@ def batch_of_many(robot: urdf.Robot) -> dict[str, float]:
 
 
 def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: int) -> dict[str, dict[str, object]]:
-    """Targets along the line; peers start each from the posture before, armdyn takes its planned branch."""
+    """Results on targets along the line; the peers start from the posture before, armdyn from its planned branch."""
     targets = line_targets(robot, count)
     line, planner = robot.line, BranchPlanner(robot, robot.line)
     s, chain = np.linspace(line.s_min, line.s_max, count), planner.chain
@@ -227,7 +227,7 @@ def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: i
 
 
 def timed_build(robot: urdf.Robot) -> float:
-    """Seconds that a whole table takes."""
+    """Duration of building a whole table [s]."""
     started = perf_counter()
     build_line_table(robot)
     return perf_counter() - started

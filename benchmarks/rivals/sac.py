@@ -27,9 +27,9 @@ OURS, OURS_VM, RIVAL = "armdyn", "armdyn, no C compiler", "plain numpy"
 THREE, TWO = "armdyn, three parameters", "armdyn, two rivals"
 STATES = 16
 SAME = 1e-9
-"""Relative difference allowed between the two implementations' costs, gradients and actions."""
+"""Largest relative difference of the two implementations' costs, gradients and actions."""
 CHANGE, FINITE_DIFFERENCE = 1e-4, 1e-6
-"""m/s^2 of the central differences, and the error allowed, relative to the largest entry of the gradient."""
+"""Change of central differences [m/s^2], and their largest error over the largest entry of the gradient."""
 
 
 @cache
@@ -39,7 +39,7 @@ def armdyn_control() -> tuple[SequentialActionControl, PendulumModel, list[SacSt
 
 
 def situations() -> list[SacState]:
-    """What a controller meets: a gripper within 0.19 m of the middle, a load that swings by up to 0.4 rad."""
+    """States of a trial: the gripper within 0.19 m of the middle, the load within 0.4 rad of the vertical."""
     rng = np.random.default_rng(0)
     pendulum = Pendulum(LENGTH, MASS)
     states = []
@@ -52,14 +52,14 @@ def situations() -> list[SacState]:
 
 
 def armdyn_once() -> float:
-    """A contender that another process can be asked to run: one cycle from each state."""
+    """Seconds of one cycle from each state, as a function that another process can call by its name."""
     control, model, states = armdyn_control()
     return bench.timed(lambda: [control.act(state, model) for state in states])() / len(states)
 
 
 @cache
 def several() -> tuple[SequentialActionControl, list[SacState], PendulumModel]:
-    """Length, mass and drag at once, each with the others unknown."""
+    """Controller, states and model for length, mass and drag at once, each with the others unknown."""
     model = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
     question = information_objective(("length", "mass", "linear_drag.coefficient"))
     return SequentialActionControl(model, question=question), informed(question), model
@@ -67,7 +67,7 @@ def several() -> tuple[SequentialActionControl, list[SacState], PendulumModel]:
 
 @cache
 def rivals() -> tuple[SequentialActionControl, list[SacState], PendulumModel, PendulumModel]:
-    """Drag against friction at the string's upper end, whatever length, mass and friction."""
+    """Controller, states and models that separate drag from friction at the upper end, with unknown length and mass."""
     drag = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
     name = "pivot_viscous_friction.coefficient"
     pivot = pendulum_model(LENGTH, MASS, [CATALOGUE["pivot_viscous_friction"]]).with_values({name: 7e-4})
@@ -76,7 +76,7 @@ def rivals() -> tuple[SequentialActionControl, list[SacState], PendulumModel, Pe
 
 
 def informed(question: MotionObjective) -> list[SacState]:
-    """The same situations after a few seconds, with what is known then."""
+    """The same states after a few seconds, with the information that the motion has given by then."""
     rng, states = np.random.default_rng(3), []
     for state in situations():
         psi = rng.normal(size=(2, len(question.parameters))) * [[0.5], [0.02]]
@@ -91,13 +91,13 @@ def informed(question: MotionObjective) -> list[SacState]:
 
 
 def several_once() -> float:
-    """One cycle for three parameters."""
+    """Seconds of one cycle for three parameters."""
     control, states, model = several()
     return bench.timed(lambda: [control.act(state, model) for state in states])() / len(states)
 
 
 def rivals_once() -> float:
-    """One cycle for two rivals."""
+    """Seconds of one cycle for two rival models."""
     control, states, drag, pivot = rivals()
     return bench.timed(lambda: [control.act(state, drag, pivot) for state in states])() / len(states)
 

@@ -30,14 +30,14 @@ from pipeline.motion.reference import smooth_reference
 
 DT = 0.01
 AHEAD = 50
-"""Samples of the future that the look-ahead scheme is given where it knows them."""
+"""Number of future samples that the look-ahead scheme receives where they are known."""
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Positions, speeds and accelerations that are wanted, and whether they can be followed."""
+    """Desired positions, speeds and accelerations, and whether the limits permit them."""
 
     name: str
     feasible: bool
@@ -63,7 +63,7 @@ def references() -> list[Reference]:
 
 
 def next_sample(reference: Reference, limits: LineLimits, speed: float, acceleration: float) -> Array:
-    """Plain ruckig to the next sample, in the form in which its users write it."""
+    """Motion by ruckig from sample to sample, as its users write it."""
     otg, trajectory, p = ruckig.Ruckig(1), ruckig.Trajectory(1), ruckig.InputParameter(1)
     p.max_velocity, p.max_acceleration, p.max_jerk = [speed], [acceleration], [limits.jerk]
     p.minimum_duration = DT
@@ -99,7 +99,7 @@ def program(reference: Reference, limits: LineLimits) -> Array:
 
 
 def lag(reference: Reference, motion: Array) -> float:
-    """Delay at which the motion is most like the reference [s]."""
+    """Delay with the smallest difference of motion and reference [s]."""
     wanted = np.clip(reference.s, motion[:, 0].min(), motion[:, 0].max())
     shifts = range(41)
     apart = [np.mean((motion[k:, 0] - wanted[: wanted.size - k]) ** 2) for k in shifts]
@@ -107,7 +107,7 @@ def lag(reference: Reference, motion: Array) -> float:
 
 
 def broken(motion: Array, limits: LineLimits) -> int:
-    """Samples at which a limit is exceeded by more than 1e-9."""
+    """Number of samples that exceed a limit by more than 1e-9."""
     s, v, a = motion.T
     beyond = (np.abs(v) > limits.speed_at(s) + 1e-9) | (np.abs(a) > limits.acceleration_at(s) + 1e-9)
     beyond |= (s < limits.s_min - 1e-9) | (s > limits.s_max + 1e-9)
@@ -141,7 +141,7 @@ def compare(limits: LineLimits, repeat: int) -> None:
 
 
 def finish(limits: LineLimits) -> None:
-    """Duration of the move over the box, from rest at s = 0.13 m to s = 0.46 m, under the same limits."""
+    """Print the durations of the move over the box, from rest at s = 0.13 m to s = 0.46 m, under the same limits."""
     begin, end = 0.13, 0.46
     share = FINISH_SPEED_SHARE
     ours = finish_over_box(LineState(begin), end, limits, 1e-3).time[-1]
@@ -194,7 +194,7 @@ def _reference(name: str, feasible: bool, s: Array) -> Reference:
 
 
 def _multisine(name: str, t: Array, rng: np.random.Generator) -> Reference:
-    """As broad as what SAC asks for, and exact: its acceleration is known, and it moves when it is joined at rest."""
+    """Multisine as broad in frequency as SAC's motions, with known acceleration, in motion at its first sample."""
     w, phase = 2 * np.pi * np.linspace(0.3, 1.5, 6)[:, None], rng.uniform(0.0, 2 * np.pi, (6, 1))
     size = 0.02 / np.linspace(1.0, 3.0, 6)[:, None]
     s, v, a = size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)

@@ -35,7 +35,7 @@ LARGEST_SHARE_OF_FATROP = 0.7
 
 @dataclass(frozen=True)
 class Answer:
-    """What a solver came to: cost, iterations, and the cost that it should have come to."""
+    """Result of a solver: cost, iterations, and the least cost that is known."""
 
     cost: float
     iterations: int
@@ -44,7 +44,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Solver:
-    """A solver that is ready: how long that took, s, and how to solve."""
+    """Prepared solver: duration of the preparation [s], and the function that solves."""
 
     construction: float
     solve: Callable[[], Answer]
@@ -52,7 +52,7 @@ class Solver:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the race came to, by solver."""
+    """Results and times of the comparison by solver."""
 
     answers: dict[str, Answer]
     construction: dict[str, float]
@@ -76,12 +76,12 @@ def armdyn_solver() -> Solver:
 
 
 def armdyn_once() -> float:
-    """A contender that another process can be asked to run."""
+    """Seconds of one solution by armdyn, as a function that another process can call by its name."""
     return bench.timed(armdyn_solver().solve)()
 
 
 def nlp_solver(state: Callable[[], problem.Program], plugin: str, options: Mapping[str, Any]) -> Solver:
-    """IPOPT or fatrop on a program."""
+    """Solver of a program by IPOPT or fatrop."""
     started = perf_counter()
     program = state()
     settings = {"print_time": False, **options}
@@ -118,7 +118,7 @@ def machine_code() -> Iterator[dict[str, Any]]:
 
 
 def rivals(code: Mapping[str, Any] | None) -> dict[str, Solver]:
-    """Every rival, ready; those in C only where `code` gives the options for it."""
+    """Prepared rivals by name; those in C only where `code` gives the options."""
     midpoint, zero_order = problem.variational(), problem.runge_kutta()
     ready = {
         "IPOPT, as stated": nlp_solver(problem.as_stated, "ipopt", {}),

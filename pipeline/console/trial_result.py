@@ -247,5 +247,5 @@ def _timing(statistics: "LinkStatistics") -> list[str]:
         "state_age": "age of the joint states",
         "command_echo": "command and back",
     }
-    spreads = statistics.spreads
-    return [f"{what}: median {spread.milliseconds}" for name, what in said.items() if (spread := spreads[name])]
+    percentiles = statistics.percentiles
+    return [f"{what}: median {spread.milliseconds}" for name, what in said.items() if (spread := percentiles[name])]

@@ -6,7 +6,7 @@ from math import hypot
 
 from armdyn.model_file import ModelFile
 
-MAX_LEFT_OUT_SHARE = 0.05
+MAX_EXPORT_DEVIATION_SHARE = 0.05
 """Largest error of an export that is written without a request, as a share of the error that the repair removed."""
 MIN_LISTED_SHARE = 0.01
 """Smallest error of a joint that is listed, as a share of the largest joint's error."""
@@ -38,9 +38,9 @@ class ExportDeviation:
         return self.total / self.removed if self.removed > 0.0 else 0.0
 
     @property
-    def matters(self) -> bool:
+    def needs_request(self) -> bool:
         """Whether the error is so large that the file is only written on request."""
-        return self.share > MAX_LEFT_OUT_SHARE
+        return self.share > MAX_EXPORT_DEVIATION_SHARE
 
     @property
     def sentence(self) -> str:

@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
 @cache
 def readers() -> "tuple[ForeignReader, ...]":
-    """The readers of all kinds of recordings."""
+    """Readers of all formats of recordings that can be imported."""
     modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return tuple(reader for module in modules for reader in getattr(module, "READERS", ()))
 
 
 def read_foreign(path: Path) -> "list[ForeignRecording]":
-    """The recordings in a file or directory; most contain one.
+    """Read a file or directory in another format, which may contain several recordings.
 
     Raises:
-        InputError: no reader is for it, or it cannot be read.
+        InputError: the format is unknown, or the file cannot be read.
     """
     for reader in readers():
         if reader.accepts(path):

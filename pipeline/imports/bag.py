@@ -27,13 +27,13 @@ DYNAMIC_JOINT_STATE_TYPE = "control_msgs/msg/DynamicJointState"
 JOINT_TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 CONTROLLER_STATE_TYPE = "control_msgs/msg/JointTrajectoryControllerState"
 COMMAND_TOPIC_WORDS = COMMAND_WORDS - {"as", "action", "plan", "planned", "nominal", "demand"}
-"""Words in the name of a topic whose joint states are commands."""
+"""Words in the name of a topic that mark its joint states as commands."""
 LONGEST_ARRAY = 64
-"""Largest length of an array whose numbers become columns; longer ones are images and point clouds."""
+"""Largest length of an array in a message whose numbers become columns; longer ones are images and point clouds."""
 
 
 def read_bag(path: Path) -> ForeignRecording:
-    """Every number of a bag.
+    """Read every number in the messages of a ROS bag or MCAP file as columns.
 
     Args:
         path: a .bag, .mcap or .db3 file, or the directory of a ROS 2 bag.
@@ -190,7 +190,7 @@ def _information(column: ForeignColumn) -> tuple[bool, int]:
 
 
 BAG_FILES = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
-"""Names of the files in the directory of a ROS 2 bag, by the name of the directory."""
+"""Patterns of the names of files in the directory of a ROS 2 bag; ``{name}`` is the name of the directory."""
 READERS = (
     ForeignReader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILES),
 )

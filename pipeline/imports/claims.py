@@ -8,11 +8,11 @@ from pipeline.imports.words import HeaderParts
 
 @dataclass(frozen=True)
 class Claim:
-    """A possible meaning of a column.
+    """A possible meaning of a column of an imported recording.
 
     Attributes:
         column: name of the column.
-        channel: channel of the contract that it would become.
+        channel: channel of armdyn's recordings that the column would become, such as ``q.elbow``.
         body: joint, or part of a pendulum, to which the quantity belongs.
         label: the column's header, with the claimed quantity.
         doubts: reasons why a person must look; empty where the meaning is certain.
@@ -26,12 +26,12 @@ class Claim:
 
     @property
     def rank(self) -> tuple[bool, bool, bool]:
-        """Sort key, smaller is better: a torque before a current, a joint before a motor, certain before uncertain."""
+        """Sort key; a smaller key is better: torque before current, joint before motor, certain before uncertain."""
         return self.label.quantity == "current", "motor" in self.label.words, bool(self.doubts)
 
 
 def best_claims(claims: Iterable[Claim]) -> list[Claim]:
-    """The best claim to every channel, in the order of the columns; of equal ones the first, with a doubt."""
+    """The best claim for every channel, in the order of the columns; of equally good claims the first, with a doubt."""
     groups: dict[str, list[Claim]] = {}
     for claim in claims:
         groups.setdefault(claim.channel, []).append(claim)

@@ -35,7 +35,7 @@ from urdf.toml_tables import join_problems
 DATE_STAMP_YEARS = 2000, 2100
 """First and last year of time stamps that count as dates, in seconds since 1970; no recording lasts that long."""
 GEAR_RATIO_POWERS = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
-"""Power of the gear ratio that converts a motor's value to the joint's, by quantity."""
+"""Exponent of the gear ratio in the factor that converts a motor's value to the joint's, by quantity."""
 UNMEASURED_ZERO_QUANTITIES = ("v", "a", "tau")
 """Quantities of a joint for which drivers send 0 if they do not measure them."""
 RowIndices = npt.NDArray[np.intp]
@@ -43,11 +43,11 @@ RowIndices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class ImportedRun:
-    """A run that was made of a recording.
+    """A run that was converted from a recording in another format.
 
     Attributes:
-        run: the channels of the mapping.
-        accounts: accounts of the samples, for each topic, or for the table.
+        run: run with the channels of the mapping.
+        accounts: numbers of used and left-out samples, for each topic, or for the table.
     """
 
     run: Run
@@ -55,17 +55,17 @@ class ImportedRun:
 
     @property
     def checks(self) -> list[Check]:
-        """Findings of the import, which a person must know before using the run."""
+        """Findings of the import that the user must know before using the run."""
         return [check for account in self.accounts for check in account.checks(self.run.name)]
 
 
 def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> ImportedRun:
-    """The run that a recording becomes.
+    """Convert a recording in another format to a run.
 
     Args:
         foreign: the recording.
         mapping: meaning of its columns.
-        elsewhere: columns of other recordings that are imported with it; this one may lack them.
+        elsewhere: columns of other recordings that are imported together with it; this one may lack them.
 
     Raises:
         InputError: the message lists every mistake.

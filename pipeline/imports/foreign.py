@@ -12,13 +12,13 @@ from armdyn.recording.channels import FloatArray, name_and_unit
 
 @dataclass(frozen=True, eq=False)
 class ForeignColumn:
-    """Numbers under one name.
+    """One column of numbers of an imported recording.
 
     Attributes:
-        value: (n,) numbers, nan where a sample is missing.
-        unit: unit as the file writes it; empty where the file states none.
-        time: (n,) times [s]; None in a table, where another column is the time.
-        channel: channel of the contract, where the format defines it, such as a joint's position in a JointState.
+        value: numbers (n,); nan for a missing sample.
+        unit: unit as the file writes it; empty if the file states none.
+        time: times (n,) [s]; None in a table, where another column contains the time.
+        channel: channel of armdyn's recordings, such as ``q.elbow``, if the format defines it; else empty.
         source: topic of the messages; empty in a table.
     """
 
@@ -35,13 +35,13 @@ SECOND_PUBLISHER = "of a second publisher"
 
 @dataclass(frozen=True)
 class SampleAccount:
-    """Number of the messages of a topic, or of the rows of a table, that are used or left out.
+    """Numbers of used and left-out messages of a topic, or rows of a table.
 
     Attributes:
         source: the topic; empty for a table.
         came: number of messages or rows in the file.
-        kept: number of those that are used.
-        left_out: number of those that are not used, by reason, such as "whose stamp goes back".
+        kept: number of used messages or rows.
+        left_out: number of left-out messages or rows, by reason, such as "whose stamp goes back".
         steps: every step by which the clock was set [s].
         stamped: False where the stamps are unusable, and the times are those of the recording.
     """
@@ -55,7 +55,7 @@ class SampleAccount:
 
     @property
     def sentence(self) -> str:
-        """The account as a sentence for a person."""
+        """Sentence with the numbers of used and left-out messages or rows."""
         things = "messages" if self.source else "rows"
         said = [f"{self.came} {things} came, " + ("all" if self.kept == self.came else str(self.kept)) + " are used"]
         if self.left_out:
@@ -69,7 +69,7 @@ class SampleAccount:
         return (f"{self.source}: " if self.source else "") + "; ".join(said)
 
     def checks(self, run: str) -> list[Check]:
-        """The finding on the run with this name; empty where every message is used as it was stamped."""
+        """Finding for the run with this name; empty if every message is used with its own stamp."""
         kind: CheckKind = "samples_dropped"
         severity, remedy = Severity.SUSPECT, "look for what set the clock, or for a driver that does not stamp"
         if any(why.startswith(SECOND_PUBLISHER) for why in self.left_out):
@@ -84,11 +84,11 @@ class SampleAccount:
 
 @dataclass(frozen=True, eq=False)
 class ForeignRecording:
-    """One recording.
+    """One recording in another format than armdyn's.
 
     Attributes:
-        name: name of the run that it becomes, without an ending.
-        columns: columns by the names in the file.
+        name: name of the run to which it is converted, without an ending.
+        columns: columns by their names in the file.
         notes: sentences on what was left out while reading.
         texts: text of a column that contains the same text in every row, such as a joint's name, by column.
         accounts: accounts of the messages by topic. A table has none before the mapping defines its time.
@@ -104,7 +104,7 @@ class ForeignRecording:
 
     @property
     def is_table(self) -> bool:
-        """Whether all columns share rows, and one of them is the time."""
+        """Whether the recording is a table, in which all columns have the same rows and one column is the time."""
         return all(column.time is None for column in self.columns.values())
 
 
@@ -119,10 +119,10 @@ def split_label(label: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class ForeignReader:
-    """Reader of one kind of recording.
+    """Reader of one format of recordings.
 
     Attributes:
-        read: reads the recordings of a file or directory; most contain one.
+        read: function that reads the recordings in a file or directory.
         endings: endings of the file names.
         folder: name of the kind of directory that is read; empty where directories are not read.
         marker: file by which such a directory is recognised.
@@ -137,7 +137,7 @@ class ForeignReader:
     files: tuple[str, ...] = ()
 
     def accepts(self, path: Path) -> bool:
-        """Whether a file or directory is of this kind."""
+        """Whether a file or directory has this format."""
         if not path.is_dir():
             return path.suffix.lower() in self.endings
         name = glob.escape(path.resolve().name)

@@ -31,14 +31,14 @@ LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds per unit of time, the most likely unit first."""
 SHORTEST_STEP, LONGEST_STEP = 5e-5, 0.5
-"""Seconds between two samples that a robot's recording may have."""
+"""Shortest and longest possible time between two samples of a robot's recording [s]."""
 MIN_RISING_SHARE = 0.9
-"""Least share of the rows in which a column that is named as a time must rise: single stamps may be wrong."""
+"""Smallest share of rows in which a time column must increase; single stamps may be wrong."""
 PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 
 
 def known_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
-    """The mapping that the recording's own names define: joint states, and channels of the contract.
+    """Mapping of columns whose names are unambiguous: joint states, and names of armdyn's channels.
 
     Args:
         foreign: the recording.
@@ -96,7 +96,7 @@ def _missing(entries: Mapping[str, ColumnEntry], joints: RobotJoints) -> tuple[s
 
 
 def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None = None, rate: str = "") -> ColumnMap:
-    """The most likely meaning of the columns of recordings in one format.
+    """Mapping with the most likely meaning of the columns of recordings in one format.
 
     Args:
         recordings: one or more; the ranges of values are those of all of them.

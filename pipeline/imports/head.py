@@ -10,17 +10,17 @@ from pipeline.imports.words import QUANTITY_UNITS, is_unit_like
 from urdf.bounds import parse_number, printable_excerpt
 
 COMMENT_MARKS = ("#", "%", "//")
-"""First characters of lines that are no rows."""
+"""First characters of comment lines."""
 MAX_HEAD_LINES = 200
-"""Largest number of lines above the first row."""
+"""Largest number of lines above the first row of a table."""
 _BRACKETS = " ()[]-"
 
 
 def single_header_table(text: str) -> tuple[str, bool, list[str]]:
-    """The text of a table with exactly one header line above its rows.
+    """Convert the text of a table to one with exactly one header line above its rows.
 
     Args:
-        text: text of the file. The numbers of its rows are kept where there is a line above them.
+        text: text of the file. The numbers of its rows are kept if there is a line above them.
 
     Returns:
         The text, whether the file has a header, and sentences on what was left out. Columns without a header are named
@@ -60,7 +60,7 @@ def single_header_table(text: str) -> tuple[str, bool, list[str]]:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma."""
+    """Whether a cell of a table is a number, with a decimal point or comma."""
     try:
         parse_number(cell.replace(",", "."))
     except ValueError:

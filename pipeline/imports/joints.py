@@ -21,7 +21,7 @@ from urdf.gripper import gripper_joints
 from urdf.validate import MOVING_JOINT_TYPES
 
 JOINT_STATE_ARRAYS = ("position", "velocity", "effort")
-"""Fields of a JointState. Their arrays are in the order of its names, which is often alphabetical."""
+"""Arrays of the ROS message JointState, in the order of its names, which is often alphabetical."""
 UR_JOINTS = frozenset(("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"))
 """Names of joints by which arms of Universal Robots are recognised."""
 UR_CURRENT_DOUBT = "UR's drivers publish currents as efforts"
@@ -63,12 +63,12 @@ class RobotJoints:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """All joints outside the arm."""
+        """Names of all joints of the robot that do not belong to the arm."""
         return (*self.others, *self.grippers)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All joints."""
+        """Names of all joints of the robot."""
         return (*self.arm, *self.beside)
 
     def slides(self, joint: str) -> bool:
@@ -77,7 +77,7 @@ class RobotJoints:
 
     @classmethod
     def of(cls, robot: Robot) -> "RobotJoints":
-        """The joints of a robot and of everything else in its description."""
+        """Joints of a robot's arm, and all other joints in its description."""
         root, model = ET.fromstring(robot.urdf_xml), robot.model
         joints, arm = {str(j.get("name")): j for j in root.findall("joint")}, robot.joint_names
         grippers = {name for name in gripper_joints(root) if name not in arm}
@@ -96,7 +96,7 @@ class RobotJoints:
 
 
 class JointMatch(NamedTuple):
-    """The joint of a column, empty where the column is left out, and a doubt, empty where the joint is certain."""
+    """Joint to which a column belongs (empty for a column to leave out), and a doubt (empty for a certain joint)."""
 
     joint: str
     doubt: str = ""
@@ -105,10 +105,10 @@ class JointMatch(NamedTuple):
 def match_joints(
     labels: Mapping[str, HeaderParts], joints: RobotJoints, names: Mapping[str, str]
 ) -> dict[str, JointMatch]:
-    """The joint of every column.
+    """Find the joint of every column.
 
     Args:
-        labels: labels of the columns that hold a joint's quantity.
+        labels: parsed headers of the columns that contain a joint's quantity.
         joints: joints of the robot.
         names: name of the joint where a column of text states it, by column.
     """
@@ -280,7 +280,7 @@ def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...
 
 
 def number_pattern(words: Iterable[str]) -> tuple[str, ...]:
-    """The words with ``#`` in place of every number."""
+    """Words of a name with ``#`` in place of every number, so that names that differ in a number become equal."""
     return tuple("#" if word.isdigit() else word for word in words)
 
 

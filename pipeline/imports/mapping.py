@@ -46,10 +46,10 @@ SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 @dataclass(frozen=True)
 class ColumnEntry:
-    """The meaning of one column.
+    """Meaning of one column in a mapping.
 
     Attributes:
-        channel: channel of the contract.
+        channel: channel of armdyn's recordings, such as ``q.elbow``.
         unit: unit of the column; empty where the file states it.
         sign: +1 or -1.
         offset: offset that is added last, with its unit; empty for none.
@@ -92,13 +92,18 @@ class ColumnEntry:
 
 
 def reason_comment(why: str, check: str) -> str:
-    """The reason for a guess, with its open question after the word CHECK."""
+    """Comment in a mapping file: the reason for a guess, and its open question after the word CHECK.
+
+    Args:
+        why: the reason.
+        check: the open question; empty for none.
+    """
     return f"{why}; CHECK: {check}" if check else why
 
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """A whole mapping.
+    """Mapping of the columns of a recording to channels.
 
     Attributes:
         entries: entries by column.
@@ -122,7 +127,7 @@ class ColumnMap:
 
     @property
     def asked(self) -> dict[str, str]:
-        """Open questions by channel; that of the time is named ``"time"``."""
+        """Open questions of a guessed mapping, by channel; ``"time"`` is the key of the time column."""
         of_columns = {e.channel: f"'{name}': {e.check}" for name, e in self.entries.items() if e.check}
         return ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
 
@@ -131,7 +136,7 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
     """Read a mapping file.
 
     Returns:
-        Mappings by the name of the run; the name is ``""`` where a recording becomes one run only.
+        Mappings by the name of the run; the name is ``""`` if a recording becomes a single run.
 
     Raises:
         InputError: it cannot be read; the message lists every mistake.
@@ -198,17 +203,17 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
 
 
 def check_rate(rate: str) -> None:
-    """Refuse a rate of rows that no recording has; an empty text is no rate.
+    """Refuse an impossible sampling rate of rows, such as ``"1 mHz"``; an empty text is accepted.
 
     Raises:
-        InputError: it is no frequency, or is not possible.
+        InputError: the text is not a frequency, or the rate is impossible.
     """
     if rate and not MIN_ROW_RATE <= parse_quantity(rate, "Hz").value <= MAX_ROW_RATE:
         raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
-    """A mapping as TOML; the reasons of a guess are comments."""
+    """Text of a mapping file in TOML, with the reasons of guesses as comments."""
 
     def line(name: str, values: Mapping[str, object], why: str) -> str:
         parts = (f"{k} = {toml_string(v) if isinstance(v, str) else f'{v:.12g}'}" for k, v in values.items())
@@ -229,7 +234,7 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
 
 
 def correction_text(run: Run, correction: Correction) -> str:
-    """The mapping that applies the correction of a recorded run when it is imported."""
+    """Text of a mapping file that applies the correction of a recorded run during an import."""
     entries = {}
     for channel, recorded in run.channels.items():
         reading = correction.reading(channel)

@@ -18,14 +18,14 @@ from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecord
 from urdf.bounds import MAX_TABLE_COLUMNS, MAX_UNPACKED_BYTES, MIB
 
 MAX_NESTED_STRUCTURES = 8
-"""Largest number of nested structures that are read."""
+"""Largest depth of nested structures in a MATLAB file."""
 
 
 def read_mat(path: Path) -> ForeignRecording:
-    """Columns of a MATLAB file; arrays with another number of rows than most arrays have are left out.
+    """Read the columns of a MATLAB file; arrays are left out if their number of rows is not that of most arrays.
 
     Raises:
-        InputError: it cannot be read, is too large, or contains no array of numbers that is long enough.
+        InputError: the file cannot be read, is too large, or contains no sufficiently long array of numbers.
     """
     data = read_bytes(path)
     with error_location(path):

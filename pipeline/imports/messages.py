@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 DEFINITION_LANGUAGES = {"cdr": ("ros2msg", "ros2idl", ""), "ros1": ("ros1msg", "")}
-"""Languages of the definitions that are read, by encoding of the messages."""
+"""Languages of message definitions that can be read, by encoding of the messages."""
 
 
 class MessageDecoders:
-    """Decoders of messages; types without a definition in the file are taken from the common ones of ROS.
+    """Decoders of the messages of a bag; for types without a definition in the file the common ones of ROS are used.
 
     Attributes:
-        unreadable: reason why no message of a connection can be read.
+        unreadable: reasons why the messages of connections cannot be read.
 
     Raises:
         InputError: rosbags is not installed.
@@ -64,7 +64,7 @@ class MessageDecoders:
         return lambda data: read(data, kind)
 
     def notes(self) -> list[str]:
-        """One sentence per reason, with the topics that are left out."""
+        """Sentences on topics that are left out because their messages cannot be read, one for each reason."""
         topics: dict[str, dict[str, None]] = {}
         for connection, why in self.unreadable.items():
             topics.setdefault(why, {})[connection.topic] = None

@@ -23,7 +23,7 @@ from urdf.bounds import MAX_BAG_BYTES, MAX_UNPACKED_BYTES, MIB
 
 
 class BagConnection(NamedTuple):
-    """The messages of one kind that one publisher sends on one topic.
+    """Connection in a ROS bag: a publisher that sends messages of one type on one topic.
 
     Attributes:
         topic: name of the topic.
@@ -43,7 +43,7 @@ class BagConnection(NamedTuple):
 
 
 class BagMessage(NamedTuple):
-    """One message: its connection, the time at which it was recorded [ns], and its bytes."""
+    """Undecoded message of a bag: its connection, the time at which it was recorded [ns], and its bytes."""
 
     connection: BagConnection
     received: int
@@ -51,7 +51,7 @@ class BagMessage(NamedTuple):
 
 
 def bag_messages(path: Path, problems: list[str]) -> Iterator[BagMessage]:
-    """Every message of a bag that can be read.
+    """Iterate over all readable messages of a bag, undecoded, in the order in which they were recorded.
 
     Args:
         path: a .bag, .mcap or .db3 file, or the directory of a ROS 2 bag.
@@ -88,7 +88,7 @@ def _files(path: Path) -> list[Path]:
 
 
 ZSTD_ENDING = ".zstd"
-"""Ending of the files of a ROS 2 bag that are compressed as a whole."""
+"""Ending of compressed files of a ROS 2 bag."""
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of compressed data. No message begins so: the first byte of CDR is 0."""
 _MAGIC = re.compile(rb"#ROSBAG V2\.0\n")

@@ -20,13 +20,13 @@ PENDULUM_CHANNELS = {
     ("q", "gripper"): "gripper_x", ("v", "gripper"): "gripper_v", ("a", "gripper"): "gripper_a",
     ("q", "height"): "gripper_z", ("force", "load"): "load_force",
 }  # fmt: skip
-"""Channels by quantity and part of a pendulum."""
+"""Channels of a pendulum's recording, by quantity and part of the pendulum."""
 PENDULUM_PARTS = RobotJoints(ranges={part: JointRange(True, np.inf, np.inf) for part in ("gripper", "height")})
-"""The parts that slide; their ranges are unknown."""
+"""Moving parts of a pendulum in the form of prismatic joints with unknown ranges."""
 
 
 def pendulum_claims(labels: Mapping[str, HeaderParts]) -> list[Claim]:
-    """Claims of headers, by column, of a pendulum."""
+    """Possible meanings of columns in the recording of a pendulum, from their parsed headers."""
     swings = any(set(label.words) & SWING_WORDS for label in labels.values())
     plane = any("y" in label.words for label in labels.values())  # x beside y is the load's place in a picture
     claims = []

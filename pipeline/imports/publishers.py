@@ -26,11 +26,11 @@ JOINT_STATE_QUANTITIES = (("position", "q"), ("velocity", "v"), ("effort", "tau"
 ROS2_CONTROL_INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "tau", "torque": "tau"}
 """Interfaces of ros2_control, whose state names are ``joint/interface``, and the quantity of each."""
 COMMAND_QUANTITIES = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
-"""Quantity of a command, by the measured quantity."""
+"""Quantity of a command, such as ``q_cmd``, by the measured quantity, such as ``q``."""
 REVOLUTE_UNITS = {quantity: kind.units[0] for quantity, kind in JOINT_CHANNELS.items()}
 """Units of the values of a revolute joint, by quantity."""
 UNREADABLE_REASON = "of which nothing can be read"
-"""Reason why messages are left out, for a sentence."""
+"""Reason for left-out messages, as the end of a sentence on them."""
 MessageNumber: TypeAlias = tuple[str, float, str]
 """Column, value and channel of one number; the channel is empty where the message does not define it."""
 
@@ -102,10 +102,10 @@ class _Series:
 
 @dataclass
 class Publishers:
-    """Collects messages.
+    """Collects the numbers in messages of ROS topics, separately for each publisher.
 
     Attributes:
-        crowded: topics that are left out because the messages contain too many numbers.
+        crowded: topics that are left out because their messages contain too many numbers.
     """
 
     crowded: set[str] = field(default_factory=set)
@@ -250,7 +250,7 @@ def _are_receptions(received: FloatArray, stamps: FloatArray) -> bool:
 
 
 MIN_RECEPTION_SHARE = 0.01
-"""Least share of a recording's usual length within which its messages can have been received."""
+"""Smallest credible duration in which the messages were received, as a share of the duration of their stamps."""
 
 
 def _used(publishers: Iterable[_Series]) -> tuple[list[_Series], Counter[str]]:

@@ -19,10 +19,10 @@ SHEET_PATH, STRINGS_PATH = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
 
 
 def read_sheet(path: Path) -> ForeignRecording:
-    """Columns of the first sheet, read as those of a CSV file.
+    """Read the columns of the first sheet of an Excel workbook, in the same way as those of a CSV file.
 
     Raises:
-        InputError: it is no workbook, or too large, or its first sheet is no table.
+        InputError: the file is not a workbook or is too large, or its first sheet is not a table.
     """
     data = read_bytes(path)
     with error_location(path):

@@ -21,9 +21,10 @@ MIN_PIECE_SAMPLES = MIN_SAMPLES
 MAX_MESSAGE_DELAY_SECONDS = 1.0
 """Largest delay of a message [s]: after a rosbridge has stalled for 1 s, it sends states that are up to 1 s old."""
 MAX_PAUSE_RATIO = 10.0
-"""A step forward longer than this many times the recording at its usual rate is a clock that was set, not a pause."""
+"""Longest pause between two samples, divided by the duration of the recording at its usual rate; a longer step of the
+stamps means that the clock was set."""
 MAX_CLOCK_DRIFT = 1e-4
-"""Largest relative rate difference of two computers' clocks; crystals differ by less than half of it."""
+"""Largest relative difference between the rates of two computers' clocks, twice that of usual crystals."""
 MIN_STEP_AFTER_RESET_SECONDS = 1e-6
 """Shortest time between two samples after a clock was set [s]."""
 REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP, STAMP_BESIDE_RESET = (
@@ -35,11 +36,11 @@ REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP
 
 @dataclass(frozen=True, eq=False)
 class DatedSamples:
-    """The samples that are kept of n samples in their order of arrival.
+    """Samples of a recording with usable time stamps.
 
     Attributes:
-        rows: indices of the kept samples (k,).
-        time: their times (k,) [s], strictly increasing.
+        rows: indices of the used samples (k,), in their order of arrival.
+        time: times of the used samples (k,) [s], strictly increasing.
         left_out: number of the other samples, by reason.
         steps: every step by which the clock was set [s].
         stamped: False where the times are those of arrival, because the stamps are unusable.
@@ -53,7 +54,7 @@ class DatedSamples:
 
 
 def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> DatedSamples:
-    """The usable samples, and their times on the clock of the stamps.
+    """Select the samples with usable stamps, and determine their times on the clock of the stamps.
 
     Args:
         stamps: stamps (n,) [s], nan where there is none.
@@ -77,7 +78,7 @@ def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dat
 
 
 def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
-    """Times of another clock (n,) [s], converted to the clock of the arrivals (n,) [s].
+    """Convert times of another clock (n,) [s] to the clock of the times of arrival (n,) [s].
 
     The offset of the clocks is the smallest difference seen around a sample, which grows by `MAX_CLOCK_DRIFT` with the
     distance in time. The error is the shortest delay, 1 ms on a local network.

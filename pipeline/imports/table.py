@@ -42,19 +42,19 @@ _WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
 
 
 def read_csv_of_any_dialect(path: Path) -> ForeignRecording:
-    """Columns of a CSV with commas, semicolons, tabs or blanks, and decimal points or commas.
+    """Read the columns of a CSV file with commas, semicolons, tabs or blanks, and decimal points or commas.
 
     Comments, lines above the header, columns of text and a last row that may be cut off are left out, with a note.
 
     Raises:
-        InputError: it is no text, or its rows have different numbers of cells.
+        InputError: the file is not text, or its rows have different numbers of cells.
     """
     with error_location(path):
         return columns_of_text(path.stem, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
 
 
 def columns_of_text(name: str, text: str) -> ForeignRecording:
-    """The columns of a table's text, as a recording of this name; see `read_csv_of_any_dialect`."""
+    """Recording from the text of a table; see `read_csv_of_any_dialect`."""
     text, headed, notes = single_header_table(text)
     separator = separator_of(header_of(text))
     try:
@@ -124,7 +124,7 @@ def _since_midnight(cell: str) -> float:
 
 
 def read_parquet(path: Path) -> ForeignRecording:
-    """Columns of a Parquet file; a column of lists becomes a column per entry.
+    """Read the columns of a Parquet file; a column of lists becomes one column per entry.
 
     Raises:
         InputError: pyarrow is not installed, or the file cannot be read.
@@ -194,7 +194,7 @@ _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
 
 def read_lerobot(path: Path) -> list[ForeignRecording]:
-    """Every episode of a data set of version 2 (a file per episode) or 3 (many episodes in a file).
+    """Read every episode of a LeRobot data set of version 2 (a file per episode) or 3 (many episodes in a file).
 
     The entries of a feature are named as in ``info.json``: ``observation.state/elbow_flex.pos``.
 

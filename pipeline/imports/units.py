@@ -17,22 +17,22 @@ MAX_JOINT_ANGLE = 7.0
 """Largest position of a joint that turns a little more than once [rad]; larger numbers are degrees."""
 MIN_CERTAIN_DEGREES = 40.0
 """Position above which numbers are certainly degrees; in radians the joint would have turned six times."""
-MIN_JOINTS_FOR_DEGREES = 3
-"""Smallest number of joints whose small positions show radians; a few joints may be small in degrees, too."""
+MIN_JOINTS_FOR_RADIANS = 3
+"""Number of joints below which all positions in degrees may be as small as positions in radians."""
 MAX_JOINT_RATE = 10.0 * MAX_JOINT_ANGLE
-"""Largest rate [rad/s]; where no position was recorded, a larger one is in degrees per second."""
+"""Largest rate of a joint [rad/s]; without a recorded position, larger numbers are in degrees per second."""
 MAX_PRISMATIC_POSITION = 10.0
-"""Largest position of a prismatic joint without limits [m]; a larger one is in millimetres."""
+"""Largest position of a prismatic joint without limits [m]; larger numbers are in millimetres."""
 MAX_RANGE_EXCESS = 0.1
-"""Share of its range by which a joint's position may be outside of the range."""
+"""Largest distance of a joint's position from its range, as a share of the range."""
 MAX_SLOPE_DIFFERENCE = 0.15
 """Largest relative difference of a speed from the slope of its position in the same unit."""
 MIN_CORRELATION = 0.7
-"""Least correlation of a speed with the slope of its position; below it may be another joint's, or no speed."""
+"""Smallest correlation of a speed with the slope of its position; below, the speed may belong to another joint."""
 MIN_EFFORT_SHARE, MAX_EFFORT_SHARE = 0.01, 1.5
-"""The largest torque of an arm's joints as a share of its motor's limit; outside, the unit may be another one."""
+"""Smallest and largest plausible ratio of the largest recorded torque to the motor's limit."""
 UPRIGHT_TOLERANCE = 0.5
-"""A mean swing angle within this distance of half a turn [rad] shows that it does not count from hanging."""
+"""Largest distance of the mean swing angle from half a turn at which the angle is measured from the upright [rad]."""
 ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
 ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale?"
@@ -46,7 +46,7 @@ def judged_entries(
     first: ForeignRecording,
     time: FloatArray | None,
 ) -> dict[str, ColumnEntry]:
-    """The entry of every claimed column, with its unit as written or as its numbers suggest, and all doubts.
+    """Mapping entry of every claimed column, with its written unit or the one that its numbers suggest, and all doubts.
 
     Args:
         claims: one claim per channel.
@@ -98,7 +98,7 @@ def judged_entries(
 
 
 def joined_doubts(doubts: Sequence[str]) -> str:
-    """Doubts in one text, without empty and repeated ones."""
+    """Join doubts to one text, without empty and repeated ones."""
     return "; ".join(dict.fromkeys(filter(None, doubts)))
 
 
@@ -116,7 +116,7 @@ def _angle_unit(sizes: Sequence[float]) -> tuple[str, str, str]:
     most = max(sizes, default=0.0)
     if most > MAX_JOINT_ANGLE:
         return "deg", f"up to {most:.4g}", "" if most > MIN_CERTAIN_DEGREES else "or rad, of a joint that turns on?"
-    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < MIN_JOINTS_FOR_DEGREES else ""
+    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < MIN_JOINTS_FOR_RADIANS else ""
 
 
 def _length_unit(size: float, limits: JointRange) -> tuple[str, str, str]:
@@ -172,7 +172,7 @@ def _slope(
         return None
     kept = np.isfinite(stamps) & np.isfinite(x.value) & np.isfinite(v)
     kept &= np.diff(stamps, prepend=-np.inf) > 0.0
-    if kept.sum() < MIN_JOINTS_FOR_DEGREES:
+    if kept.sum() < MIN_JOINTS_FOR_RADIANS:
         return None
     change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
     size, power, common = float(change @ change), float(v @ v), float(change @ v)

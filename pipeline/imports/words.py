@@ -10,7 +10,7 @@ from armdyn.recording.units import si_factor
 
 
 def word_set(text: str) -> frozenset[str]:
-    """The words of a text that are separated by blanks."""
+    """Set of the words of a text, which are separated by blanks."""
     return frozenset(text.split())
 
 
@@ -22,7 +22,7 @@ QUANTITY_WORDS = {
     "force": "force forces kraft",
     "q": "position positions pos q qm qpos jpos mp angle angles ang theta th encoder enc winkel rad deg",
 }
-"""Words that name a quantity of a joint. Where a header contains several, the first row of this table counts."""
+"""Words that name a quantity of a joint; in a header with several quantities the first one here is used."""
 _QUANTITY_OF = {word: kind for kind, words in QUANTITY_WORDS.items() for word in words.split()}
 DERIVATIVE_QUANTITIES = {("q", "dot"): "v", ("v", "dot"): "a", ("q", "ddot"): "a", ("q", "dd"): "a"}
 COMMAND_WORDS = word_set(
@@ -38,15 +38,15 @@ OTHER_QUANTITY_WORDS = word_set(
     "brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog "
     "energy energies kinetic potential kin pot"
 )
-"""Words of quantities other than a joint's motion and torque, or of quantities that are computed from a model."""
+"""Words of a header for other quantities than a joint's motion and torque, or for values computed from a model."""
 CARTESIAN_WORDS = word_set("x y z rx ry rz qx qy qz qw roll pitch yaw")
-"""Names of coordinates; a header with nothing else besides a quantity is not a joint's."""
+"""Names of Cartesian coordinates in a header; a header with only such a name and a quantity belongs to no joint."""
 IRRELEVANT_WORDS = word_set(
     "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
     "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "
     "m est estimate estimated angular arm"
 )
-"""Words that do not distinguish joints."""
+"""Words of a header that do not distinguish joints."""
 
 _RATES = ("/s", "_s", " s", "ps", "_per_s", "_per_sec", "_per_second", "/sec", "_sec")
 _SPELLINGS = {
@@ -77,10 +77,10 @@ QUANTITY_UNITS |= {"force": ("N",), "time": ("s",)}
 
 @dataclass(frozen=True)
 class HeaderParts:
-    """The parts of a header.
+    """Parts of a column's header.
 
     Attributes:
-        words: all words without the unit, in small letters, numbers apart.
+        words: all words without the unit, in small letters, with numbers as separate words.
         quantity: a key of `QUANTITY_WORDS`; empty where no word names one.
         unit: unit in the header, in pint's notation; empty where there is none.
         measured: False for commands, for values computed from a model, and for other things than joints.
@@ -99,13 +99,13 @@ class HeaderParts:
 
 
 def name_words(text: str) -> tuple[str, ...]:
-    """Words and numbers of a name in small letters: actual, qd and 3 of ``actualQd_3``."""
+    """Words and numbers of a name, in small letters: actual, qd and 3 for ``actualQd_3``."""
     text = _GERMAN.sub(r"\1 ", text.translate(_GREEK))
     return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
 
 
 def header_parts(name: str, unit: str = "") -> HeaderParts:
-    """The parts of a header.
+    """Parse a column's header.
 
     Args:
         name: header without a unit in brackets.

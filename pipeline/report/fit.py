@@ -9,7 +9,7 @@ from armdyn.document import Chart, Column, KeyFigure, Section, Table
 from armdyn.identify.explained_share import percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
-from pipeline.report.overlay import Overlays, PredictionQuality, prediction_quality
+from pipeline.report.overlay import OverlayFigure, PredictionQuality, prediction_quality
 from pipeline.report.theme import (
     LIMIT_STYLE,
     MEASURED_STYLE,
@@ -21,7 +21,7 @@ from pipeline.report.theme import (
 )
 
 
-def channel_error_section(shown: Overlays) -> Section:
+def channel_error_section(shown: OverlayFigure) -> Section:
     """Section with a table by channel: errors of given and fitted model on each kind of run, and explained shares."""
     steps = {"as given": 0, "now": -1} if len(shown.steps) > 1 else {"now": -1}
     kinds = list(dict.fromkeys(curve.kind for curve in shown.curves))
@@ -105,7 +105,7 @@ def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.
     return float(np.sum((mean / bound) ** 2)), Chart(figure, caption, tab)
 
 
-def fit_key_figures(shown: Overlays) -> list[KeyFigure]:
+def fit_key_figures(shown: OverlayFigure) -> list[KeyFigure]:
     """Error and explained share of each measured quantity, on the runs that were most independent of the fit."""
     kind, figures = shown.curves[-1].kind, []
     independent = [curve for curve in shown.curves if curve.kind == kind]

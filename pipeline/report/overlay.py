@@ -25,16 +25,23 @@ MAX_PAGE_VALUES = 200_000
 MIN_CURVE_POINTS = 300
 """Smallest number of points of each curve, however many curves there are."""
 
-FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
+FITTED_RUN, HELD_OUT_RUN, RUN_PREDICTED_IN_TURN, EXAM_RUN = (
+    "fitted",
+    "held out",
+    "predicted from the other runs",
+    "exam",
+)
 RUN_ROLE_WORDS = {
-    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.LEAVE_ONE_OUT: IN_TURN,
-    HoldoutKind.EXAM: EXAM,
-}  # fmt: skip
+    HoldoutKind.TRAINING: FITTED_RUN,
+    HoldoutKind.HELD_OUT: HELD_OUT_RUN,
+    HoldoutKind.LEAVE_ONE_OUT: RUN_PREDICTED_IN_TURN,
+    HoldoutKind.EXAM: EXAM_RUN,
+}
 """Role of a run, in words: whether the model was fitted to it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Overlay:
+class SignalOverlay:
     """Measured signal of one channel of one run, with the residual of the model after every step of a repair.
 
     Attributes:
@@ -79,12 +86,12 @@ class PredictionQuality(NamedTuple):
     explained: float
 
     @property
-    def plain(self) -> list[float | None]:
+    def rounded(self) -> list[float | None]:
         """Both numbers rounded for JSON; None where one is not finite."""
         return [round(value, 12) if np.isfinite(value) else None for value in self]
 
 
-def prediction_quality(curves: Iterable[Overlay], step: int) -> PredictionQuality:
+def prediction_quality(curves: Iterable[SignalOverlay], step: int) -> PredictionQuality:
     """Error and explained share of a model on curves of one unit.
 
     Args:
@@ -106,8 +113,8 @@ def prediction_quality(curves: Iterable[Overlay], step: int) -> PredictionQualit
 
 def study_overlays(
     study: Study, fits: Sequence[Fit], places: Sequence[FailingRange] = (), bands: PredictionBands | None = None
-) -> list[Overlay]:
-    """Overlays of all runs of a study: training runs, then held-out runs, then exam runs.
+) -> list[SignalOverlay]:
+    """OverlayFigure of all runs of a study: training runs, then held-out runs, then exam runs.
 
     Args:
         study: runs and model.
@@ -117,23 +124,23 @@ def study_overlays(
     """
     others = RUN_ROLE_WORDS[study.holdout_kinds[-1]]
     found = training_overlays(fits, places)
-    if others != FITTED:
+    if others != FITTED_RUN:
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
     if study.exam:
-        found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits])
+        found += _overlays(study.exam, EXAM_RUN, [study.exam_blocks(fit) for fit in fits])
     if bands is None:
         return found
     return [replace(curve, half_width=bands.half_width.get((curve.run, curve.channel))) for curve in found]
 
 
-def training_overlays(fits: Sequence[Fit], places: Sequence[FailingRange] = ()) -> list[Overlay]:
-    """Overlays of the training runs of fits; see `study_overlays` for the arguments."""
-    return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
+def training_overlays(fits: Sequence[Fit], places: Sequence[FailingRange] = ()) -> list[SignalOverlay]:
+    """OverlayFigure of the training runs of fits; see `study_overlays` for the arguments."""
+    return _overlays(fits[0].problem.runs, FITTED_RUN, [fit.blocks for fit in fits], places)
 
 
 def _overlays(
     runs: Iterable[Run], kind: str, steps: Sequence[Sequence[ResidualBlock]], places: Sequence[FailingRange] = ()
-) -> list[Overlay]:
+) -> list[SignalOverlay]:
     by_name = {run.name: run for run in runs}
     misfits = [{(block.run, block.channel): block.misfit for block in blocks} for blocks in steps]
     failing: dict[tuple[str | None, str], list[tuple[float, float]]] = {}
@@ -153,7 +160,7 @@ def _overlays(
         recorded = run.recording.channels[block.channel] if done is not None else None
         residuals = np.array([misfit[key] for misfit in misfits])
         found.append(
-            Overlay(
+            SignalOverlay(
                 run.name, kind, block.channel, block.unit, block.time, block.measured.value, residuals, block.noise,
                 recorded, note, tuple(failing.get(key, ())),
             )
@@ -162,7 +169,7 @@ def _overlays(
 
 
 @dataclass(frozen=True)
-class Overlays:
+class OverlayFigure:
     """Interactive figure of measured and predicted signals; the reader chooses channel, run and step of a repair.
 
     Attributes:
@@ -171,7 +178,7 @@ class Overlays:
         preparation: sentence on how the signals were processed.
     """
 
-    curves: Sequence[Overlay]
+    curves: Sequence[SignalOverlay]
     steps: Sequence[str] = ("as given",)
     preparation: str = ""
 
@@ -183,7 +190,7 @@ class Overlays:
         steps: Sequence[str],
         places: Sequence[FailingRange],
         bands: PredictionBands | None = None,
-    ) -> "Overlays":
+    ) -> "OverlayFigure":
         """Figure of all runs of a study; see `study_overlays` for the arguments."""
         done = preparation_sentence(combined_preparations(run.preparations for run in fits[-1].problem.runs))
         return cls(study_overlays(study, fits, places, bands), steps, done)
@@ -211,7 +218,7 @@ class Overlays:
         """HTML of the controls, and the curves as data for the page's script."""
         first, points = self._shown_first(), self.points
         runs = list(dict.fromkeys((curve.run, curve.kind) for curve in self.curves))
-        labels = [name if kind == FITTED else f"{name} · {kind}" for name, kind in runs]
+        labels = [name if kind == FITTED_RUN else f"{name} · {kind}" for name, kind in runs]
         steps = _pills("step", "Step", self.steps, len(self.steps) - 1)
         controls = steps + _pills("run", "Run", labels, runs.index((first.run, first.kind)))
         data = {
@@ -236,15 +243,15 @@ class Overlays:
         for kind, channel in dict.fromkeys((curve.kind, curve.channel) for curve in self.curves):
             mine = [c for c in self.curves if (c.kind, c.channel) == (kind, channel)]
             found.setdefault(kind, {})[channel] = [
-                prediction_quality(mine, step).plain for step in range(len(self.steps))
+                prediction_quality(mine, step).rounded for step in range(len(self.steps))
             ]
         return found
 
-    def _shown_first(self) -> Overlay:
+    def _shown_first(self) -> SignalOverlay:
         """The curve that is shown first: of the most independent runs, the channel that the steps improve most."""
         choices = [curve for curve in self.curves if curve.kind == self.curves[-1].kind]
 
-        def gain(curve: Overlay) -> float:
+        def gain(curve: SignalOverlay) -> float:
             squares = np.mean(curve.residuals**2, axis=1)
             return float(squares[0] - squares[-1] if len(squares) > 1 else squares[0] / curve.noise**2)
 
@@ -258,25 +265,25 @@ def _pills(kind: str, legend: str, labels: Sequence[str], chosen: int) -> str:
     return radio_buttons_html(kind, legend, kind, options)
 
 
-def updated_curve(curve: Overlay, most: int) -> dict[str, Any]:
+def updated_curve(curve: SignalOverlay, most: int) -> dict[str, Any]:
     """Residual, error and explained share of a curve's last step, as data for the page's script.
 
     Args:
         curve: curve whose last step was computed again.
         most: largest number of points of the curve.
     """
-    rmse, explained = prediction_quality([curve], -1).plain
+    rmse, explained = prediction_quality([curve], -1).rounded
     return {"residual": quantised(curve.residuals[-1][_every(curve, most)]), "rmse": rmse, "explained": explained}
 
 
-def _every(curve: Overlay, most: int) -> slice:
+def _every(curve: SignalOverlay, most: int) -> slice:
     return slice(None, None, -(-len(curve.time) // most))
 
 
-def _packed(curve: Overlay, most: int) -> dict[str, Any]:
+def _packed(curve: SignalOverlay, most: int) -> dict[str, Any]:
     every = _every(curve, most)
     rmse, explained = zip(
-        *(prediction_quality([curve], step).plain for step in range(len(curve.residuals))), strict=True
+        *(prediction_quality([curve], step).rounded for step in range(len(curve.residuals))), strict=True
     )
     return {
         **{name: getattr(curve, name) for name in ("run", "kind", "channel", "unit", "noise", "note", "failing")},

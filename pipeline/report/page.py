@@ -40,12 +40,12 @@ def _is_number(text: str) -> bool:
     return not text or text[0].isdigit() or text[0] in "-–−+±<"
 
 
-MIN_WORDS_LENGTH = 40
+MIN_WIDE_CELL_CHARACTERS = 40
 """Number of characters from which a cell of a table gets a minimum width, for narrow screens."""
 
 
 def _cell(tag: str, text: str, number: bool) -> str:
-    kind = " class=number" if number else " class=words" if tag == "td" and len(text) > MIN_WORDS_LENGTH else ""
+    kind = " class=number" if number else " class=words" if tag == "td" and len(text) > MIN_WIDE_CELL_CHARACTERS else ""
     return f"<{tag}{kind}>{escape(text)}</{tag}>"
 
 
@@ -179,7 +179,7 @@ def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html
 
 
-PICTURE_PRECISION = 1e-5
+MAX_DRAWING_ERROR_SHARE = 1e-5
 """Largest rounding error of a drawn value, as a share of its array's range; a screen shows less."""
 
 
@@ -193,7 +193,7 @@ def _light(value: Any) -> Any:
         return {key: _light(entry) for key, entry in value.items()}
     array = np.frombuffer(base64.b64decode(value["bdata"]), dtype="<f8")
     finite = array[np.isfinite(array)]
-    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > PICTURE_PRECISION * np.ptp(finite):
+    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > MAX_DRAWING_ERROR_SHARE * np.ptp(finite):
         return value
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
 

@@ -16,7 +16,7 @@ from armdyn.identify.tables import step_name
 from pipeline.report.fit import channel_error_section, fit_key_figures, residual_dependence_section, run_names_by_role
 from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.motion import with_motion_charts
-from pipeline.report.overlay import Overlays
+from pipeline.report.overlay import OverlayFigure
 
 
 def comparison_report(study: Study, found: Comparison) -> Document:
@@ -27,7 +27,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
         found: result of the comparison.
     """
     missing = missing_force_sections(found.missing_force)
-    shown = Overlays.of_study(study, [found.fit], ["as given"], found.failing_ranges, found.bands)
+    shown = OverlayFigure.of_study(study, [found.fit], ["as given"], found.failing_ranges, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
     return replace(made, title=title, sections=with_motion_charts(made.sections, found.rollout))
@@ -43,7 +43,7 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
-    shown = Overlays.of_study(study, fits, steps, found.comparison.failing_ranges)
+    shown = OverlayFigure.of_study(study, fits, steps, found.comparison.failing_ranges)
     document = found.document(_summaries(study))
     made = _illustrated(document, study, missing, shown, found.comparison.fit, "the model as given")
     return replace(made, title="Diagnose: which effect is missing")
@@ -59,7 +59,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     """
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
-    shown = Overlays.of_study(study, fits, steps, found.after.failing_ranges, found.after.bands)
+    shown = OverlayFigure.of_study(study, fits, steps, found.after.failing_ranges, found.after.bands)
     document = found.document(study.holdout_kinds, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)
@@ -74,7 +74,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
 
 
 def _illustrated(
-    document: Document, study: Study, missing: Sequence[Section], shown: Overlays, fit: Fit, whose: str
+    document: Document, study: Study, missing: Sequence[Section], shown: OverlayFigure, fit: Fit, whose: str
 ) -> Document:
     """Document of a result with figures: missing force and curves first, residuals above the parameters.
 

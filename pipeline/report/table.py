@@ -22,9 +22,9 @@ MIN_SUCCESS_SHARE = 0.5
 def table_one_report(table: TableOne) -> Document:
     """Report of Table I of the paper: share of successful trials and estimated lengths, by first guess of length."""
     estimates, total = table.estimates, len(LENGTH_GUESSES)
-    without, with_estimation = (percent_text(float(shares.mean())) for shares in table.shares)
-    as_paper = np.count_nonzero((table.shares[0] > MIN_SUCCESS_SHARE) == table.in_paper)
-    learnt = np.count_nonzero(table.shares[1] > MIN_SUCCESS_SHARE)
+    without, with_estimation = (percent_text(float(shares.mean())) for shares in table.success_shares)
+    as_paper = np.count_nonzero((table.success_shares[0] > MIN_SUCCESS_SHARE) == table.succeeded_in_paper)
+    learnt = np.count_nonzero(table.success_shares[1] > MIN_SUCCESS_SHARE)
     spread = f"std; {number_text(PAPER_LENGTH_STD, 'm', 2)} in the paper"
     return Document(
         title="Table I: does learning the length help?",
@@ -39,7 +39,7 @@ def table_one_report(table: TableOne) -> Document:
             KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.true_length:.4f} m"),
             KeyFigure("Spread", number_text(float(estimates.std()), "m", 2), spread),
             KeyFigure("Seeds", str(table.seeds), "per guess"),
-            KeyFigure("Truth", percent_text(table.covered), "of estimates within 3 of their standard deviations"),
+            KeyFigure("Truth", percent_text(table.covered_share), "of estimates within 3 of their standard deviations"),
         ),
         notes=[BOX_NOTE],
     )
@@ -48,7 +48,7 @@ def table_one_report(table: TableOne) -> Document:
 def _success_section(table: TableOne) -> Section:
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
     guesses = [f"{guess:.3f}" for guess in LENGTH_GUESSES]
-    without, learnt = table.shares.tolist()
+    without, learnt = table.success_shares.tolist()
     for name, colour, shares in (("without estimation", ORANGE, without), ("with estimation", BLUE, learnt)):
         low, high = 100 * np.transpose([success_interval(share, table.seeds) for share in shares])
         seen = 100 * np.array(shares)
@@ -63,7 +63,7 @@ def _success_section(table: TableOne) -> Section:
         Column("guess [m]", guesses),
         Column("without", list(map(percent_text, without))),
         Column("with", list(map(percent_text, learnt))),
-        Column("paper, without", ["succeeds" if succeeds else "fails" for succeeds in table.in_paper]),
+        Column("paper, without", ["succeeds" if succeeds else "fails" for succeeds in table.succeeded_in_paper]),
         Column("paper, with", ["succeeds"] * len(LENGTH_GUESSES)),
         Column("mean estimate [m]", table.estimates.mean(axis=1).tolist(), ".4f"),
         Column("std [mm]", (1e3 * table.estimates.std(axis=1)).tolist(), ".2f"),

@@ -14,7 +14,7 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
 
-ACCELERATION_TRUST_SECONDS = 0.02
+ACCELERATION_EXTRAPOLATION_SECONDS = 0.02
 """Time for which a command's acceleration is extrapolated [s]: two command periods."""
 
 
@@ -56,12 +56,12 @@ class CommandedMotion:
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
         age = time - self._start
         if not self._extrapolate:
-            fresh = float(age <= ACCELERATION_TRUST_SECONDS)
+            fresh = float(age <= ACCELERATION_EXTRAPOLATION_SECONDS)
             return self._q, fresh * self._v, fresh * self._a
-        trusted = min(age, ACCELERATION_TRUST_SECONDS)
+        trusted = min(age, ACCELERATION_EXTRAPOLATION_SECONDS)
         v = self._v + self._a * trusted
         q = self._q + self._v * trusted + 0.5 * self._a * trusted**2 + v * (age - trusted)
-        return q, v, self._a if age <= ACCELERATION_TRUST_SECONDS else np.zeros_like(v)
+        return q, v, self._a if age <= ACCELERATION_EXTRAPOLATION_SECONDS else np.zeros_like(v)
 
 
 class SimulatedServo:
@@ -93,9 +93,9 @@ class SimulatedServo:
         self._gain = _share_per_step(settings.filter_time)
         q, v, a = reference.at(0.0)
         self._constant = rest_torque - pin.rnea(self._model, self._data, q, v, a)
-        self.driven = self._wanted(0.0)
+        self.reference_torque = self._wanted(0.0)
 
-    def drive(self, time: float) -> Vector:
+    def advance_filter(self, time: float) -> Vector:
         """Advance the filter by one step, and return the reference's part of the torque, ``Kp q_f + Kd v_f + f_f``.
 
         Args:
@@ -104,12 +104,12 @@ class SimulatedServo:
         Returns:
             Torques (n,) [N m].
         """
-        self.driven = self.driven + self._gain * (self._wanted(time) - self.driven)
-        return self.driven
+        self.reference_torque = self.reference_torque + self._gain * (self._wanted(time) - self.reference_torque)
+        return self.reference_torque
 
     def torque(self, q: Vector, v: Vector) -> Vector:
         """Torque of the motors (n,) [N m] at joint positions and velocities (n,) [rad, rad/s]."""
-        total = self.driven - self._kp * (q + self._lead * v) - self._kd * v
+        total = self.reference_torque - self._kp * (q + self._lead * v) - self._kd * v
         return np.clip(total, -self._limit, self._limit)
 
     def _wanted(self, time: float) -> Vector:
@@ -141,15 +141,15 @@ class SimulatedCell:
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / TIME_STEP))
         self._gain = _share_per_step(hidden["sensor_lag"])
-        self._felt: float | None = None
+        self._filtered: float | None = None
         self._on_the_way: deque[ForceSample] = deque()
 
     @property
-    def feels_direction(self) -> bool:
+    def depends_on_direction(self) -> bool:
         """Whether the reading depends on the direction of the string as well as on its tension."""
         return bool(self._hidden["vertical_sensing_axis"] or self._hidden["cross_axis_sensitivity"])
 
-    def feel(self, steps: int, tension: float, swing_angle: float) -> None:
+    def apply_tension(self, steps: int, tension: float, swing_angle: float) -> None:
         """Apply the string's force to the cell for one step of the simulation.
 
         Args:
@@ -160,11 +160,13 @@ class SimulatedCell:
         vertical = self._hidden["vertical_sensing_axis"]
         along_axis = tension * (1.0 - vertical + vertical * math.cos(swing_angle))
         along_axis += self._hidden["cross_axis_sensitivity"] * tension * math.sin(swing_angle)
-        self._felt = along_axis if self._felt is None else self._felt + self._gain * (along_axis - self._felt)
+        self._filtered = (
+            along_axis if self._filtered is None else self._filtered + self._gain * (along_axis - self._filtered)
+        )
         if steps % self._every == 0:
-            self._sample(steps * TIME_STEP, self._felt)
+            self._sample(steps * TIME_STEP, self._filtered)
 
-    def received(self, now: float) -> list[ForceSample]:
+    def new_samples(self, now: float) -> list[ForceSample]:
         """Samples that arrived since the last call, up to the time `now` [s]."""
         arrived = []
         while self._on_the_way and self._on_the_way[0].time <= now + 1e-9:
@@ -181,14 +183,14 @@ class SimulatedCell:
         self._on_the_way.append(ForceSample(time + self._delay, reading))
 
 
-class JointReadings:
+class SimulatedJointSensors:
     """Simulated encoders and effort sensors: add noise, resolution and hidden sensor errors to the true values."""
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
         self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
         self._terms = stage_terms(hidden, HiddenStage.EFFORT)
 
-    def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
+    def measure(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading at a time [s], of true positions, velocities, accelerations and motors' torques, (n,) each."""
         settings, lag = self._settings, self._lag
         noise = self._rng.standard_normal((3, len(q)))

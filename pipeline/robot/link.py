@@ -56,7 +56,7 @@ class LinkStatistics:
     commands: int = 0
 
     @property
-    def spreads(self) -> dict[str, Percentiles | None]:
+    def percentiles(self) -> dict[str, Percentiles | None]:
         """Percentiles of each measured time [s]; None where nothing was measured."""
         return {
             "round_trip": self.round_trip,
@@ -67,5 +67,5 @@ class LinkStatistics:
 
     def as_json(self) -> dict[str, Any]:
         """Number of commands, and percentiles of each time [s], as JSON."""
-        spreads = {name: spread.as_json() if spread else None for name, spread in self.spreads.items()}
-        return {"commands": self.commands, **spreads}
+        percentiles = {name: spread.as_json() if spread else None for name, spread in self.percentiles.items()}
+        return {"commands": self.commands, **percentiles}

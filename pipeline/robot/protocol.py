@@ -102,7 +102,7 @@ class RealRobot(RobotInterface, Protocol):
             TaskFailedError: no state has arrived.
         """
 
-    def announce(self, phase: str) -> None:
+    def announce_phase(self, phase: str) -> None:
         """Publish the name of the trial's phase for observers, where the robot can do so."""
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import CommandGate
-from pipeline.robot.devices import CommandedMotion, JointReadings, SimulatedCell, SimulatedServo
+from pipeline.robot.devices import CommandedMotion, SimulatedCell, SimulatedJointSensors, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
@@ -17,7 +17,7 @@ from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start_posture
 from pipeline.robot.truth import PlantTruth, TrueMotion, swing_angle
 
-LANDED_SECONDS = 0.2
+MIN_LANDED_SECONDS = 0.2
 """Time for which the load must be in the box without a break to count as landed [s]."""
 HISTORY_STRIDE = 10
 """Number of simulation steps between two samples of the true motion."""
@@ -71,7 +71,7 @@ class SimulatedRobot:
         self._reference = CommandedMotion(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
         self._servo = SimulatedServo(robot, servo, self._reference, rest_torque, lead)
         self._cell = SimulatedCell(settings.cell, self._hidden, plant.bias, plant.latency, cell_rng)
-        self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
+        self._readings = SimulatedJointSensors(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         present = {name: value for name, value in self._hidden.items() if value}
         self.truth = PlantTruth(
@@ -121,16 +121,16 @@ class SimulatedRobot:
         if self._reading is None or self._reading.time != self.time:
             dofs = self._plant.dofs
             q, v, a = self._data.qpos[dofs], self._data.qvel[dofs], self._data.qacc[dofs]
-            self._reading = self._readings.read(self.time, q, v, a, self._servo.torque(q, v))
+            self._reading = self._readings.measure(self.time, q, v, a, self._servo.torque(q, v))
         return self._reading
 
     def load_cell(self) -> list[ForceSample]:
         """Samples of the load cell that arrived since the last call, each with its time of reception."""
-        return self._cell.received(self.time)
+        return self._cell.new_samples(self.time)
 
     def load_in_box(self) -> bool:
         """Whether the load has been between the box's walls and below its rim for the last 0.2 s."""
-        return self._steps_in_box * TIME_STEP >= LANDED_SECONDS
+        return self._steps_in_box * TIME_STEP >= MIN_LANDED_SECONDS
 
     def history(self) -> TrueMotion:
         """True motion since time 0, sampled every 10 ms, for reports and pictures only."""
@@ -146,7 +146,7 @@ class SimulatedRobot:
         if creep:
             self._string.length = self.truth.string_length + creep * self.time
         mujoco.mj_step1(plant.model, data)
-        data.ctrl[:] = self._servo.drive(self.time)
+        data.ctrl[:] = self._servo.advance_filter(self.time)
         self._load_forces.apply()
         self._joint_effects.apply()
         q = data.qpos[plant.dofs]
@@ -158,8 +158,8 @@ class SimulatedRobot:
             )
         # Positions and tension still belong to the beginning of the step.
         tension = self._string.tension(data)
-        angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.feels_direction else 0.0
-        self._cell.feel(self._steps, tension, angle)
+        angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.depends_on_direction else 0.0
+        self._cell.apply_tension(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
         if self._steps % HISTORY_STRIDE == 0:
             self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))

@@ -47,7 +47,7 @@ class AssemblyState:
     estop_source: int = 0
 
     @classmethod
-    def read(cls, message: Mapping[str, Any]) -> "AssemblyState":
+    def from_message(cls, message: Mapping[str, Any]) -> "AssemblyState":
         """State from a message; a missing field counts as not enabled, stopped, or button not pressed."""
         button, source = (message.get(name) for name in ("estop_button", "estop_source"))
         return cls(
@@ -60,7 +60,7 @@ class AssemblyState:
         )
 
     @property
-    def reset(self) -> bool:
+    def is_reset(self) -> bool:
         """Whether the robot is disabled and has no emergency stop and no error, as after a reset."""
         return not (self.enabled or self.stopped or self.error or self.estop_button or self.estop_source)
 
@@ -113,7 +113,7 @@ class BaxterPower:
         if state.estop_button == BUTTON_PRESSED:
             raise InputError("the emergency stop is pressed: release it, then start again")
         if state.stopped or (state.error and not state.enabled):
-            self._ask("set_super_reset", {}, lambda s: s.reset, RESET_TIMEOUT_SECONDS, "could not be reset")
+            self._ask("set_super_reset", {}, lambda s: s.is_reset, RESET_TIMEOUT_SECONDS, "could not be reset")
         self._ask(
             "set_super_enable",
             {"data": True},
@@ -140,5 +140,5 @@ class BaxterPower:
 
     def _take(self, message: Mapping[str, Any], _now: float) -> None:
         with self._changed:
-            self._state = AssemblyState.read(message)
+            self._state = AssemblyState.from_message(message)
             self._changed.notify_all()

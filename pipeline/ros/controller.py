@@ -110,42 +110,42 @@ class BaxterController:
         if self.state.estop_button == BUTTON_PRESSED:
             self.state = replace(self.state, estop_button=BUTTON_RELEASED)
 
-    def take_enable(self, message: Message, now: float) -> None:
+    def handle_enable(self, message: Message, now: float) -> None:
         """Handle a message on ``set_super_enable``, a Bool: enable or disable the arm."""
         if message.get("data") is not True:
             self.state, self._enabled_at = replace(self.state, enabled=False, ready=False), None
         elif not (self.state.stopped or self.state.enabled) and self._enabled_at is None:
             self._enabled_at = now + ENABLING_SECONDS
 
-    def take_reset(self, _message: Message, _now: float) -> None:
+    def handle_reset(self, _message: Message, _now: float) -> None:
         """Handle a message on ``set_super_reset``: reset an emergency stop."""
         if self.state.estop_button != BUTTON_PRESSED:
             self.state = DISABLED_STATE
 
-    def take_stop(self, _message: Message, _now: float) -> None:
+    def handle_stop(self, _message: Message, _now: float) -> None:
         """Handle a message on ``set_super_stop``: stop by software."""
         self.press(button=2, source=2)
 
-    def take_timeout(self, message: Message, _now: float) -> None:
+    def handle_timeout(self, message: Message, _now: float) -> None:
         """Handle a message on ``joint_command_timeout``, a Float64: set the timeout of commands [s]."""
         value = message.get("data")
         if isinstance(value, float | int) and isfinite(value) and value > 0:
             self._timeout = float(value)
 
-    def take_speed_ratio(self, message: Message, _now: float) -> None:
+    def handle_speed_ratio(self, message: Message, _now: float) -> None:
         """Handle a message on ``set_speed_ratio``, a Float64: set the used share of the speed limits."""
         value = message.get("data")
         if isinstance(value, float | int) and isfinite(value):
             self._ratio = min(max(float(value), 0.0), 1.0)
 
-    def take_feed_forward(self, message: Message, _now: float) -> None:
+    def handle_feed_forward(self, message: Message, _now: float) -> None:
         """Handle a message on ``inverse_dynamics_command``: velocity and acceleration of the next command."""
         v, a = (self._vector(message.get(name)) for name in ("velocities", "accelerations"))
         if v is not None and a is not None:
             self._v = np.clip(v, -self._limits.velocity, self._limits.velocity)
             self._a = np.clip(a, -self._limits.acceleration, self._limits.acceleration)
 
-    def take_command(self, message: Message, now: float) -> None:
+    def handle_command(self, message: Message, now: float) -> None:
         """Handle a message on ``joint_command``: go to a posture, at once (raw positions) or within the speed ratio."""
         q, names, mode = self._vector(message.get("command")), message.get("names"), message.get("mode")
         known = isinstance(names, list) and sorted(map(str, names)) == sorted(self._names)

@@ -96,7 +96,7 @@ class JointStates:
         with self._changed:
             return self._states[-1] if self._states else None
 
-    def wait_for_younger(self, time: Callable[[], float], patience: float) -> None:
+    def wait_for_recent(self, time: Callable[[], float], patience: float) -> None:
         """Wait until the newest state is not older than a time, at most for `patience` [s].
 
         Args:

@@ -42,7 +42,7 @@ class Telemetry:
         bridge.advertise(LOAD_FORCE_TOPIC, "geometry_msgs/WrenchStamped")
         bridge.advertise(PHASE_TOPIC, "std_msgs/String", latch=True)
 
-    def reference(self, q: Vector, v: Vector) -> None:
+    def publish_reference(self, q: Vector, v: Vector) -> None:
         """Publish the commanded joint positions and velocities (n,) [rad, rad/s]."""
         if self._due(REFERENCE_TOPIC):
             position, velocity = q.tolist(), v.tolist()
@@ -51,7 +51,7 @@ class Telemetry:
                 REFERENCE_TOPIC, {"header": header, "name": self._names, "position": position, "velocity": velocity}
             )
 
-    def load_force(self, samples: Sequence[ForceSample]) -> None:
+    def publish_load_force(self, samples: Sequence[ForceSample]) -> None:
         """Publish the force of the newest of these samples of the load cell [N]."""
         if samples and self._due(LOAD_FORCE_TOPIC):
             force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
@@ -59,11 +59,11 @@ class Telemetry:
                 "header": {"stamp": time_message(time.time()), "frame_id": "load_cell"}, "wrench": {"force": force},
             })  # fmt: skip
 
-    def estimate(self, length: float, std: float) -> None:
+    def publish_estimate(self, length: float, std: float) -> None:
         """Publish the estimated length and its standard deviation [m]."""
         self._say(ESTIMATE_TOPIC, {"layout": ESTIMATE_LAYOUT, "data": [length, std]})
 
-    def phase(self, name: str) -> None:
+    def publish_phase(self, name: str) -> None:
         """Publish the present phase of the trial."""
         if name != self._phase:
             self._phase = name
@@ -92,4 +92,4 @@ class PublishingRecorder(Recorder):
         """Record one sample of a channel, and publish it if it is a new estimate of the length."""
         super().record(channel, time, value)
         if channel == "estimate.length_std":
-            self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
+            self._telemetry.publish_estimate(float(self.channel("estimate.length").value[-1]), value)

@@ -137,7 +137,7 @@ class Twin(Closable):
             if late > MAX_DELAY_SECONDS:
                 self.behind += late - TWIN_STEP_SECONDS
                 self.start += late - TWIN_STEP_SECONDS
-            self.live(now, now - self.start)
+            self.simulate(now, now - self.start)
             if self.robot.time >= next_state - TWIN_STEP_SECONDS / 2:
                 next_state = max(next_state + STATE_PERIOD_SECONDS, self.robot.time)
                 self.publish_joints()
@@ -146,7 +146,7 @@ class Twin(Closable):
                 self.publish_power()
             time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 
-    def live(self, now: float, until: float) -> None:
+    def simulate(self, now: float, until: float) -> None:
         """Handle received messages, and simulate the robot.
 
         Args:
@@ -195,13 +195,13 @@ class Twin(Closable):
         bridge.advertise(topics.joint_states, "sensor_msgs/JointState")
         bridge.advertise(f"{root}/state", "baxter_core_msgs/AssemblyState")
         for topic, kind, act in (
-            (topics.command, topics.type.value, arm.take_command),
-            (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint", arm.take_feed_forward),
-            (topics.timeout, "std_msgs/Float64", arm.take_timeout),
-            (topics.speed_ratio, "std_msgs/Float64", arm.take_speed_ratio),
-            (f"{root}/set_super_enable", "std_msgs/Bool", arm.take_enable),
-            (f"{root}/set_super_reset", "std_msgs/Empty", arm.take_reset),
-            (f"{root}/set_super_stop", "std_msgs/Empty", arm.take_stop),
+            (topics.command, topics.type.value, arm.handle_command),
+            (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint", arm.handle_feed_forward),
+            (topics.timeout, "std_msgs/Float64", arm.handle_timeout),
+            (topics.speed_ratio, "std_msgs/Float64", arm.handle_speed_ratio),
+            (f"{root}/set_super_enable", "std_msgs/Bool", arm.handle_enable),
+            (f"{root}/set_super_reset", "std_msgs/Empty", arm.handle_reset),
+            (f"{root}/set_super_stop", "std_msgs/Empty", arm.handle_stop),
         ):
             if topic is not None:
                 bridge.subscribe(topic, kind, self._later(act), every=True)

@@ -38,7 +38,7 @@ from pipeline.trial.moves import line_sweep
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
-REST_SECONDS = 0.5
+REST_BEFORE_MOTION_SECONDS = 0.5
 """Time at rest before the motion that identifies the length [s], because the estimate assumes a load at rest."""
 PAUSE_BEFORE_SWING_SECONDS = 0.6
 """Time between bringing the load to rest and the swing [s]."""
@@ -117,7 +117,7 @@ class Experiment:
     ) -> None:
         self.settings, self.description, self.table = settings, rig.arm, rig.table
         robot, description, table = rig.robot, rig.arm, rig.table
-        self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.hooks.landed
+        self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.hooks.load_landed
         self._progress = progress or (lambda _what, _share: None)
         self.phases: list[PhaseSpan] = []
         self.interrupted: int | None = None
@@ -206,7 +206,7 @@ class Experiment:
     def _protocol(self) -> bool:
         """Run all phases, and return whether the load came to rest in the box."""
         c = self.settings
-        self._run(Phase.REST, 0.0, REST_SECONDS)
+        self._run(Phase.REST, 0.0, REST_BEFORE_MOTION_SECONDS)
         if c.estimate:
             self._learn()
             self._settle()

@@ -76,7 +76,7 @@ def perform_trial(
     """
 
     def tell(what: str, share: float = 0.0) -> None:
-        rig.hooks.announce(what)
+        rig.hooks.announce_phase(what)
         progress(what, share)
 
     with temporary_output_folder(out) as folder:
@@ -100,7 +100,7 @@ def perform_trial(
                 rig.hooks.wait_until_calm()
         with open_recording(rig, folder, settings) as recorder:
             experiment = Experiment(rig, recorder, of, tell, 0.0 if found is None else found.place)
-            ending = early_ending(experiment, found) or rig.hooks.judged(experiment.run())
+            ending = early_ending(experiment, found) or rig.hooks.judged_ending(experiment.run())
         ending = finish_recording(experiment, ending, recorder, folder)
         recording = out / recorder.path.name if out else None
         return experiment, trial_result(experiment, ending, rig.true_length, recording, found)

@@ -28,7 +28,7 @@ from ik import LineTable
 from pipeline.motion import LineTrajectory
 from pipeline.motion.feasible_motion import fit_motion_to_arm
 from pipeline.trial.ending import TrialEnding
-from pipeline.trial.experiment import REST_SECONDS, Experiment, Phase
+from pipeline.trial.experiment import REST_BEFORE_MOTION_SECONDS, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
 DESIGNED_MOTION_SECONDS = 8.0
@@ -64,7 +64,7 @@ class SwingExperiment(Experiment):
     """One experiment of an investigation: identify the length, then bring the load to rest below the gripper."""
 
     def _protocol(self) -> bool:
-        self._run(Phase.REST, 0.0, REST_SECONDS)
+        self._run(Phase.REST, 0.0, REST_BEFORE_MOTION_SECONDS)
         self._learn()
         self._settle()
         return True

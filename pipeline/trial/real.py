@@ -85,10 +85,10 @@ class _OperatorHooks:
     prompts: OperatorPrompts
     progress: ProgressCallback
 
-    def landed(self) -> bool:
+    def load_landed(self) -> bool:
         return True
 
-    def judged(self, ending: TrialEnding) -> TrialEnding:
+    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
         if ending.stopped:
             return ending
         success = self.prompts.landed()
@@ -98,8 +98,8 @@ class _OperatorHooks:
     def wait_until_calm(self) -> None:
         _wait_until_calm(self.robot, self.settings, self.progress)
 
-    def announce(self, what: str) -> None:
-        self.robot.announce(what)
+    def announce_phase(self, what: str) -> None:
+        self.robot.announce_phase(what)
 
 
 def run_real_trial(

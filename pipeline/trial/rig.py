@@ -15,16 +15,16 @@ from pipeline.trial.ending import TrialEnding
 class RigHooks(Protocol):
     """Functions of a trial that differ between a simulated robot and a real one with an operator."""
 
-    def landed(self) -> bool:
+    def load_landed(self) -> bool:
         """Whether the load is at rest in the box at the end of the protocol."""
 
-    def judged(self, ending: TrialEnding) -> TrialEnding:
+    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
         """The ending of a trial, corrected by the operator's answer whether the load is in the box."""
 
     def wait_until_calm(self) -> None:
         """Wait between two experiments until the load hangs still."""
 
-    def announce(self, what: str) -> None:
+    def announce_phase(self, what: str) -> None:
         """Publish the name of the trial's phase for observers."""
 
 

@@ -24,15 +24,15 @@ class _SimulationHooks:
 
     simulation: SimulatedRobot
 
-    def landed(self) -> bool:
+    def load_landed(self) -> bool:
         return self.simulation.load_in_box()
 
-    def judged(self, ending: TrialEnding) -> TrialEnding:
+    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
         return ending
 
     def wait_until_calm(self) -> None: ...
 
-    def announce(self, what: str) -> None: ...
+    def announce_phase(self, what: str) -> None: ...
 
 
 def simulate_trial(

@@ -42,7 +42,7 @@ class TableOne:
         return self.succeeded.shape[2]
 
     @property
-    def shares(self) -> np.ndarray:
+    def success_shares(self) -> np.ndarray:
         """Share of successful trials for each guess, without and with estimation (2, 9)."""
         return np.asarray(self.succeeded.mean(axis=2).T)
 
@@ -52,27 +52,27 @@ class TableOne:
         return self.estimates - self.true_length
 
     @property
-    def in_paper(self) -> np.ndarray:
+    def succeeded_in_paper(self) -> np.ndarray:
         """Whether the paper's trials without estimation succeed, for each guess (9,)."""
         return np.isin(LENGTH_GUESSES, PAPER_SUCCESSES_WITHOUT_ESTIMATION)
 
     @property
-    def covered(self) -> float:
+    def covered_share(self) -> float:
         """Share of trials in which the true length is within three reported standard deviations of the estimate."""
         return float(np.mean(np.abs(self.errors) <= 3 * self.stds))
 
     def as_json(self) -> dict[str, Any]:
         """The table as JSON ``armdyn.table/1``."""
-        rows = zip(LENGTH_GUESSES, *self.shares.tolist(), self.estimates.tolist(), strict=True)
+        rows = zip(LENGTH_GUESSES, *self.success_shares.tolist(), self.estimates.tolist(), strict=True)
         names = "length_guess", "without", "with", "length_estimates"
-        as_in_paper = (self.succeeded[:, 0] == self.in_paper[:, None]).all(axis=0)
+        as_in_paper = (self.succeeded[:, 0] == self.succeeded_in_paper[:, None]).all(axis=0)
         return {
             "schema": "armdyn.table/1",
             "seeds": self.seeds,
             "rows": [dict(zip(names, row, strict=True)) for row in rows],
             "mean": float(np.mean(self.errors)) + self.true_length,
             "std": float(np.std(self.errors)),
-            "covered_by_3_std": self.covered,
+            "covered_by_3_std": self.covered_share,
             "paper_pattern": float(np.mean(as_in_paper)),
         }
 

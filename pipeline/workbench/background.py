@@ -34,7 +34,7 @@ class ComputingSession:
         self._thread = ThreadPoolExecutor(1, "armdyn-session")
         given = self._given = self._thread.submit(inputs.read)
         bench = self._bench = self._thread.submit(_first_look, given)
-        self._ready = self._thread.submit(lambda: bench.result().expansion)
+        self._ready = self._thread.submit(lambda: bench.result().linear_scorer)
 
     async def opened(self) -> tuple[CheckedStudy, Workbench]:
         """Wait until the model as given is fitted; return the read files and the workbench.
@@ -55,7 +55,7 @@ class ComputingSession:
 
 def _first_look(given: Future[CheckedStudy]) -> Workbench:
     bench = Workbench(given.result().study)
-    _ = bench.opening
+    _ = bench.given_state
     return bench
 
 

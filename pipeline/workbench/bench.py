@@ -26,7 +26,7 @@ from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.recording.channels import FloatArray
-from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, study_overlays
+from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, SignalOverlay, study_overlays
 
 AS_GIVEN, WITH_TICKED_EFFECTS = "as given", "now"
 ResidualsByChannel = Mapping[tuple[str, str], FloatArray]
@@ -64,7 +64,7 @@ class TickedModel:
 
     effects: tuple[str, ...]
     how: str
-    curves: tuple[Overlay, ...]
+    curves: tuple[SignalOverlay, ...]
     stale: bool
     knobs: Mapping[str, ParameterSlider]
     others: Mapping[str, float]
@@ -94,11 +94,11 @@ class Workbench:
         self._given = [
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
             for curve in study_overlays(study, [self.first], self._places)
-            if curve.kind in (FITTED, HELD_OUT)
+            if curve.kind in (FITTED_RUN, HELD_OUT_RUN)
         ]
 
     @cached_property
-    def expansion(self) -> LinearScorer | None:
+    def linear_scorer(self) -> LinearScorer | None:
         """Linearisation of an arm's fit, which predicts the result of any set of effects at once; None for a pendulum.
 
         Predictions are exact for effects that are linear in their parameters.
@@ -106,7 +106,7 @@ class Workbench:
         return self.study.scorer(self.first)
 
     @cached_property
-    def opening(self) -> TickedModel:
+    def given_state(self) -> TickedModel:
         """Curves and errors of the given model, without ticked effects."""
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
@@ -129,15 +129,15 @@ class Workbench:
             UnknownNameError: a label is not one of `candidates`.
         """
         if not effects:
-            return self.opening
+            return self.given_state
         chosen = self._candidates_of(effects)
-        if self.expansion is None:
+        if self.linear_scorer is None:
             # Near the fit of the given model a pendulum is nearly linear too; a refit follows.
             values = linearised_fit(self.first, [name for c in chosen for name in c.names])
             blocks, moved = self.study.problem.blocks(self.first.values), values - self.first.values
             residuals = {(b.run, b.channel): b.misfit - b.noise * (b.sensitivities @ moved) for b in blocks}
         else:
-            around, sums = self.expansion, self.expansion.sums
+            around, sums = self.linear_scorer, self.linear_scorer.sums
             one = around.evaluate((*around.given, *chosen))
             values = self.study.own_values(around, one)
             residuals = {
@@ -172,7 +172,7 @@ class Workbench:
             study, chosen = self.study, self._candidates_of(effects)
             whole = (*study.present, *group_by_effect(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
-            around = self.expansion
+            around = self.linear_scorer
             start = None if around is None else study.own_values(around, around.evaluate((*around.given, *chosen)))
             self._fits[key] = continue_fit(study.fit_with(whole, near, start))
         return self._fits[key]
@@ -210,7 +210,7 @@ class Workbench:
                 return force_curves(given)
             fit = self.fit(state.effects)
             return force_curves(given, missing_forces(fit), force_added_by_repair(self.first, fit))
-        now = {(curve.run, curve.channel): curve.residuals[-1] for curve in state.curves if curve.kind == FITTED}
+        now = {(curve.run, curve.channel): curve.residuals[-1] for curve in state.curves if curve.kind == FITTED_RUN}
         left = [now[u.run, f"tau.{u.joint}"] for u in given]
         return force_curves(
             given,

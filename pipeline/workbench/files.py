@@ -80,7 +80,7 @@ class WritablePlaces:
             raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
         allow_overwrite(target)
 
-    def note(self, file: Path) -> None:
+    def register(self, file: Path) -> None:
         """Register a file that a page has written, with its present contents."""
         self._written[file.resolve()] = _digest(file)
 
@@ -333,7 +333,7 @@ def save_model(
         else:
             files.append(exported)
     for one in files:
-        writable.note(one)
+        writable.register(one)
     return SavedFiles(tuple(files), found.sentence, tuple(notes), command)
 
 

@@ -9,7 +9,7 @@ from armdyn.identify.sentence import total_errors
 from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
 from pipeline.report.inspection import checks_section
-from pipeline.report.overlay import FITTED, HELD_OUT, prediction_quality
+from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, prediction_quality
 from pipeline.report.page import bar_cell_html, key_figure_html, table_html
 from pipeline.report.theme import channel_full_name, number_text
 from pipeline.workbench.bench import ParameterSlider, TickedModel, Workbench
@@ -73,9 +73,9 @@ def errors_panel(state: TickedModel) -> str:
     """HTML panel of the errors of the given and the changed model, on fitted runs and on other runs."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
-    for kind in (FITTED, HELD_OUT):
+    for kind in (FITTED_RUN, HELD_OUT_RUN):
         mine = [curve for curve in state.curves if curve.kind == kind]
-        if not mine or (kind == HELD_OUT and state.stale):
+        if not mine or (kind == HELD_OUT_RUN and state.stale):
             continue
         for unit in dict.fromkeys(units.values()):
             before, after = (prediction_quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
@@ -84,7 +84,7 @@ def errors_panel(state: TickedModel) -> str:
                 note += f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
             value = f" data-value='{after!r}'"
             figures.append(key_figure_html(f"Error, {kind} runs", number_text(after, unit), note, value))
-    if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
+    if state.others and not any(curve.kind == HELD_OUT_RUN for curve in state.curves):
         for unit, error in total_errors(state.others, units).items():
             text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
             figures.append(key_figure_html(text, number_text(error, unit), "", value))

@@ -15,7 +15,7 @@ from armdyn.quoting import script_json
 from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
-from pipeline.report.overlay import Overlays, updated_curve
+from pipeline.report.overlay import OverlayFigure, updated_curve
 from pipeline.report.page import PLOTLY_LOOK, tabs_html, widget_html
 from pipeline.view.motion import arm_scene, joint_motion, load_swing, swing_scene
 from pipeline.view.scene import Scene
@@ -109,7 +109,7 @@ class BrowserTab:
             names = ", ".join(run.name for run in bench.study.runs)
             said = ". ".join([f"{self._model.name} with {names}", *given.set_aside])
             self._call("panel", "subtitle", escape(said))
-            await self._show_first(bench.opening)
+            await self._show_first(bench.given_state)
             self._call("busy", "preparing the effects")
             await session.ready()
             if session is self._session:
@@ -123,7 +123,7 @@ class BrowserTab:
             self._call("busy", "")
 
     async def _show_first(self, state: TickedModel) -> None:
-        overlays = Overlays(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS))
+        overlays = OverlayFigure(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS))
         self._points = overlays.points
         widget = overlays.widget()
         html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget_html(widget)}</form>"
@@ -133,7 +133,7 @@ class BrowserTab:
         await self._show_missing_force(state)
 
     def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
-        totals = Overlays(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS)).totals()
+        totals = OverlayFigure(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS)).totals()
         new = {"changed": [updated_curve(curve, self._points) for curve in state.curves], "totals": totals}
         self._call("update", new)
         self._call("panel", "errors", panels.errors_panel(state))

@@ -37,15 +37,15 @@ from pipeline.ros.topics import (
 
 READING_LAG_SECONDS = 0.01
 """Time before the present for which joint states are read [s]: messages of that time have usually arrived."""
-ADVERTISE_SECONDS = 1.2
+WAIT_AFTER_ADVERTISE_SECONDS = 1.2
 """Time without motion after `advertise` [s], because rosbridge repeats messages to new subscribers for a second."""
 RECENT_STATE_TIMEOUT_SECONDS = 2 * CONTROL_PERIOD_SECONDS
 """Longest time that a command waits for a recent joint state [s], below `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
 COMMAND_CHECK_SECONDS = 0.002
 """Longest time from the end of the wait for a recent joint state to the end of the command's check [s]."""
-REMEMBERED_COMMANDS = 300
+MAX_REMEMBERED_COMMANDS = 300
 """Number of sent commands that are kept to recognise those of other programs: 3 s, longer than a bridge may stall."""
-HOLD_SECONDS = 0.3
+HOLD_AFTER_BRAKING_SECONDS = 0.3
 """Time for which the last posture is commanded after braking [s]."""
 SDK_COMMAND_TIMEOUT_SECONDS = 0.2
 """Command timeout that Baxter has without this program [s], restored at the end."""
@@ -90,7 +90,7 @@ class RosRobot(Closable):
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
         self._lock = threading.RLock()
-        self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=REMEMBERED_COMMANDS)
+        self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=MAX_REMEMBERED_COMMANDS)
         self._ended: str | None = None
         self._foreign = False
         self._blend: StreamBlend | None = None
@@ -134,7 +134,7 @@ class RosRobot(Closable):
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
-            self._states.wait_for_younger(
+            self._states.wait_for_recent(
                 lambda: self.time - MAX_STATE_AGE_SECONDS + COMMAND_CHECK_SECONDS, RECENT_STATE_TIMEOUT_SECONDS
             )
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
@@ -199,13 +199,13 @@ class RosRobot(Closable):
         if not samples and not self._cell.status().connected:
             raise TaskFailedError(f"load cell: {LoadCellFault.DISCONNECTED.value}")
         if self.telemetry is not None:
-            self.telemetry.load_force(samples)
+            self.telemetry.publish_load_force(samples)
         return samples
 
-    def announce(self, phase: str) -> None:
+    def announce_phase(self, phase: str) -> None:
         """Publish the name of the trial's phase for observers."""
         if self.telemetry is not None:
-            self.telemetry.phase(phase)
+            self.telemetry.publish_phase(phase)
 
     @property
     def recorder(self) -> Callable[..., Recorder]:
@@ -250,7 +250,7 @@ class RosRobot(Closable):
         self._states.first(topics.joint_states)
         self._master = MasterWatch(bridge)
         self.statistics.round_trip = round_trip_times(bridge)
-        self.advance(advertised + ADVERTISE_SECONDS - self.time)
+        self.advance(advertised + WAIT_AFTER_ADVERTISE_SECONDS - self.time)
         if self._foreign:
             raise InputError(f"another program sends commands on {topics.command}: end it first")
 
@@ -285,7 +285,7 @@ class RosRobot(Closable):
             self.statistics.intervals.append(now - self._sent_at)
         self._sent, self._sent_at = (q, v, a), now
         if self.telemetry is not None:
-            self.telemetry.reference(q, v)
+            self.telemetry.publish_reference(q, v)
         return None
 
     def _take_echo(self, message: Any, now: float) -> None:
@@ -314,7 +314,7 @@ class RosRobot(Closable):
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
         brake, due = BrakingMotion(start, self._description.limits), self.time
-        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / CONTROL_PERIOD_SECONDS) + 1):
+        for cycle in range(1, round((brake.duration + HOLD_AFTER_BRAKING_SECONDS) / CONTROL_PERIOD_SECONDS) + 1):
             q, v, a = brake.state_at(cycle * CONTROL_PERIOD_SECONDS)
             due = CONTROL_PERIOD_SECONDS + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)

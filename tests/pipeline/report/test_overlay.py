@@ -16,11 +16,11 @@ from armdyn.identify.study import Study
 from armdyn.recording.preparation import Preparation, combined_preparations, preparation_sentence
 from pipeline.answers import preparation_answer
 from pipeline.report.overlay import (
-    EXAM,
-    FITTED,
-    HELD_OUT,
-    Overlay,
-    Overlays,
+    EXAM_RUN,
+    FITTED_RUN,
+    HELD_OUT_RUN,
+    OverlayFigure,
+    SignalOverlay,
     prediction_quality,
     quantised,
     training_overlays,
@@ -56,7 +56,7 @@ def reports(study, found):
 
 @pytest.fixture(scope="module")
 def shown(study, found):
-    return Overlays.of_study(study, [step.fit for step in found.steps], ["a step"] * len(found.steps), ())
+    return OverlayFigure.of_study(study, [step.fit for step in found.steps], ["a step"] * len(found.steps), ())
 
 
 def test_every_run_joint_and_step_has_the_error_of_the_path(found, shown, reports):
@@ -64,11 +64,11 @@ def test_every_run_joint_and_step_has_the_error_of_the_path(found, shown, report
     (widget,) = [section.widget for section in reports["repair"].sections if section.widget is not None]
     assert widget.data["totals"] == totals
     for i, step in enumerate(found.path):
-        for kind, errors in ((FITTED, step.rmse), (HELD_OUT, step.held_out_rmse), (EXAM, step.exam_rmse)):
+        for kind, errors in ((FITTED_RUN, step.rmse), (HELD_OUT_RUN, step.held_out_rmse), (EXAM_RUN, step.exam_rmse)):
             shares = {channel: by_step[i][0] for channel, by_step in totals[kind].items()}
             assert shares == pytest.approx(errors)
             assert list(shares) == [f"tau.{joint}" for joint in JOINTS]
-    as_given, last = (prediction_quality([c for c in shown.curves if c.kind == EXAM], step) for step in (0, -1))
+    as_given, last = (prediction_quality([c for c in shown.curves if c.kind == EXAM_RUN], step) for step in (0, -1))
     assert last.rmse < 0.3 * as_given.rmse  # the friction explains what the model as given did not
     assert as_given.explained < last.explained < 1.0
 
@@ -77,7 +77,9 @@ def test_error_and_share_are_those_of_their_definition():
     rng = np.random.default_rng(0)
     time = np.arange(50.0)
     curves = [
-        Overlay("a", FITTED, f"tau.{i}", "N m", time, rng.normal(3.0, 2.0, 50), rng.normal(0.0, 0.5, (1, 50)), 0.1)
+        SignalOverlay(
+            "a", FITTED_RUN, f"tau.{i}", "N m", time, rng.normal(3.0, 2.0, 50), rng.normal(0.0, 0.5, (1, 50)), 0.1
+        )
         for i in range(2)
     ]
     left = sum(np.mean(c.residuals[0] ** 2) for c in curves)
@@ -92,7 +94,7 @@ def test_quantised_values_are_finer_than_a_screen_and_a_long_curve_is_thinned():
     assert np.abs(back - values).max() <= 0.5001 * np.ptp(values) / 65535
     assert quantised(np.full(3, 2.0))[:2] == [2.0, 1.0]
     time = np.arange(10_000.0)
-    long = Overlay("a", FITTED, "tau.a", "N m", time, np.sin(time), np.zeros((1, len(time))), 0.1)
+    long = SignalOverlay("a", FITTED_RUN, "tau.a", "N m", time, np.sin(time), np.zeros((1, len(time))), 0.1)
     assert len(base64.b64decode(updated_curve(long, 100)["residual"][2])) == 2 * 100
 
 
@@ -136,7 +138,7 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
     """What stands there after the page's script has run: the line above the curves, and the chosen tab."""
     page = tmp_path / "repair.html"
     page.write_text(page_html(reports["repair"]))
-    curve = next(c for c in shown.curves if c.channel == "tau.right_e1" and c.kind == FITTED)
+    curve = next(c for c in shown.curves if c.channel == "tau.right_e1" and c.kind == FITTED_RUN)
     with Browser() as tab:
         tab.go(f"{page.as_uri()}#tab=tau.right_e1&step=0&run=0")
         tab.wait("document.body.dataset.ready")
@@ -166,7 +168,7 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
         assert (done["cutoff_hz"], done["rate_hz"]) == (pytest.approx(10.0), pytest.approx(17.92))
         assert (done["samples"], done["recorded"]) == (len(block.residual), 3750)
     done = preparation_sentence(combined_preparations(run.preparations for run in fit.problem.runs))
-    said = Overlays(training_overlays([fit]), preparation=done).section().sentence
+    said = OverlayFigure(training_overlays([fit]), preparation=done).section().sentence
     assert "compared below 10 Hz" in said
     assert "17.9 samples per second of 250" in said
 

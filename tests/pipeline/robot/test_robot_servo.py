@@ -128,8 +128,8 @@ def samples(tension, seconds=2.0, angle=0.0, **given):
     """Time of reception and reading of every sample of a cell that feels tension(t) and angle."""
     made = cell(**given)
     for step in range(round(seconds * 1000)):
-        made.feel(step, tension(step * 1e-3), angle)
-    received = made.received(seconds)
+        made.apply_tension(step, tension(step * 1e-3), angle)
+    received = made.new_samples(seconds)
     return np.array([s.time for s in received]), np.array([s.force for s in received])
 
 
@@ -147,10 +147,10 @@ def test_samples_are_as_even_noisy_coarse_and_limited_as_the_settings_say():
 def test_samples_on_the_way_are_not_handed_out_and_none_is_handed_out_twice():
     made = cell(latency=0.025)
     for step in range(51):
-        made.feel(step, 1.0, 0.0)
-    assert [s.time for s in made.received(0.05)] == pytest.approx([0.025, 0.035, 0.045])
-    assert made.received(0.05) == []
-    assert [s.time for s in made.received(0.06)] == pytest.approx([0.055])
+        made.apply_tension(step, 1.0, 0.0)
+    assert [s.time for s in made.new_samples(0.05)] == pytest.approx([0.025, 0.035, 0.045])
+    assert made.new_samples(0.05) == []
+    assert [s.time for s in made.new_samples(0.06)] == pytest.approx([0.055])
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 import urdf
 from armdyn.run import read_run
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, STREAM_GAP_SECONDS
-from pipeline.robot.drivers.ros import ADVERTISE_SECONDS
+from pipeline.robot.drivers.ros import WAIT_AFTER_ADVERTISE_SECONDS
 from pipeline.ros.bridge import Bridge
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(missing() is not None, reason=str(missing()))]
@@ -52,7 +52,7 @@ def intrude(wire, _twin, _trial):
         seen = []
         bridge.subscribe(TOPICS.command, TOPICS.type.value, lambda message, _now: seen.append(message["command"]))
         bridge.advertise(TOPICS.command, TOPICS.type.value)
-        time.sleep(ADVERTISE_SECONDS)
+        time.sleep(WAIT_AFTER_ADVERTISE_SECONDS)
         message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
         intrude.began = time.monotonic()
         for _ in range(10):

@@ -108,10 +108,10 @@ def telemetry(loopback, bridge, baxter):
 
 def test_reference_force_and_phase_are_published(loopback, telemetry):
     for k in range(5):  # in one go: only the first is due
-        telemetry.reference(np.full(7, 0.1 * k), np.zeros(7))
-        telemetry.load_force([ForceSample(0.0, 0.7), ForceSample(0.01, 0.8)])
-        telemetry.phase("swing")
-    telemetry.phase("finish")
+        telemetry.publish_reference(np.full(7, 0.1 * k), np.zeros(7))
+        telemetry.publish_load_force([ForceSample(0.0, 0.7), ForceSample(0.01, 0.8)])
+        telemetry.publish_phase("swing")
+    telemetry.publish_phase("finish")
     loopback.wait_for(lambda: len(loopback.published("/armdyn/phase")) == 2)
     (reference,) = loopback.published("/armdyn/reference")
     assert reference["position"] == [0.0] * 7
@@ -132,4 +132,4 @@ def test_each_estimate_is_published_when_it_is_recorded_until_the_bridge_is_lost
     assert loopback.published("/armdyn/estimate")[0]["data"] == [0.36, 0.001]
     loopback.drop()
     until(lambda: bridge.failure)
-    telemetry.phase("swing")  # costs what would have been published and nothing else
+    telemetry.publish_phase("swing")  # costs what would have been published and nothing else

@@ -22,17 +22,17 @@ class SteppedTwin(Twin):
     def pass_time(self, seconds):
         for _ in range(round(seconds / 0.002)):
             self.now += 0.002
-            self.live(self.now, self.robot.time + 0.002)
+            self.simulate(self.now, self.robot.time + 0.002)
 
     def send(self, q, mode=RAW, names=None, cycles=1):
         """Ask for a posture once or in several cycles of 10 ms."""
         command = {"mode": mode, "names": list(names or self.robot.joint_names), "command": q}
         for _ in range(cycles):
-            self.controller.take_command(command, self.now)
+            self.controller.handle_command(command, self.now)
             self.pass_time(0.01)
 
     def enable(self, on=True):
-        self.controller.take_enable({"data": on}, self.now)
+        self.controller.handle_enable({"data": on}, self.now)
         self.pass_time(0.15)
 
     @property
@@ -57,7 +57,7 @@ def test_it_follows_a_raw_position_and_matches_joints_by_name(twin):
 
 def test_without_commands_for_the_timeout_it_holds_where_it_is(twin):
     start = twin.posture
-    twin.controller.take_timeout({"data": 0.1}, twin.now)
+    twin.controller.handle_timeout({"data": 0.1}, twin.now)
     for k in range(1, 31):
         twin.send((start + 0.002 * k).tolist())
     twin.pass_time(0.3)
@@ -78,11 +78,11 @@ def test_while_it_is_disabled_commands_have_no_effect(twin):
 def test_a_stop_needs_release_and_reset(twin):
     arm = twin.controller
     arm.press()
-    arm.take_reset({}, twin.now)
+    arm.handle_reset({}, twin.now)
     twin.enable()
     assert (arm.state.stopped, arm.state.enabled) == (True, False)
     arm.release()
-    arm.take_reset({}, twin.now)
+    arm.handle_reset({}, twin.now)
     twin.enable()
     assert arm.state.enabled
 
@@ -97,7 +97,7 @@ def test_what_is_no_posture_another_mode_and_other_joints_are_ignored(twin, bad)
 
 
 def test_position_mode_keeps_the_speed_ratio(twin):
-    twin.controller.take_speed_ratio({"data": 0.1}, twin.now)
+    twin.controller.handle_speed_ratio({"data": 0.1}, twin.now)
     start = twin.posture
     twin.send((start + 0.3 * np.eye(7)[0]).tolist(), mode=POSITION, cycles=50)
     assert twin.posture[0] - start[0] == pytest.approx(0.1 * 1.5 * 0.5, abs=0.015)  # it lags by 0.05 s
@@ -128,7 +128,7 @@ def test_the_load_cell_speaks_the_serial_protocol(twin):
 def test_its_summary_tells_what_only_it_knows_also_what_was_clipped(twin, baxter):
     twin.send((twin.posture + 0.01).tolist())
     command = {"mode": RAW, "names": list(twin.robot.joint_names), "command": [9.0] * 7}
-    twin.controller.take_command(command, twin.now)
+    twin.controller.handle_command(command, twin.now)
     summary = twin.summary()
     assert (summary["length"], summary["load_in_box"], summary["commands"]) == (0.368, False, 2)
     assert set(summary["largest_step"]) == set(twin.robot.joint_names)

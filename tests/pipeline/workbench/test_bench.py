@@ -13,7 +13,7 @@ from armdyn.identify.study import Study
 from armdyn.model_file import base_pendulum, read_model_file
 from pipeline import exports
 from pipeline.console.inputs import ModelAndRunInputs
-from pipeline.report.overlay import FITTED, HELD_OUT, prediction_quality
+from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, prediction_quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Workbench
 from pipeline.workbench.files import WritablePlaces, save_model
@@ -27,14 +27,14 @@ def labels_of(bench, effect):
     return [label for label, one in bench.candidates.items() if one.effect == effect]
 
 
-def error(state, kind=FITTED):
+def error(state, kind=FITTED_RUN):
     return prediction_quality([curve for curve in state.curves if curve.kind == kind], 1).rmse
 
 
 def test_the_hidden_effect_leaves_less_than_any_other(bench):
-    left = {name: error(bench.predict(labels_of(bench, name)), HELD_OUT) for name in (HIDDEN, *RIVALS)}
+    left = {name: error(bench.predict(labels_of(bench, name)), HELD_OUT_RUN) for name in (HIDDEN, *RIVALS)}
     assert min(left, key=left.get) == HIDDEN
-    assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
+    assert left[HIDDEN] < 0.2 * error(bench.given_state, HELD_OUT_RUN)
 
 
 def test_what_is_predicted_of_an_arm_is_what_a_refit_finds(bench):
@@ -52,9 +52,9 @@ def test_what_is_predicted_of_an_arm_is_what_a_refit_finds(bench):
 
 
 def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
-    text = panels.errors_panel(bench.opening)
+    text = panels.errors_panel(bench.given_state)
     assert "Fails most: torque of" in text
-    assert f"v.{bench.opening.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
+    assert f"v.{bench.given_state.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
     before, after = (sum(place.chi2_per_sample for place in bench.refit(e).places) for e in ([], FRICTION))
     assert after < 0.05 * before
 
@@ -65,7 +65,7 @@ def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench
         mine = [c for c in bench.missing_force(state) if c.against == "speed"]
         return {c.joint: (np.ptp(c.as_given), None if c.repaired is None else np.ptp(c.repaired)) for c in mine}
 
-    assert all(now is None for _, now in sizes(bench.opening).values())
+    assert all(now is None for _, now in sizes(bench.given_state).values())
     for state in (bench.predict(FRICTION), bench.refit(FRICTION)):
         assert set(sizes(state)) == set(JOINTS)
         assert all(now < 0.2 * given for given, now in sizes(state).values())
@@ -108,12 +108,12 @@ def test_a_pendulums_hidden_drag_is_predicted_and_then_fitted():
     bench = Workbench(Study.of(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
     predicted = {name: bench.predict([name]) for name in effects}
     assert min(effects, key=lambda name: error(predicted[name])) == "quadratic_drag"
-    assert error(predicted["quadratic_drag"]) < 0.9 * error(bench.opening)
+    assert error(predicted["quadratic_drag"]) < 0.9 * error(bench.given_state)
     fitted = bench.refit(["quadratic_drag"])
     assert not fitted.stale
     assert predicted["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
-    for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
-        assert error(bench.opening, kind) > 4e-3
+    for kind in (FITTED_RUN, HELD_OUT_RUN):  # what is left is the sensor's noise of 3 mN
+        assert error(bench.given_state, kind) > 4e-3
         assert error(fitted, kind) == pytest.approx(3e-3, rel=0.1)
     assert {"length", "mass", "quadratic_drag.coefficient"} <= set(fitted.knobs)
 

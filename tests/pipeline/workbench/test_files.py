@@ -102,7 +102,7 @@ def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_n
     for file in (mine, other):
         file.write_text("a = 1")
     linked.symlink_to(other)
-    writable.note(mine)
+    writable.register(mine)
     writable.check(mine, over=True)
     with complains(InputError):
         writable.check(mine, over=False)
