@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from command import called
@@ -14,6 +15,7 @@ from armdyn.effects.effect import effect
 from armdyn.errors import TaskFailedError
 from armdyn.front import compare, fit, repair
 from armdyn.identify.sentence import Verdict
+from armdyn.inspection.plausible import implausible_values
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -81,6 +83,11 @@ class Surface(Stage):
 @effect("radiation", acts_on="surface", summary="Heat is lost with the square of the excess.", source="of its own")
 def radiation(surface, size=quantity("1/(rad s)", typical=1e-3, lower=0.0)):
     return replace(surface, loss=surface.loss + size * surface.warmer**2)
+
+
+@effect("storing", acts_on="surface", summary="The surface has a time of its own.", source="of its own")
+def storing(surface, time=quantity("s", typical=10.0, lower=0.0)):
+    return replace(surface, loss=surface.loss * ca.exp(-time))
 
 
 @physics(
@@ -201,6 +208,11 @@ def test_a_state_that_the_runs_cannot_tell_from_the_one_named_is_said():
     (step,) = found.path[1:]
     assert {f"{step.added[0]}:{step.joints[0]}", *step.tied_with} == {"source:hidden", "source:shown"}
     assert f"cannot tell {step.tied_with[0]}" in found.sentence
+
+
+def test_what_a_base_allows_is_plausible_however_slow():
+    model = physics_model(thermal).with_effect(storing).with_values({"storing.time": 600.0})
+    assert implausible_values(model) == []
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
