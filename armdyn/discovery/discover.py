@@ -185,7 +185,7 @@ def _finding(
     if len(candidate.joints) == 1:
         values = {name.partition("[")[0]: value for name, value in values.items()}
     effect, term = study.effects[candidate.effect], terms.get(candidate.effect)
-    tied = [c.effect for step in steps for c in step.tied_effects]
+    tied_effects = [c.effect for step in steps for c in step.tied_effects if set(c.joints) <= set(candidate.joints)]
     other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
         term = term.with_start_values({name: values[name].value for name in term.parameters if name in values})

@@ -28,7 +28,7 @@ class RepairStep:
     Attributes:
         added: names of the effects that this step added; empty for the model as given.
         joints: joints on which the effects act, for an arm.
-        tied_with: effects that these runs cannot distinguish from the one added.
+        tied_with: effects that these runs cannot distinguish from the one added, ``"leak:upper"`` on another state.
         rmse: root mean square residual of the training runs, by channel.
         held_out_rmse: root mean square residual of held-out runs, which help to choose effects, by channel; empty for a
             single run.

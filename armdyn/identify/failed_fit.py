@@ -34,10 +34,11 @@ def residual_variance_ratio(blocks: Sequence[ResidualBlock]) -> float:
 
 def failed_fit_sentence(fit: Fit) -> str:
     """Sentence for a reader that a fit is lost, and which parameters need start values or priors."""
-    return (
-        f"lost: give start values or a prior for {join_names(_asked(fit))}. The fit leaves more than the signal itself "
-        "varies by, so it says nothing of what the model lacks."
-    )
+    asked, why = join_names(_asked(fit)), "The fit leaves more than the signal itself varies by"
+    if not np.isfinite(fit.cost):
+        asked += ", or a base of your own a shorter step"
+        why = "The simulation diverges from every start that was tried"
+    return f"lost: give start values or a prior for {asked}. {why}, so it says nothing of what the model lacks."
 
 
 def _asked(fit: Fit) -> list[str]:

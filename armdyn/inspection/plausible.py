@@ -33,8 +33,13 @@ def least_absolute_value(p: Parameter) -> float:
 
 
 def implausible_values(model: Model) -> list[Check]:
-    """Findings on impossible values of a fitted model, such as a payload heavier than the robot."""
-    of_base = IMPOSSIBLE_BY_BASE.get(model.base, lambda _: iter(()))
+    """Findings on impossible values of a fitted model, such as a payload heavier than the robot.
+
+    In a base of a user's own the bounds of a value define what is possible, so that there are none.
+    """
+    of_base = IMPOSSIBLE_BY_BASE.get(model.base)
+    if of_base is None:
+        return []
     return [
         Check("implausible_model", Severity.WRONG, None, (name,), f"{said}: check your recording", CHECK_REMEDY)
         for name, said in (*_sizes(model), *of_base(model))
@@ -69,7 +74,7 @@ def with_fitted_values(model: Model, found: Comparison) -> Model:
 
 
 def _sizes(model: Model) -> Iterator[tuple[str, str]]:
-    """Findings that hold for every base: signs and times."""
+    """Findings that hold for arms and pendulums: signs and times."""
     for name, p in model.parameters.items():
         effect = p.effect or ""
         pushes = ("friction" in effect or "drag" in effect) and p.lower >= 0.0

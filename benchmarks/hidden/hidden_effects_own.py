@@ -66,7 +66,7 @@ def repaired(one: Case, off: float) -> tuple[str, float, Repair | None]:
         return "lost", error, found
     names = [effect.name for effect in found.model.effects]
     wanted = [one.hidden] if one.hidden else []
-    tied = {name for step in found.path for name in step.tied_with}
+    tied = {name.partition(":")[0] for step in found.path for name in step.tied_with}
     end = "named" if names == wanted else "tied" if one.hidden and one.hidden in {*names, *tied} else "wrong"
     return end, error, found
 

@@ -53,15 +53,14 @@ def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) 
     Args:
         scorer: scorer of sets.
         whole: the set.
-        part: effects of the set, each on one joint, that are replaced; replacements act on the same joints.
+        part: effects of the set, each on one joint, that are replaced. On an arm, replacements act on the same joints.
     """
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
     without = scorer.evaluate(rest)
-    plausible_effects = scorer.candidates
-    for name in dict.fromkeys(c.effect for c in plausible_effects if c.effect != part[0].effect):
-        others = [c for c in plausible_effects if c.effect == name and set(c.joints) <= joints]
+    here = [c for c in scorer.candidates if c.effect != part[0].effect and set(c.joints) <= joints]
+    for others in (*group_joints_by_effect(here), *scorer.effects_on_other_states(whole, rest, part)):
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = scorer.evaluate((*rest, *others))
@@ -70,6 +69,11 @@ def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) 
         if scorer.ties(whole, other, without):
             found.append(group_by_effect(others)[0])
     return tuple(found)
+
+
+def name_tied_effect(rival: Candidate, added: Sequence[Candidate]) -> str:
+    """Name of an effect that is tied with those added; with its state where it acts on another one."""
+    return rival.effect if set(rival.joints) <= {j for c in added for j in c.joints} else rival.label
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
     leading = found[:1] if first else []
     worth = [one for one in found[len(leading) :] if one.score > nothing.score]
     rest = sorted(worth, key=lambda one: -one.score)
-    names = [c.effect for c in tied]
+    names = [name_tied_effect(c, first) for c in tied]
     described = []
     for one in (*leading, *rest)[: scorer.max_ranked_effects]:
         mine = group_by_effect([c for c in one.effects if c not in scorer.given])[0]

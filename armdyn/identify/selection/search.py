@@ -12,7 +12,7 @@ from armdyn.identify.selection.arm_selection import select_for_arm
 from armdyn.identify.selection.background import AllEffectsFit
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
-from armdyn.identify.selection.ranking import RankedEffect, rank_effects
+from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
@@ -151,7 +151,7 @@ def repair_step(study: Study, step: SearchStep) -> RepairStep:
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
-        tied_with=tuple(c.effect for c in step.tied_effects),
+        tied_with=tuple(name_tied_effect(c, step.added) for c in step.tied_effects),
         rmse=step.fit.rmse(),
         held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
         chi2_per_sample=step.fit.chi2_per_sample,

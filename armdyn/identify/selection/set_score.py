@@ -109,6 +109,13 @@ class SetScorer(ABC):
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
+    def effects_on_other_states(
+        self, whole: SetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
+    ) -> Iterable[tuple[Candidate, ...]]:
+        """Effects on other states that may be tied with a `part` of a set; an arm measures every joint and has none."""
+        del whole, rest, part
+        return ()
+
     def optimise(self, effects: Iterable[Candidate]) -> SetScore:
         """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
         return self.evaluate(effects)

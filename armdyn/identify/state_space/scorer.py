@@ -169,6 +169,16 @@ class StateSpaceScorer(SetScorer):
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
         return left * (1.0 - MIN_SHARE_PER_VALUE) < least and left - least < MIN_SHARE_PER_VALUE * (most - least)
 
+    def effects_on_other_states(
+        self, whole: SetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
+    ) -> Iterator[tuple[Candidate, ...]]:
+        """Effects on other states of a process that may be tied with a `part` of a set, the same effect as well."""
+        joints, least = {j for c in part for j in c.joints}, self.schwarz_score(whole) - POSSIBLE_TIE_NATS
+        for c in self.candidates:
+            there = c not in whole.effects and not set(c.joints) <= joints
+            if there and self.schwarz_score(self.evaluate((*rest, c))) > least:
+                yield (c,)
+
     def _again(self, now: SetScore, better: SetScore) -> SetScore:
         """The score of a set, optimised from the point of a better one as well: its noise may be better there."""
         self._motion.optimise(self._free(now.effects), self._free(better.effects))

@@ -14,6 +14,7 @@ from armdyn.effects.effect import effect
 from armdyn.errors import TaskFailedError
 from armdyn.front import compare, fit, repair
 from armdyn.identify.sentence import Verdict
+from armdyn.inspection.plausible import implausible_values
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -83,6 +84,11 @@ def radiation(surface, size=quantity("1/(rad s)", typical=1e-3, lower=0.0)):
     return replace(surface, loss=surface.loss + size * surface.warmer**2)
 
 
+@effect("storing", acts_on="surface", summary="The surface has a time of its own.", source="of its own")
+def storing(surface, time=quantity("s", typical=10.0, lower=0.0)):
+    return replace(surface, loss=surface.loss + 1e-6 * time * surface.warmer)
+
+
 @physics(
     "thermal", summary="A heated body.", source="Newton 1701",
     parameters=(
@@ -96,6 +102,23 @@ def thermal(at):
     surface = at.stage("surface", Surface(at["body"]))
     rate = at["power"] * at.input("gripper_x").value - at["rate"] * at["body"] - surface.loss
     return Equations({"body": rate}, {"q.body": at["body"]})
+
+
+@effect("source", acts_on="rate", summary="Something comes from elsewhere.", source="of its own")
+def source(rate, size=quantity("rad/s", typical=0.1)):
+    return rate.with_rate(size)
+
+
+@physics(
+    "chain", summary="A store that drains into a second one.", source="Lavoisier 1789",
+    parameters=(constant("first", "1/s", 0.3, lower=1e-3), constant("second", "1/s", 0.2, lower=1e-3)),
+    states=(state("hidden", "rad", typical=3.0), state("shown", "rad", typical=3.0)),
+    inputs={"gripper_x": "m"}, outputs={"q.body": "rad"}, period=20.0,
+)  # fmt: skip
+def chain(at):
+    flow = at["first"] * at["hidden"]
+    rates = {"hidden": at.input("gripper_x").value - flow, "shown": flow - at["second"] * at["shown"]}
+    return Equations(rates, {"q.body": at["shown"]})
 
 
 @physics(
@@ -168,6 +191,27 @@ def test_what_a_state_of_first_order_lacks_is_named_and_is_no_acceleration(heate
     assert abs(size.value - 3e-4) < 4 * size.std
     assert {(curve.unit, curve.against) for curve in found.missing_force} == {("rad/s", "body"), ("rad/s", "time")}
     assert not {"acceleration", "speed"} & set(found.sentence.split())
+
+
+def test_a_state_that_the_runs_cannot_tell_from_the_one_named_is_said():
+    def run(seed):
+        flow = pushed(seed)
+
+        def change(t, s):
+            return [flow(t) + 0.5 - 0.4 * s[0], 0.4 * s[0] - 0.15 * s[1]]
+
+        driven, shown = ("gripper_x", "m", flow), [("q.body", "rad", 1)]
+        return recorded(f"{seed}.csv", change, [1.0, 1.0 + seed], 100.0, 5.0, driven, shown, 0.02, seed)
+
+    found = repair(physics_model(chain, own_effects=[source]), [run(1), run(2)])
+    (step,) = found.path[1:]
+    assert {f"{step.added[0]}:{step.joints[0]}", *step.tied_with} == {"source:hidden", "source:shown"}
+    assert f"cannot tell {step.tied_with[0]}" in found.sentence
+
+
+def test_what_a_base_allows_is_plausible_however_slow():
+    model = physics_model(thermal).with_effect(storing).with_values({"storing.time": 600.0})
+    assert implausible_values(model) == []
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
