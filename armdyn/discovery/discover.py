@@ -186,7 +186,7 @@ def _finding(
         values = {name.partition("[")[0]: value for name, value in values.items()}
     effect, term = study.effects[candidate.effect], terms.get(candidate.effect)
     tied_effects = [c.effect for step in steps for c in step.tied_effects if set(c.joints) <= set(candidate.joints)]
-    other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
+    other_kind = [name for name in tied_effects if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
         term = term.with_start_values({name: values[name].value for name in term.parameters if name in values})
     return DiscoveredLaw(
@@ -198,7 +198,7 @@ def _finding(
         formula=_formula(candidate.effect, terms, known),
         values=values,
         explained_share=sum(gains[step] for step in steps),
-        known_as=candidate.effect if term is None else next((name for name in tied if name in known), None),
+        known_as=candidate.effect if term is None else next((name for name in tied_effects if name in known), None),
         rivals=tuple(dict.fromkeys(_formula(name, terms, known) for name in other_kind)),
         term=term,
     )

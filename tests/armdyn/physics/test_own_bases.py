@@ -249,7 +249,7 @@ def test_a_base_keeps_its_own_units_in_effects_and_laws(tmp_path):
     units = {(t.kind, *(v.name for v in t.variables), t.location.joint): t for t in physics_terms(study.first())}
     edge = units["threshold above", "inside", "level"]
     assert (edge.parameters["place"].unit, edge.size_parameter.unit) == ("degC", "mm/(s K)")
-    assert units["proportion", "level", "inside"].size.unit == "K/(s mm)"
+    assert units["proportion", "level", "inside"].size_parameter.unit == "K/(s mm)"
 
 
 def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(

@@ -90,7 +90,9 @@ def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_j
     assert np.max(np.abs(np.diff(q, n=3, axis=0))) / CONTROL_PERIOD_SECONDS**3 < 6.0
     assert np.gradient(q, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
     assert np.gradient(v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
-    assert StreamBlend(here + 0.5, here).next(here, zero, zero)[0] == pytest.approx(here + MAX_START_OFFSET)  # too far
+    assert StreamBlend(here + 0.5, here).next_command(here, zero, zero)[0] == pytest.approx(
+        here + MAX_START_OFFSET
+    )  # too far
 
 
 @pytest.fixture

@@ -10,11 +10,9 @@ AIR, CELLS = 22.0, 5
 def _rod(c: Case, s: np.ndarray, u: float) -> list[float]:
     flow = c["conduction"] * np.diff(s)
     rates = -c["cooling"] * (s - AIR) + np.append(flow, 0.0) - np.insert(flow, 0, 0.0)
-    rates[0] += c["heating"] * (min(u, c["heater_limit.limit"]) if c.has("heater_limit") else u)
-    if c.has("contact"):
-        rates[-1] -= c["contact.size"] * (s[-1] - AIR)
-    if c.has("radiation"):
-        rates[0] -= c["radiation.size"] * (((s[0] + 273.15) / 293.15) ** 4 - ((AIR + 273.15) / 293.15) ** 4)
+    rates[0] += c["heating"] * min(u, c["heater_limit.limit"] or np.inf)
+    rates[0] -= c["radiation.size"] * (((s[0] + 273.15) / 293.15) ** 4 - ((AIR + 273.15) / 293.15) ** 4)
+    rates[-1] -= c["contact.size"] * (s[-1] - AIR)
     return list(rates)
 
 
@@ -66,8 +64,7 @@ def _reactor(c: Case, s: np.ndarray, u: float) -> list[float]:
     species, warm = s
     reaction = c["reaction"] * np.exp(8750.0 * (1 / 350.0 - 1 / (warm + 273.15))) * species
     thinning = u / 100.0
-    side = c["side_reaction.size"] * species**2 if c.has("side_reaction") else 0.0
-    hall = c["heat_loss.size"] * (warm - 20.0) if c.has("heat_loss") else 0.0
+    side, hall = c["side_reaction.size"] * species**2, c["heat_loss.size"] * (warm - 20.0)
     heat = thinning * (FEED_TEMPERATURE - warm) + c["heat"] * reaction - c["cooling"] * (warm - COOLANT)
     return [(thinning * (FEED - species) - reaction) / 60.0 - side, heat / 60.0 - hall]
 
