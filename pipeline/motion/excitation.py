@@ -62,7 +62,7 @@ class CollisionFreePostures:
         return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / CLEARANCE_UNIT
 
 
-MAX_REPAIRS = 4
+MAX_REDESIGNS = 4
 """Largest number of times that a motion which violates a limit is designed again with narrower limits."""
 REPAIR_SHARE = 0.99
 """Factor by which a limit is narrowed in addition to the excess of a violation."""
@@ -227,11 +227,11 @@ def _feasible(
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)
     first = check
-    for k in range(MAX_REPAIRS):
+    for k in range(MAX_REDESIGNS):
         if check.feasible:
             break
         problem = _with_less_room(problem, check)
-        say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].violation_text}")
+        say(f"{k + 1} of {MAX_REDESIGNS} repairs, as the {check.violations[0].violation_text}")
         x = optimise_motion(problem, x, first=len(problem.steps_per_round) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
