@@ -64,7 +64,7 @@ class CollisionFreePostures:
 
 MAX_REDESIGNS = 4
 """Largest number of times that a motion which violates a limit is designed again with narrower limits."""
-REPAIR_SHARE = 0.99
+LIMIT_NARROWING_FACTOR = 0.99
 """Factor by which a limit is narrowed in addition to the excess of a violation."""
 REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Factors on the amplitude of a motion that are tried when designing it again has failed."""
@@ -257,7 +257,7 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used_share)
+            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), LIMIT_NARROWING_FACTOR / margin.used_share)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
