@@ -66,7 +66,7 @@ MAX_REDESIGNS = 4
 """Largest number of times that a motion which violates a limit is designed again with narrower limits."""
 LIMIT_NARROWING_FACTOR = 0.99
 """Factor by which a limit is narrowed in addition to the excess of a violation."""
-REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
+REDUCED_AMPLITUDES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Factors on the amplitude of a motion that are tried when designing it again has failed."""
 
 
@@ -239,7 +239,7 @@ def _feasible(
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scale_about_centre(motion, size) for size in REDUCED_SIZES):
+        for small in (scale_about_centre(motion, size) for size in REDUCED_AMPLITUDES):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))
