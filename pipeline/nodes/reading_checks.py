@@ -15,7 +15,7 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 
 MAX_BRIDGED_READINGS = 5.0
 """Largest number of successive bad readings that are not a fault: 0.05 s at 100 Hz."""
-FORGIVEN_PER_GOOD_READING = 0.1
+BAD_READINGS_PER_GOOD_READING = 0.1
 """Number of bad readings that a good one compensates: with more than one bad reading in ten there is a fault."""
 MAX_READING_AGE_SECONDS = 0.05
 """Largest age of a reading [s]."""
@@ -65,7 +65,7 @@ class ReadingCheck:
     def accept(self) -> None:
         """Count a good reading."""
         self._seen_good = True
-        self._level = max(0.0, self._level - FORGIVEN_PER_GOOD_READING)
+        self._level = max(0.0, self._level - BAD_READINGS_PER_GOOD_READING)
 
     def refuse(self, why: ReadingRefusal, now: float) -> None:
         """Count a bad reading at the time `now` [s]."""
