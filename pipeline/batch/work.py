@@ -32,7 +32,7 @@ _one_at_a_time = threading.Lock()
 
 
 @dataclasses.dataclass(frozen=True)
-class Job:
+class BatchJob:
     """One job of a batch.
 
     Attributes:
@@ -114,7 +114,7 @@ class JobOutcome:
         return None
 
 
-def run_job(job: Job) -> JobOutcome:
+def run_job(job: BatchJob) -> JobOutcome:
     """Run a job; an error becomes the `problem` of its outcome."""
     with _one_at_a_time, warnings.catch_warnings(), protect_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
@@ -134,7 +134,7 @@ def run_job(job: Job) -> JobOutcome:
         return JobOutcome(job.key, seconds=time.perf_counter() - began, **found)
 
 
-def _found(job: Job) -> dict[str, Any]:
+def _found(job: BatchJob) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
     from pipeline.answers import fit_answer
@@ -167,7 +167,7 @@ def _found(job: Job) -> dict[str, Any]:
     }
 
 
-def _events(job: Job, run: "Run") -> tuple[str, ...]:
+def _events(job: BatchJob, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.fault_free import samples_of
     from armdyn.watch.watch import Watch
 
