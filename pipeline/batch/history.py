@@ -45,7 +45,7 @@ def parameter_history(spec: BatchSpec, rows: Sequence[BatchRow]) -> ParameterHis
     points: dict[SeriesKey, list[tuple[float, float, float, BatchRow]]] = {}
     units: dict[str, str] = {}
     for row in rows:
-        item, time = row.item, row.item.when.time
+        item, time = row.item, row.item.recording_time.time
         if time is None:
             continue
         robot = f"{item.robot} ({spec.relative_name(item.model)})" if item.robot in several else item.robot

@@ -94,7 +94,7 @@ class Excitation:
         goal: the parameters to determine, or the effects to distinguish.
         series: basis functions that generate motions from coefficients.
         trajectory: the motion, sampled at the goal's rate.
-        check: report on the motion's feasibility.
+        feasibility: report on the motion's feasibility.
         expected: what the motion is expected to determine.
         random: what the best of the random motions is expected to determine; None without random motions.
         conditioned: the same for the motion with the smallest condition number; None if it was not computed.
@@ -105,15 +105,15 @@ class Excitation:
     goal: MotionGoal
     series: FourierSeries
     trajectory: JointTrajectory
-    check: FeasibilityReport
+    feasibility: FeasibilityReport
     expected: ExpectedResults
     random: ExpectedResults | None
     conditioned: ExpectedResults | None
-    tried: int
+    random_count: int
     torque: Array
 
     def __repr__(self) -> str:
-        return f"Excitation: {self.motion}, {self.check.sentence}"
+        return f"Excitation: {self.motion}, {self.feasibility.sentence}"
 
     @property
     def motion(self) -> Run:
@@ -186,11 +186,11 @@ def design_excitation(
         goal=goal,
         series=problem.series,
         trajectory=trajectory,
-        check=check,
+        feasibility=check,
         expected=expected_results(problem, goal, x),
         random=expected_results(problem, goal, best),
         conditioned=conditioned,
-        tried=len(starts),
+        random_count=len(starts),
         torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
@@ -257,7 +257,9 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), LIMIT_NARROWING_FACTOR / margin.used_share)
+            limits = problem.limits.reduced(
+                margin.limit, joints.index(margin.joint), LIMIT_NARROWING_FACTOR / margin.used_share
+            )
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

@@ -7,7 +7,7 @@ from armdyn.errors import InputError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import SpeedLimitCurve
+from pipeline.motion.speed_limit_curve import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState
 
 LOOK_AHEAD_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)

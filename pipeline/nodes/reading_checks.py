@@ -142,8 +142,9 @@ class JointReadingCheck(ReadingCheck):
 class ForceReadingCheck(ReadingCheck):
     """Checks the samples of the load cell.
 
-    After a jump of the force, samples wait. If the force returns within `MAX_SUCCESSIVE_BAD_READINGS` samples, they were
-    spikes. If it does not return, the string has become slack and the samples are used, or the load cell has failed.
+    After a jump of the force, samples wait. If the force returns within `MAX_SUCCESSIVE_BAD_READINGS` samples, they
+    were spikes. If it does not return, the string has become slack and the samples are used, or the load cell has
+    failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].

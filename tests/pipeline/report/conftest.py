@@ -71,7 +71,10 @@ def trial():
 @pytest.fixture
 def trial_report(trial):
     t, phases = trial, [("kick", 0.0, 0.5), ("estimate", 0.5, 6.5), ("settle", 6.5, 8.0), ("swing", 8.0, 14.0)]
-    nodes = [NodeTiming("estimator", 0.5, 12, 12 * 6.2e-4, 1.4e-3), NodeTiming("SAC", 0.05, 120, 120 * 4.1e-4, 9.8e-4, 2)]
+    nodes = [
+        NodeTiming("estimator", 0.5, 12, 12 * 6.2e-4, 1.4e-3),
+        NodeTiming("SAC", 0.05, 120, 120 * 4.1e-4, 9.8e-4, 2),
+    ]
     return Document(
         "Trial: learn the string, swing the load",
         "The load is in the box.",
