@@ -216,7 +216,7 @@ def model_digest(path: Path, effects: Path | None) -> str:
     return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
-def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
+def job_digest(task: str, model_key: str, name: str, run: Path, reference_digest: str) -> str:
     """Digest of a job.
 
     Args:
@@ -224,12 +224,12 @@ def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> s
         model_key: digest of the model.
         name: name of the recording.
         run: file of the recording; its content and its sidecar file are part of the digest.
-        sound: digest of the recordings of the robot in good condition.
+        reference_digest: digest of the recordings of the robot in good condition.
     """
     from armdyn import __version__
 
     return text_digest(
-        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound]
+        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), reference_digest]
     )
 
 

@@ -97,7 +97,7 @@ class Excitation:
         feasibility: report on the motion's feasibility.
         expected: what the motion is expected to determine.
         random: what the best of the random motions is expected to determine; None without random motions.
-        conditioned: the same for the motion with the smallest condition number; None if it was not computed.
+        conditioned: what the motion with the smallest condition number is expected to determine; None if not computed.
         tried: number of random motions.
         torque: torques of the motors along the trajectory, (n, nj) [N m or N].
     """
