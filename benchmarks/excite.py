@@ -170,7 +170,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
     """Print the expected errors; return them, and the claims about them."""
     print(
         f"\n{name}: {excitation_sentence(found)}\n"
-        f"  {found.check.sentence} {seconds:.0f} s of the processor to design all."
+        f"  {found.feasibility.sentence} {seconds:.0f} s of the processor to design all."
     )
     goal = found.goal
     if goal.rivals:

@@ -15,7 +15,7 @@ REACHED_TOLERANCE = 1e-9  # m and rad
 DESCENT_ITERATIONS = 20
 DESCENT_MAX_STEP = 0.6  # rad or m
 HOPELESS_STEPS = 4  # steps after which a target that is still further off than `hopeless` is given up
-LIBRARY_POSTURES = 10_000  # random postures to start from; more cost more to search than they save in iterations
+LIBRARY_SIZE = 10_000  # random postures to start from; more cost more to search than they save in iterations
 LIBRARY_SEED = 1_618_033  # seed of the random postures; unusual, so that no test draws its targets from the same seed
 STARTS_PER_TARGET = 32  # nearest random postures that are tried in turn
 POSTURES_TRIED = 64  # nearest random postures that are tried to find different postures for one target
@@ -118,7 +118,7 @@ class IkSolver:
         self.chain = KinematicChain.from_robot(robot)
         self._limits = robot.limits if limited else None
         rng = np.random.default_rng(LIBRARY_SEED)
-        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_POSTURES, self.chain.joints))
+        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_SIZE, self.chain.joints))
         motion = self.chain.forward_kinematics(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 

@@ -120,7 +120,7 @@ def improvement_factors(found: Excitation) -> list[float]:
 def excitation_sentence(found: Excitation) -> str:
     """Sentence about the expected result of a designed motion, compared with other motions."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
-    others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
+    others = (f"the best of {found.random_count} random motions", "the motion of the least condition number")
     made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]
     if goal.rivals:
         own, *smallest = rival_separations(found).min(axis=0).tolist()
@@ -195,10 +195,10 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "times_better_than": json_value(
             dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))
         ),
-        "random_motions": found.tried,
+        "random_motions": found.random_count,
         "peaks": joint_peaks(found),
         "energy": found.energy,
-        "feasible": found.check.feasible,
-        "check": found.check.sentence,
+        "feasible": found.feasibility.feasible,
+        "check": found.feasibility.sentence,
         "defects": list(columns.arm.robot.defects),
     }

@@ -18,7 +18,7 @@ MIN_BOX_SIZES = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
 """Smallest value of each field of `Box` that may be below 1 mm [m; friction has no unit]."""
 
 
-class Plate(NamedTuple):
+class BoxPlate(NamedTuple):
     """A wall or the floor of a box, as a cuboid.
 
     Attributes:
@@ -82,12 +82,12 @@ class Box:
         """Middle of the rim's opening, for a box under the given line, in the robot's base frame, (3,) [m]."""
         return line.position(self.middle) - np.array([0.0, 0.0, self.rim])
 
-    def plates(self, line: "Line") -> tuple[Plate, ...]:
+    def plates(self, line: "Line") -> tuple[BoxPlate, ...]:
         """The four walls and the floor of the box, placed under the given line."""
         w, d, h, half = self.width / 2, self.depth / 2, self.height / 2, self.wall / 2
         middle, axes = self.rim_middle(line), line.axes
         return tuple(
-            Plate(name, middle + axes @ offset, np.array(size))
+            BoxPlate(name, middle + axes @ offset, np.array(size))
             for name, offset, size in (
                 ("near", (-w, 0.0, -h), (half, d + half, h)),
                 ("far", (w, 0.0, -h), (half, d + half, h)),

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
-GRACE_SECONDS = 1.0
+CLEANUP_SECONDS = 1.0
 """Time after a signal until the process is ended by force [s]; some libraries suppress exceptions in their import."""
 
 
@@ -134,5 +134,5 @@ def exit_at_once(number: int, status: int | None = None) -> NoReturn:
 
 
 def _leave_soon(number: int) -> None:
-    time.sleep(GRACE_SECONDS)
+    time.sleep(CLEANUP_SECONDS)
     exit_at_once(number)

@@ -11,7 +11,7 @@ from urdf.robot import UrdfError
 
 CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
 """Python exceptions that a C++ exception may be converted to."""
-MAX_SHOWN_CHARACTERS = 200
+MAX_MESSAGE_CHARACTERS = 200
 """Largest number of characters of a library's message that are shown."""
 
 
@@ -41,8 +41,8 @@ def captured_output() -> Iterator[CapturedOutput]:
                 os.dup2(copy, descriptor)
                 os.close(copy)
             file.seek(0)
-            said.text = " ".join(file.read(100 * MAX_SHOWN_CHARACTERS).decode("utf-8", errors="replace").split())[
-                :MAX_SHOWN_CHARACTERS
+            said.text = " ".join(file.read(100 * MAX_MESSAGE_CHARACTERS).decode("utf-8", errors="replace").split())[
+                :MAX_MESSAGE_CHARACTERS
             ]
 
 
@@ -64,5 +64,5 @@ def library_errors(what: str, remedy: str) -> Iterator[None]:
     except CPP_ERRORS as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text
         text = text.partition("message:")[2] or text
-        reason = " ".join(text.partition("Hint")[0].split())[:MAX_SHOWN_CHARACTERS]
+        reason = " ".join(text.partition("Hint")[0].split())[:MAX_MESSAGE_CHARACTERS]
         raise UrdfError(f"{what} ({reason}); {remedy}") from error

@@ -88,7 +88,7 @@ MOMENT_TOLERANCE_SHARE = 1e-6  # relative slack of the triangle inequality, for 
 MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCT_NAMES = ("ixy", "ixz", "iyz")
 
-Box = tuple[Array, Array]
+BoundingBox = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
 
 def _judge(
-    name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]
+    name: str, mass: float, moments: list[float], products: list[float], boxes: list[BoundingBox]
 ) -> InertiaFault | None:
     """Fault of one link's inertia; None without one."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
@@ -198,7 +198,7 @@ def impossible_inertia_reason(inertia: Array) -> str:
 
 def _boxes(
     link: ET.Element, path: Path | None, directories: tuple[Path, ...], mass: float, largest: float
-) -> Iterator[Box]:
+) -> Iterator[BoundingBox]:
     """Boxes around the collision shapes of a link: centre (3,) and size (3,) [m], in the link's axes."""
     for collision in link.findall("collision"):
         origin = collision.find("origin")
@@ -232,7 +232,7 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 
-def _inertia_of_boxes(mass: float, boxes: list[Box]) -> Array:
+def _inertia_of_boxes(mass: float, boxes: list[BoundingBox]) -> Array:
     """Moments of inertia (3,) [kg m^2] of boxes of equal density about their common centre of mass."""
     volumes = np.array([np.prod(size) for _, size in boxes])
     shares = mass * volumes / volumes.sum()

@@ -13,7 +13,7 @@ import pinocchio as pin
 from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, CompiledMjcf
 from urdf.robot import ArmDynamics, Array, JointDynamics, Spring, UrdfError
 
-CHECKED_STATES = 5
+TORQUE_CHECK_STATES = 5
 """Number of random states at which the model's torques are compared with MuJoCo's."""
 TORQUE_TOLERANCE = 1e-9
 """Allowed difference from MuJoCo's torques, as a share of the largest torque (at least 1 N m or N).
@@ -71,7 +71,7 @@ def check_torques(mjcf: CompiledMjcf, model: pin.Model, dynamics: ArmDynamics) -
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
     damping = np.array([dynamics.joints[name].damping for name in names])
-    for _ in range(CHECKED_STATES):
+    for _ in range(TORQUE_CHECK_STATES):
         q, v, a = rng.uniform(-1.0, 1.0, (3, len(names)))
         data.qpos[compiled.jnt_qposadr[at]] = q
         data.qvel[compiled.jnt_dofadr[at]] = v

@@ -66,7 +66,7 @@ class ParameterStep:
 
 
 @dataclass(frozen=True)
-class Drift:
+class ParameterDrift:
     """A slow change of one parameter.
 
     Attributes:
@@ -95,7 +95,7 @@ class ChangeTest:
     """
 
     steps: tuple[ParameterStep, ...]
-    drifts: tuple[Drift, ...]
+    drifts: tuple[ParameterDrift, ...]
     tested: int
     too_short: int
     false_alarms: float
@@ -137,14 +137,14 @@ def find_changes(
         np.maximum(largest, test.simulated_deviates(batches, rng), out=largest)
     step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
     steps: list[ParameterStep] = []
-    drifts: list[Drift] = []
+    drifts: list[ParameterDrift] = []
     for name, test in tests.items():
         found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
         steps += found
         trend = float(test.slope_deviates(test.scores[None])[0])
         if not found and trend > drift_bound:
             slope = float(theilslopes(test.value, test.time).slope)
-            drifts.append(Drift(*name, slope, _chance(trend, largest[1])))
+            drifts.append(ParameterDrift(*name, slope, _chance(trend, largest[1])))
     return ChangeTest(
         tuple(sorted(steps, key=lambda s: (s.chance, s.first_after))),
         tuple(sorted(drifts, key=lambda d: d.chance)),

@@ -12,7 +12,7 @@ from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import BatchSpec
 
-EPOCH = datetime(1970, 1, 1)
+UNIX_EPOCH = datetime(1970, 1, 1)
 DAY_SECONDS = 86400.0
 
 
@@ -45,14 +45,14 @@ def parameter_history(spec: BatchSpec, rows: Sequence[BatchRow]) -> ParameterHis
     points: dict[SeriesKey, list[tuple[float, float, float, BatchRow]]] = {}
     units: dict[str, str] = {}
     for row in rows:
-        item, time = row.item, row.item.when.time
+        item, time = row.item, row.item.recording_time.time
         if time is None:
             continue
         robot = f"{item.robot} ({spec.relative_name(item.model)})" if item.robot in several else item.robot
         for name, parameter in (row.outcome.parameters or {}).items():
             if parameter["fitted"] and parameter["value"] is not None and parameter["std"] is not None:
                 units[name] = parameter["unit"]
-                point = ((time - EPOCH).total_seconds(), parameter["value"], parameter["std"], row)
+                point = ((time - UNIX_EPOCH).total_seconds(), parameter["value"], parameter["std"], row)
                 points.setdefault((robot, name), []).append(point)
     series, of = {}, {}
     for key, found in points.items():
@@ -83,7 +83,7 @@ def _events(steps: Sequence[ParameterStep]) -> tuple[ChangeEvent, ...]:
 
 def utc_datetime(seconds: float) -> datetime:
     """Convert a time in seconds since 1970 to a date and time in UTC."""
-    return EPOCH + timedelta(seconds=seconds)
+    return UNIX_EPOCH + timedelta(seconds=seconds)
 
 
 def step_period_text(step: ParameterStep) -> str:

@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import LostItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
-from pipeline.batch.work import Job, JobOutcome, file_digest, job_digest, model_digest, run_job, text_digest
+from pipeline.batch.work import BatchJob, JobOutcome, file_digest, job_digest, model_digest, run_job, text_digest
 from pipeline.processes import Closable
 from urdf.bounds import MAX_JOURNAL_BYTES, MAX_JOURNAL_LINE_BYTES
 
@@ -131,7 +131,7 @@ def run_batch(
     say("reading the models")
     models = {path: model_digest(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
     keys: dict[tuple[Path, Path], str] = {}
-    jobs: dict[str, Job] = {}
+    jobs: dict[str, BatchJob] = {}
     sounds: dict[tuple[Path, ...], str] = {}
     for number, item in enumerate(spec.items):
         if stopped():
@@ -142,7 +142,7 @@ def run_batch(
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         sound = sounds[item.calibrate] = sounds.get(item.calibrate) or text_digest([*map(file_digest, item.calibrate)])
         key = keys[item.model, item.run] = job_digest(task, model_key, spec.relative_name(item.run), item.run, sound)
-        jobs[key] = Job(
+        jobs[key] = BatchJob(
             key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),
         )  # fmt: skip
@@ -163,7 +163,7 @@ def run_batch(
 
 
 def _outcomes(
-    jobs: Sequence[Job], processes: int, scheduler: str | None, stopped: Callable[[], bool]
+    jobs: Sequence[BatchJob], processes: int, scheduler: str | None, stopped: Callable[[], bool]
 ) -> Iterator[JobOutcome]:
     if scheduler is None:
         if START_METHOD == "forkserver":
@@ -205,8 +205,12 @@ def write_parquet(path: Path, spec: BatchSpec, rows: Sequence[BatchRow]) -> None
         ("robot", "text", lambda row: row.item.robot),
         ("model", "text", lambda row: spec.relative_name(row.item.model)),
         ("recording", "text", lambda row: spec.relative_name(row.item.run)),
-        ("time", "time", lambda row: row.item.when.time),
-        ("time_from", "text", lambda row: row.item.when.source.key if row.item.when.time is not None else None),
+        ("time", "time", lambda row: row.item.recording_time.time),
+        (
+            "time_from",
+            "text",
+            lambda row: row.item.recording_time.source.key if row.item.recording_time.time is not None else None,
+        ),
         ("verdict", "text", lambda row: row.outcome.verdict or None),
         ("problem", "text", lambda row: row.outcome.problem or None),
         ("sentence", "text", lambda row: row.outcome.sentence or None),

@@ -99,7 +99,7 @@ class BatchItem:
     robot: str
     model: Path
     run: Path
-    when: RecordingTime
+    recording_time: RecordingTime
     calibrate: tuple[Path, ...] = ()
 
 

@@ -32,7 +32,7 @@ _one_at_a_time = threading.Lock()
 
 
 @dataclasses.dataclass(frozen=True)
-class Job:
+class BatchJob:
     """One job of a batch.
 
     Attributes:
@@ -114,7 +114,7 @@ class JobOutcome:
         return None
 
 
-def run_job(job: Job) -> JobOutcome:
+def run_job(job: BatchJob) -> JobOutcome:
     """Run a job; an error becomes the `problem` of its outcome."""
     with _one_at_a_time, warnings.catch_warnings(), protect_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
@@ -134,7 +134,7 @@ def run_job(job: Job) -> JobOutcome:
         return JobOutcome(job.key, seconds=time.perf_counter() - began, **found)
 
 
-def _found(job: Job) -> dict[str, Any]:
+def _found(job: BatchJob) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
     from pipeline.answers import fit_answer
@@ -167,7 +167,7 @@ def _found(job: Job) -> dict[str, Any]:
     }
 
 
-def _events(job: Job, run: "Run") -> tuple[str, ...]:
+def _events(job: BatchJob, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.fault_free import samples_of
     from armdyn.watch.watch import Watch
 
@@ -216,7 +216,7 @@ def model_digest(path: Path, effects: Path | None) -> str:
     return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
-def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
+def job_digest(task: str, model_key: str, name: str, run: Path, reference_digest: str) -> str:
     """Digest of a job.
 
     Args:
@@ -224,12 +224,12 @@ def job_digest(task: str, model_key: str, name: str, run: Path, sound: str) -> s
         model_key: digest of the model.
         name: name of the recording.
         run: file of the recording; its content and its sidecar file are part of the digest.
-        sound: digest of the recordings of the robot in good condition.
+        reference_digest: digest of the recordings of the robot in good condition.
     """
     from armdyn import __version__
 
     return text_digest(
-        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), sound]
+        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), reference_digest]
     )
 
 

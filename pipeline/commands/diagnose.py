@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repaired import REPAIR_OUTPUT_OPTIONS
+from pipeline.console.repair_result import REPAIR_OUTPUT_OPTIONS
 
 HELP_PANEL = "What a model lacks"
 

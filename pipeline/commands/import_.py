@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pipeline.imports.mapping import ColumnMap
 
 HELP_PANEL = "Recordings"
-MAX_NAMED_COLUMNS = 8
+MAX_LISTED_COLUMNS = 8
 """Largest number of columns that a printed list names."""
 
 
@@ -188,8 +188,8 @@ def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target:
         ("to be looked at", asked),
     ):
         if names:
-            more = len(names) - MAX_NAMED_COLUMNS
-            typer.echo(f"{what}: {', '.join(names[:MAX_NAMED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
+            more = len(names) - MAX_LISTED_COLUMNS
+            typer.echo(f"{what}: {', '.join(names[:MAX_LISTED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
     typer.echo(f"written to {target}")
 
 

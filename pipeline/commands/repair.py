@@ -2,7 +2,7 @@
 
 from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
-from pipeline.console.repaired import conclude_repair
+from pipeline.console.repair_result import conclude_repair
 
 HELP_PANEL = "What a model lacks"
 

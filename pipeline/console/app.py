@@ -17,8 +17,8 @@ from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from armdyn.read_files import protect_inputs
 from pipeline import commands
+from pipeline.console.description_warnings import collected_warnings, collecting_warnings
 from pipeline.console.groups import with_flattened_options
-from pipeline.console.noticed import collected_warnings, collecting_warnings
 from pipeline.console.streams import non_raising_streams, report_unexpected_error
 from pipeline.interrupts import Interrupt, SignalHandler
 from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt

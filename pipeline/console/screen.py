@@ -16,7 +16,7 @@ import typer
 from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
 from armdyn.quoting import command_text
-from pipeline.console.noticed import collected_warnings
+from pipeline.console.description_warnings import collected_warnings
 
 if TYPE_CHECKING:
     from rich.console import Console

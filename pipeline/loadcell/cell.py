@@ -94,8 +94,8 @@ def count_fault_limits(calibration: Calibration | None = None, silent_after: flo
     return replace(
         limits,
         drift=MAX_DRIFT_RATE / abs(calibration.scale),
-        least=push if pull_raises else -math.inf,
-        most=math.inf if pull_raises else push,
+        min_force=push if pull_raises else -math.inf,
+        max_force=math.inf if pull_raises else push,
     )
 
 

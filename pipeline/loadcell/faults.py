@@ -61,8 +61,8 @@ class LoadCellLimits:
         step: resolution of the converter; 0 if it is unknown.
         repeats: number of successive samples within one step after which the cell counts as frozen.
         spike: largest distance of a sample from both of its neighbours, in the same direction.
-        least: smallest possible force; a few samples may lie below.
-        most: largest possible force; a few samples may lie above.
+        min_force: smallest possible force; a few samples may lie below.
+        max_force: largest possible force; a few samples may lie above.
         drift: largest rate at which the mean may change in one direction, over `DRIFT_BLOCKS` blocks [unit/s].
         silent_after: time without a sample after which the cell counts as silent [s].
         start_up: additional time for the first sample [s]; most boards restart when the port is opened.
@@ -73,8 +73,8 @@ class LoadCellLimits:
     step: float = 0.0
     repeats: int = 10
     spike: float = math.inf
-    least: float = -math.inf
-    most: float = math.inf
+    min_force: float = -math.inf
+    max_force: float = math.inf
     drift: float = math.inf
     silent_after: float = 0.2
     start_up: float = 0.0
@@ -208,7 +208,7 @@ class LoadCellFaultDetector:
         if limits.drift < math.inf:
             self._drift.add(time, value)
             self._set(LoadCellFault.DRIFTING, self._drift.steady, time)
-        self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
+        self._impossible = 0 if limits.min_force <= value <= limits.max_force else self._impossible + 1
         self._set(LoadCellFault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
         # Written in this form, the comparison also finds nan out of range.
         self._set(LoadCellFault.SATURATED, not limits.lower < value < limits.upper, time)

@@ -17,7 +17,7 @@ from pipeline.robot.protocol import ForceSample
 
 LATEST_SECONDS = 1.0
 """Time over which the latest mean and standard deviation are computed [s]."""
-KEPT_EVENTS = 1000
+MAX_KEPT_EVENTS = 1000
 """Largest number of fault events that are stored."""
 
 
@@ -25,7 +25,7 @@ class ForceStatistics:
     """Collects statistics of a load cell's samples, and its fault events, in constant memory.
 
     Attributes:
-        events: the latest `KEPT_EVENTS` fault events, oldest first.
+        events: the latest `MAX_KEPT_EVENTS` fault events, oldest first.
         samples: number of samples.
         mean: mean of all forces [N].
         minimum: smallest force [N].
@@ -33,7 +33,7 @@ class ForceStatistics:
     """
 
     def __init__(self) -> None:
-        self.events: deque[LoadCellFaultEvent] = deque(maxlen=KEPT_EVENTS)
+        self.events: deque[LoadCellFaultEvent] = deque(maxlen=MAX_KEPT_EVENTS)
         self.samples = 0
         self.mean, self.minimum, self.maximum = math.nan, math.inf, -math.inf
         self._squares = 0.0

@@ -62,11 +62,11 @@ class CollisionFreePostures:
         return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / CLEARANCE_UNIT
 
 
-MAX_REPAIRS = 4
+MAX_REDESIGNS = 4
 """Largest number of times that a motion which violates a limit is designed again with narrower limits."""
-REPAIR_SHARE = 0.99
+LIMIT_NARROWING_FACTOR = 0.99
 """Factor by which a limit is narrowed in addition to the excess of a violation."""
-REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
+REDUCED_AMPLITUDES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Factors on the amplitude of a motion that are tried when designing it again has failed."""
 
 
@@ -94,10 +94,10 @@ class Excitation:
         goal: the parameters to determine, or the effects to distinguish.
         series: basis functions that generate motions from coefficients.
         trajectory: the motion, sampled at the goal's rate.
-        check: report on the motion's feasibility.
+        feasibility: report on the motion's feasibility.
         expected: what the motion is expected to determine.
         random: what the best of the random motions is expected to determine; None without random motions.
-        conditioned: the same for the motion with the smallest condition number; None if it was not computed.
+        conditioned: what the motion with the smallest condition number is expected to determine; None if not computed.
         tried: number of random motions.
         torque: torques of the motors along the trajectory, (n, nj) [N m or N].
     """
@@ -105,15 +105,15 @@ class Excitation:
     goal: MotionGoal
     series: FourierSeries
     trajectory: JointTrajectory
-    check: FeasibilityReport
+    feasibility: FeasibilityReport
     expected: ExpectedResults
     random: ExpectedResults | None
     conditioned: ExpectedResults | None
-    tried: int
+    random_count: int
     torque: Array
 
     def __repr__(self) -> str:
-        return f"Excitation: {self.motion}, {self.check.sentence}"
+        return f"Excitation: {self.motion}, {self.feasibility.sentence}"
 
     @property
     def motion(self) -> Run:
@@ -186,11 +186,11 @@ def design_excitation(
         goal=goal,
         series=problem.series,
         trajectory=trajectory,
-        check=check,
+        feasibility=check,
         expected=expected_results(problem, goal, x),
         random=expected_results(problem, goal, best),
         conditioned=conditioned,
-        tried=len(starts),
+        random_count=len(starts),
         torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
@@ -227,11 +227,11 @@ def _feasible(
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)
     first = check
-    for k in range(MAX_REPAIRS):
+    for k in range(MAX_REDESIGNS):
         if check.feasible:
             break
         problem = _with_less_room(problem, check)
-        say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].violation_text}")
+        say(f"{k + 1} of {MAX_REDESIGNS} repairs, as the {check.violations[0].violation_text}")
         x = optimise_motion(problem, x, first=len(problem.steps_per_round) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
@@ -239,7 +239,7 @@ def _feasible(
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scale_about_centre(motion, size) for size in REDUCED_SIZES):
+        for small in (scale_about_centre(motion, size) for size in REDUCED_AMPLITUDES):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))
@@ -257,7 +257,9 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used_share)
+            limits = problem.limits.reduced(
+                margin.limit, joints.index(margin.joint), LIMIT_NARROWING_FACTOR / margin.used_share
+            )
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = CollisionFreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

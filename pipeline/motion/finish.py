@@ -8,7 +8,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import SpeedLimitCurve
+from pipeline.motion.speed_limit_curve import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 

@@ -7,10 +7,10 @@ from armdyn.errors import InputError
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import SpeedLimitCurve
+from pipeline.motion.speed_limit_curve import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState
 
-MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
+LOOK_AHEAD_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Numbers of control cycles after which the motion may reach the reference or the speed limit."""
 PURSUIT_SECONDS = 0.2
 """Time ahead at which the reference is pursued if it cannot be reached [s]; the arm can reverse in this time."""
@@ -84,7 +84,7 @@ class LineSmoother:
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
             return self.stop()
-        for m in MEETING_CYCLES:
+        for m in LOOK_AHEAD_CYCLES:
             if m > len(targets):
                 break
             if self._meet(self._planner.nearest_stoppable_state(targets[m - 1]), m):
@@ -120,7 +120,7 @@ class LineSmoother:
         if self._joining is not None and self._begin(self._joining, self._planner, keep=True):
             return True
         direction = math.copysign(1.0, target.s - s)
-        for m in MEETING_CYCLES:
+        for m in LOOK_AHEAD_CYCLES:
             ahead = self._ride.state_after(s, m * self._dt, direction)
             if (target.s - ahead.s) * direction <= 0.0:
                 break
@@ -153,7 +153,7 @@ class LineSmoother:
             return ()
         s, v, a = reference
         targets = []
-        for k in range(MEETING_CYCLES[-1]):
+        for k in range(LOOK_AHEAD_CYCLES[-1]):
             t = k * self._dt
             fade = 1.0 - math.exp(-t / ACCELERATION_FADE_SECONDS)
             gained = a * ACCELERATION_FADE_SECONDS * fade
@@ -165,7 +165,7 @@ class LineSmoother:
 
 def _until_not_finite(reference: Sequence[LineState]) -> Sequence[LineState]:
     """States before the first one that is not finite, at most as many as `LineSmoother` uses."""
-    targets = [LineState(*target) for target in reference[: MEETING_CYCLES[-1]]]
+    targets = [LineState(*target) for target in reference[: LOOK_AHEAD_CYCLES[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:
             return targets[:k]

@@ -75,11 +75,11 @@ class StreamBlend:
 
     Args:
         here: measured position, (n,) [rad].
-        told: position of the first command, (n,) [rad].
+        first_command: position of the first command, (n,) [rad].
     """
 
-    def __init__(self, here: Array, told: Array) -> None:
-        self._offset = np.clip(here - told, -MAX_START_OFFSET, MAX_START_OFFSET)
+    def __init__(self, here: Array, first_command: Array) -> None:
+        self._offset = np.clip(here - first_command, -MAX_START_OFFSET, MAX_START_OFFSET)
         self._cycle = 0
 
     def next_command(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:

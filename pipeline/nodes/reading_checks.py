@@ -13,9 +13,9 @@ import numpy as np
 import urdf
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 
-MAX_BRIDGED_READINGS = 5.0
+MAX_SUCCESSIVE_BAD_READINGS = 5.0
 """Largest number of successive bad readings that are not a fault: 0.05 s at 100 Hz."""
-FORGIVEN_PER_GOOD_READING = 0.1
+BAD_READINGS_PER_GOOD_READING = 0.1
 """Number of bad readings that a good one compensates: with more than one bad reading in ten there is a fault."""
 MAX_READING_AGE_SECONDS = 0.05
 """Largest age of a reading [s]."""
@@ -65,13 +65,13 @@ class ReadingCheck:
     def accept(self) -> None:
         """Count a good reading."""
         self._seen_good = True
-        self._level = max(0.0, self._level - FORGIVEN_PER_GOOD_READING)
+        self._level = max(0.0, self._level - BAD_READINGS_PER_GOOD_READING)
 
     def refuse(self, why: ReadingRefusal, now: float) -> None:
         """Count a bad reading at the time `now` [s]."""
         self.refused[why] += 1
         self._level += 1.0
-        if self.fault is None and (self._level > MAX_BRIDGED_READINGS or not self._seen_good):
+        if self.fault is None and (self._level > MAX_SUCCESSIVE_BAD_READINGS or not self._seen_good):
             self.fault = (
                 f"{self._source} at {now:.2f} s: the reading {why.value}, and {self.refused.total()} were refused in "
                 f"all: {self._check}"
@@ -142,8 +142,9 @@ class JointReadingCheck(ReadingCheck):
 class ForceReadingCheck(ReadingCheck):
     """Checks the samples of the load cell.
 
-    After a jump of the force, samples wait. If the force returns within `MAX_BRIDGED_READINGS` samples, they were
-    spikes. If it does not return, the string has become slack and the samples are used, or the load cell has failed.
+    After a jump of the force, samples wait. If the force returns within `MAX_SUCCESSIVE_BAD_READINGS` samples, they
+    were spikes. If it does not return, the string has become slack and the samples are used, or the load cell has
+    failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].
@@ -186,7 +187,7 @@ class ForceReadingCheck(ReadingCheck):
                 good.append(self._take(sample))
                 continue
             self._held.append(sample)
-            if len(self._held) <= MAX_BRIDGED_READINGS:
+            if len(self._held) <= MAX_SUCCESSIVE_BAD_READINGS:
                 continue
             if all(held.force <= self._taut for held in self._held[1:]):
                 good += self._take_held()

@@ -37,7 +37,7 @@ class Node(Protocol):
 
 
 @dataclass
-class Timing:
+class NodeTiming:
     """Computing times of a node's steps.
 
     Attributes:
@@ -94,7 +94,7 @@ class Scheduler:
         self._patience, self._each_round = patience, each_round
         self.begin()
         self.running = nodes[0].name
-        self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
+        self.timing = {node.name: NodeTiming(node.name, node.period) for node in nodes}
 
     def begin(self) -> None:
         """Plan the first step of every node for the present time; it is also called when the scheduler is created."""

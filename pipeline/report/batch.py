@@ -76,12 +76,12 @@ def _summary(done: BatchResult, found: ParameterHistory) -> str:
 
 def _times_sentence(rows: Sequence[BatchRow]) -> str:
     """Sentence that names the source of the recordings' times; times are never guessed silently."""
-    counts = Counter(row.item.when.source for row in rows)
+    counts = Counter(row.item.recording_time.source for row in rows)
     nowhere = counts.pop(TimeSource.NOWHERE, 0)
     parts = [f"{counts[source]} from {source.value}" for source in TimeSource if counts[source]]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if nowhere:
-        problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)
+        problems = Counter(row.item.recording_time.problem for row in rows if row.item.recording_time.time is None)
         why = "; ".join(f"{count} because of '{problem}'" for problem, count in problems.most_common(3))
         text += f" {nowhere} have none and stand in no figure over time: {why}."
     return text
@@ -104,7 +104,7 @@ def _error_section(rows: Sequence[BatchRow]) -> Section:
     errors: dict[str, list[tuple[float, BatchRow]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
-        if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
+        if row.item.recording_time.time is None or any(channel["rmse"] is None for channel in channels.values()):
             continue
         rmse = {name: float(channel["rmse"]) for name, channel in channels.items()}
         for unit, error in total_errors(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
@@ -122,7 +122,7 @@ def _robot_section(rows: Sequence[BatchRow]) -> Section:
     for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_TABLE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
         good = [row for row in mine if row.outcome.verdict]
-        times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
+        times = sorted(row.item.recording_time.time for row in mine if row.item.recording_time.time is not None)
         effects = Counter(effect for row in good for effect in row.outcome.effects)
         table.append([
             robot, str(len(mine)), str(sum(row.outcome.verdict == "explained" for row in good)),

@@ -126,7 +126,7 @@ def error_history_chart(unit: str, points: Sequence[tuple[float, BatchRow]]) -> 
         mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
         if mine:
             errors, rows = zip(*mine, strict=True)
-            _add_points(figure, name, rows, [row.item.when.time for row in rows], errors, colour)
+            _add_points(figure, name, rows, [row.item.recording_time.time for row in rows], errors, colour)
     figure.update_yaxes(rangemode="tozero")
     return Chart(figure)
 

@@ -86,8 +86,8 @@ def excitation_report(found: Excitation) -> Document:
             replace(tells, charts=[_expectation_chart(found)]),
             moves,
             *joint_motion_sections(motion.joint_names, motion.time[thin], motion.q[thin], motion.v[thin], limits),
-            limit_use_section(found.check),
-            limit_margin_section(found.check.margins),
+            limit_use_section(found.feasibility),
+            limit_margin_section(found.feasibility.margins),
         ],
         key_figures=figures,
     )

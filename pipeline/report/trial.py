@@ -10,7 +10,7 @@ from armdyn.document import Chart, Section, Table
 from armdyn.recording.channels import FloatArray
 from pipeline.box import Box
 from pipeline.nodes.learning import LengthEstimate
-from pipeline.nodes.scheduler import Timing
+from pipeline.nodes.scheduler import NodeTiming
 from pipeline.report.theme import (
     ACTUAL_STYLE,
     BLUE,
@@ -192,7 +192,7 @@ def gripper_section(
     return Section("Gripper", sentence, [Chart(figure, "Error: actual minus reference, the lag of the arm included.")])
 
 
-def timing_section(nodes: Sequence[Timing]) -> Section:
+def timing_section(nodes: Sequence[NodeTiming]) -> Section:
     """Section on the computing time of each periodic task (node), and on steps that took longer than their period."""
     late = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in nodes if node.overruns)
     rows = [

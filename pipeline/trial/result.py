@@ -18,7 +18,7 @@ from armdyn.recording.units import KnownQuantity
 from pipeline.answers_motion import investigation_answer
 from pipeline.fields import attributes_as_json
 from pipeline.nodes.learning import LengthEstimate
-from pipeline.nodes.scheduler import Timing
+from pipeline.nodes.scheduler import NodeTiming
 from pipeline.record import Recorder
 from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import Experiment, Phase, PhaseSpan, recorded_channels
@@ -62,7 +62,7 @@ class TrialResult(TrialEnding):
     feasible: bool | None
     swing: SwingPlan | None
     model: PendulumModel
-    timing: dict[str, Timing]
+    timing: dict[str, NodeTiming]
     cycle_seconds: float
     recording: Path | None
     signal: int | None = None

@@ -33,7 +33,7 @@ def few(monkeypatch):
     """A catalogue of a few effects, so that a search takes seconds; the notebook searches all of it."""
     few = {name: armdyn.CATALOGUE[name] for name in ("quadratic_drag", "pivot_viscous_friction", "sensor_bias")}
     monkeypatch.setattr(armdyn, "CATALOGUE", few)
-    monkeypatch.setattr("armdyn.checked_study.available", lambda *_: tuple(few.values()))
+    monkeypatch.setattr("armdyn.checked_study.available_effects", lambda *_: tuple(few.values()))
 
 
 BASES = ("double_pendulum", "crane", "tanks")

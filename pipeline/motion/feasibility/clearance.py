@@ -24,7 +24,7 @@ CHECKED_DISTANCE_SHARE = 0.25
 """Share of the present distance by which the arm may move until the next check, so that no contact is missed."""
 MIN_CHECK_TRAVEL = 5e-3
 """Smallest travel of the arm between two checks, also where bodies touch [m]."""
-DISTANCE_TIE = 1e-9
+EQUAL_DISTANCE_TOLERANCE = 1e-9
 """Difference below which two distances count as equal, so that the first pair is reported [m]."""
 HAND_REACH = 0.15
 """Upper bound of the hand's extent beyond the tool frame, and of a link's extent beyond its middle line [m]."""
@@ -123,7 +123,7 @@ class ObstacleDistances:
         """Smallest distance at a posture q (n,) [m], at most 0 in a collision, and the names of link and body."""
         pin.computeDistances(self._model, self._data, self._shapes, self._distances, q)
         apart = np.array([result.min_distance for result in self._distances.distanceResults])
-        first = int(np.flatnonzero(apart <= apart.min() + DISTANCE_TIE)[0])
+        first = int(np.flatnonzero(apart <= apart.min() + EQUAL_DISTANCE_TOLERANCE)[0])
         pair = self._shapes.collisionPairs[first]
         part, body = (self._shapes.geometryObjects[end] for end in (pair.first, pair.second))
         return float(apart[first]), link_of_shape(part), body.name

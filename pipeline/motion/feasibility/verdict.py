@@ -14,7 +14,7 @@ from armdyn.errors import TaskFailedError
 from pipeline.fields import attributes_as_json
 from urdf.robot import Array, read_only_copy
 
-SCHEMA = "armdyn.check/1"
+CHECK_SCHEMA = "armdyn.check/1"
 
 LIMIT_EXCESS_SHARE = 1e-6
 """Relative tolerance by which a value may exceed its limit, because recordings are rounded to seven digits."""
@@ -234,7 +234,7 @@ class FeasibilityReport:
         for margin in self.margins:
             margins.setdefault(margin.limit, {})[margin.joint] = margin.margin
         return {
-            "schema": SCHEMA,
+            "schema": CHECK_SCHEMA,
             "feasible": self.feasible,
             "sentence": self.sentence,
             "violations": [

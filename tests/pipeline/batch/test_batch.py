@@ -10,7 +10,7 @@ import pytest
 from armdyn.checked_study import CheckedStudy
 from armdyn.run import Channel, read_run, write_run_csv
 from pipeline.batch.run import JOURNAL_FILE
-from pipeline.batch.work import Job, run_job
+from pipeline.batch.work import BatchJob, run_job
 from pipeline.trial.folder import locked_folder
 
 from .conftest import BATCH, FEW
@@ -127,7 +127,7 @@ def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted
     run = read_run(log)
     negated = {n: Channel(c.time, -c.value, c.unit) for n, c in run.channels.items() if n.startswith("tau.")}
     write_run_csv(replace(run, channels={**run.channels, **negated}), log)
-    job = Job("key", "compare", lab / "robots/robot_00/model.toml", "", log, None)
+    job = BatchJob("key", "compare", lab / "robots/robot_00/model.toml", "", log, None)
     wrong = run_job(job)
     assert "all torques have the wrong sign" in wrong.problem
     assert "trust_data" in wrong.problem

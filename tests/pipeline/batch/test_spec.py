@@ -32,9 +32,9 @@ def read(folder, text):
 
 def test_a_robots_folder_joins_its_model_and_its_logs(folder):
     spec = read(folder, '[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = "robots/{robot}/*.csv"\n')
-    assert [(item.robot, item.model.parent.name, item.run.parent.name, item.when.time.day) for item in spec.items] == [
-        (robot, robot, robot, day) for robot in ("left", "right[2]") for day in (4, 5)
-    ]
+    assert [
+        (item.robot, item.model.parent.name, item.run.parent.name, item.recording_time.time.day) for item in spec.items
+    ] == [(robot, robot, robot, day) for robot in ("left", "right[2]") for day in (4, 5)]
     assert spec.task == "compare"
 
 
@@ -100,8 +100,8 @@ def test_a_form_reads_other_dates_and_says_where_it_fails():
 
 def test_the_spec_counts_more_than_the_sidecar_and_that_more_than_the_name(folder):
     (item,) = read(folder, GOOD).items
-    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeSource.SIDECAR)
+    assert (item.recording_time.time, item.recording_time.source) == (datetime(2026, 6, 1), TimeSource.SIDECAR)
     (item,) = read(folder, GOOD + "times = { 'a.csv' = 2026-05-04T12:00:00+02:00 }").items
-    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeSource.SPEC)
+    assert (item.recording_time.time, item.recording_time.source) == (datetime(2026, 5, 4, 10), TimeSource.SPEC)
     (item,) = read(folder, '[time]\nfrom = "name"\n' + GOOD).items
-    assert item.when.time is None
+    assert item.recording_time.time is None

@@ -14,7 +14,7 @@ import pytest
 from armdyn.run import read_run
 from pipeline.batch.run import JOURNAL_FILE, run_batch
 from pipeline.batch.spec import read_spec
-from pipeline.batch.work import Job, run_job
+from pipeline.batch.work import BatchJob, run_job
 
 from .conftest import FEW
 
@@ -93,6 +93,6 @@ def test_a_worker_keeps_nothing_of_a_recording_that_is_done(lab, monkeypatch):
 
     monkeypatch.setattr("armdyn.run.read_run", read)
     item = read_spec(lab / "spec.toml").items[0]
-    outcome = run_job(Job("key", "repair", item.model, "key of the model", item.run, None))
+    outcome = run_job(BatchJob("key", "repair", item.model, "key of the model", item.run, None))
     assert outcome.verdict
     assert [one() for one in seen] == [None]

@@ -7,7 +7,7 @@ from armdyn.document import Document, KeyFigure, ResultLevel
 from pipeline.box import Box
 from pipeline.motion.feasibility import LimitMargin
 from pipeline.nodes.learning import LengthEstimate, Outcome
-from pipeline.nodes.scheduler import Timing
+from pipeline.nodes.scheduler import NodeTiming
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
 from pipeline.report.trial import (
     SwingTrace,
@@ -71,7 +71,10 @@ def trial():
 @pytest.fixture
 def trial_report(trial):
     t, phases = trial, [("kick", 0.0, 0.5), ("estimate", 0.5, 6.5), ("settle", 6.5, 8.0), ("swing", 8.0, 14.0)]
-    nodes = [Timing("estimator", 0.5, 12, 12 * 6.2e-4, 1.4e-3), Timing("SAC", 0.05, 120, 120 * 4.1e-4, 9.8e-4, 2)]
+    nodes = [
+        NodeTiming("estimator", 0.5, 12, 12 * 6.2e-4, 1.4e-3),
+        NodeTiming("SAC", 0.05, 120, 120 * 4.1e-4, 9.8e-4, 2),
+    ]
     return Document(
         "Trial: learn the string, swing the load",
         "The load is in the box.",
