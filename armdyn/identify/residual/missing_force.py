@@ -133,10 +133,8 @@ def missing_accelerations(fit: Fit) -> list[MissingForce]:
         motion = EffectSetOptimiser(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
-        free, values = (
-            free & ~problem.unknowns_of(model.start_names),
-            transfer_values(fit.process_noise_values, fit.problem, problem),
-        )
+        free = free & ~problem.unknowns_of(model.start_names)
+        values = transfer_values(fit.process_noise_values, fit.problem, problem)
     box = GreyBox(problem, begin, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
     point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]

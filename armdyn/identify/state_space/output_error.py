@@ -82,9 +82,8 @@ class EffectSetOptimiser:
         self.box = GreyBox(problem, values, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.start_unknowns & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.influential = (
-            self.box.influential(self.point) | (problem.prior_weight > 0.0) | self.start_unknowns | self.base
-        )
+        known = (problem.prior_weight > 0.0) | self.start_unknowns | self.base
+        self.influential = self.box.influential(self.point) | known
         self.thresholds, problem.jumps = find_thresholds(self.box, self.point, self.base, self.influential)
         problem.set_thresholds(self.threshold_values)
         self._given = values.copy()
@@ -154,10 +153,8 @@ class EffectSetOptimiser:
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = (
-                free,
-                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)),
-            )
+            point = self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)
+            self._settled[key] = free, self._followed_anew(free, point)
         if like is not None:
             there = self._settled[like.tobytes()][1]
             other = self.box.optimise(free, self._without(there, free), NEARBY_EVALUATIONS)
