@@ -115,7 +115,7 @@ def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: Se
     at = study.fit_with(known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem))
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
-    for score in study.scores(study.with_places(at), known.effects):
+    for score in study.scores(study.with_thresholds(at), known.effects):
         term = terms.get(score.candidate.effect)
         if term is None:
             continue

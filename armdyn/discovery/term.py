@@ -152,7 +152,8 @@ class TermParameter:
 
     def scaled(self, scale: float) -> "TermParameter":
         """A copy divided by `scale`, for a joint of an arm that multiplies declared values by this factor."""
-        declared = {name: getattr(self, name) / scale for name in ("value", "spread", "lower", "upper", "typical")}
+        scaled = ("start_value", "prior_std", "lower", "upper", "typical")
+        declared = {name: getattr(self, name) / scale for name in scaled}
         return replace(self, **declared, scale=scale)
 
 

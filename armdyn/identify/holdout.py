@@ -70,10 +70,8 @@ def _predicted(found: Fit, run: Run, fit_own: FitRunUnknowns) -> Fit:
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
-    start, own = (
-        np.where(apart, alone.start_values(), transfer_values(found.values, source, alone)),
-        alone.per_run | apart,
-    )
+    start = np.where(apart, alone.start_values(), transfer_values(found.values, source, alone))
+    own = alone.per_run | apart
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
     free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if free.any():

@@ -11,7 +11,7 @@ from armdyn.identify.fit import Fit, channel_rmse, fit, identifiable
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer, max_noise_ratio
-from armdyn.identify.selection.sums import sums, with_places
+from armdyn.identify.selection.sums import sums, with_thresholds
 from armdyn.identify.study import Study
 
 MAX_QUICK_STEPS = 8
@@ -55,10 +55,10 @@ class LinearStudy(Study):
         free = identifiable(problem, free, values) | (free & self.first().free)
         return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
 
-    def with_places(self, at: Fit) -> Fit:
-        """A fit at the likeliest threshold of every candidate that has one; predictions stay as they are."""
+    def with_thresholds(self, at: Fit) -> Fit:
+        """A copy of a fit with the likeliest value of every threshold of absent effects; predictions do not change."""
         absent = [atom for c in self.candidates for atom in c.split_by_joint()]
-        values, _ = with_places(self.problem, {run.name for run in self.runs}, at.values, absent, at.free)
+        values, _ = with_thresholds(self.problem, {run.name for run in self.runs}, at.values, absent, at.free)
         return replace(at, values=values)
 
     def explained_share(self, before: Fit, after: Fit) -> float:

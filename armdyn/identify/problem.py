@@ -167,10 +167,8 @@ class Problem:
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         guessed = self.unknowns_of(model.guessed_parameters) & (self.prior_weight == 0.0)
-        self.guess_mean, self.guess_weight = (
-            self.start_values(),
-            np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
-        )
+        self.guess_mean = self.start_values()
+        self.guess_weight = np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0)
         self.jumps: dict[int, float] = {}
         self._whole: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}

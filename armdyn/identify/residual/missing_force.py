@@ -123,22 +123,19 @@ def missing_accelerations(fit: Fit) -> list[MissingForce]:
     """
     if as_model_with_motion(fit.problem.model) is None:
         return []
-    acting = fit.free | (fit.values != fit.problem.null)
-    needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
+    needed = fit.problem.needed_effects(fit.values, fit.free)
     problem = Problem(fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise)
     model = as_simulated_model(problem.model)
     values = transfer_values(fit.values, fit.problem, problem)
     free = transfer_mask(fit.free, fit.problem, problem)
-    swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+    begin = values
     if fit.process_noise_values is None:
         motion = EffectSetOptimiser(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
-        free, values = (
-            free & ~problem.unknowns_of(model.start_names),
-            transfer_values(fit.process_noise_values, fit.problem, problem),
-        )
-    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
+        free = free & ~problem.unknowns_of(model.start_names)
+        values = transfer_values(fit.process_noise_values, fit.problem, problem)
+    box = GreyBox(problem, begin, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
     point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A diverging simulation has no curve.

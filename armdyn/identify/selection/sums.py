@@ -128,7 +128,7 @@ def sums(
         absent: effects at their null values, some of whose unknowns may act only through another one of the effect.
         free: (P,) bool, unknowns that were fitted; they are adapted when an absent effect is optimised.
     """
-    values, placed = with_places(problem, training, values, absent, free)
+    values, placed = with_thresholds(problem, training, values, absent, free)
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
     values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free, placed)
@@ -190,7 +190,7 @@ def _move_far(problem: Problem, values: np.ndarray, unknowns: np.ndarray) -> np.
     return found
 
 
-def with_places(
+def with_thresholds(
     problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(P,) values with the likeliest threshold of every absent effect that has one, and (P,) bool, these thresholds.

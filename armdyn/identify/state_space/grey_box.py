@@ -66,7 +66,7 @@ class GreyBox:
 
     Args:
         problem: model, runs and noise; the fitted runs come first.
-        swings: period of the swing of each run, s.
+        values: (P,) values, from which the period of each run's swing follows.
         training: number of runs that are fitted; the others are only predicted.
         removable: (P,) bool, unknowns of effects that are absent (at their null values) where they are not fitted.
         share: length of a piece of the motion, between two kicks, in periods of the swing.
@@ -75,13 +75,13 @@ class GreyBox:
     def __init__(
         self,
         problem: Problem,
-        swings: Sequence[float],
+        values: np.ndarray,
         training: int,
         removable: np.ndarray,
         share: float = PIECE_PERIODS,
     ) -> None:
         self.problem, self.training, self.removable = problem, training, removable
-        self.runs = [GreyBoxRun(problem, i, swing, share) for i, swing in enumerate(swings)]
+        self.runs = [GreyBoxRun(problem, i, values, share) for i in range(len(problem.runs))]
 
     def initial_point(self, values: np.ndarray) -> LinearisationPoint:
         """Point from which an optimisation starts, with (P,) values and the measured motions.

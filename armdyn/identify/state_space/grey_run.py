@@ -74,16 +74,16 @@ class GreyBoxRun:
     Args:
         problem: the problem of the unknowns.
         index: index of the run in the problem.
-        swing: period of the swing, s.
+        values: (P,) values, from which the period of the swing follows.
         share: length of a piece, between two kicks, in periods of the swing.
     """
 
-    def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
-        model = as_simulated_model(problem.model)
-        self.problem, self.index, self.swing = problem, index, swing
-        self.run = run_until(problem.runs[index], model.time_of_rest(problem.runs[index], swing))
-        self.pieces = MotionPieces(model, self.run, share * swing)
-        self.unknowns = problem.unknowns_of_run(index)
+    def __init__(self, problem: Problem, index: int, values: np.ndarray, share: float = PIECE_PERIODS) -> None:
+        model, run = as_simulated_model(problem.model), problem.runs[index]
+        self.problem, self.unknowns = problem, problem.unknowns_of_run(index)
+        self.swing = model.oscillation_period(run, values[self.unknowns])
+        self.run = run_until(run, model.time_of_rest(run, self.swing))
+        self.pieces = MotionPieces(model, self.run, share * self.swing)
         self.channels = self.pieces.channels
         self.quiet = [smallest_noise_std(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])

@@ -170,9 +170,8 @@ class ChannelRows:
         """
         m, J, width = value.shape
         stamps, there = self.time[pieces], self.there[:, pieces]
-        ratio, time = (
-            np.array([getattr(c, part) for c in colours])[:, None] for part in ("variance_ratio", "correlation_time")
-        )
+        ratio = np.array([c.variance_ratio for c in colours])[:, None]
+        time = np.array([c.correlation_time for c in colours])[:, None]
         rows = np.empty((m, len(colours), J, width))
         error, variance = np.zeros((len(colours), J, width)), np.repeat(ratio, J, axis=1)
         last, logs = stamps[:, 0], np.zeros((len(colours), J))

@@ -78,14 +78,12 @@ class EffectSetOptimiser:
         model = as_simulated_model(problem.model)
         values = options[0]
         self.problem, self.motion_measured, self._given = problem, shows_motion(problem), values
-        swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         self.start_unknowns = problem.unknowns_of(model.start_names)
-        self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
+        self.box = GreyBox(problem, values, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.start_unknowns & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.influential = (
-            self.box.influential(self.point) | (problem.prior_weight > 0.0) | self.start_unknowns | self.base
-        )
+        known = (problem.prior_weight > 0.0) | self.start_unknowns | self.base
+        self.influential = self.box.influential(self.point) | known
         self.thresholds, problem.jumps = find_thresholds(self.box, self.point, self.base, self.influential)
         problem.set_thresholds(self.threshold_values)
         self._given = values.copy()
@@ -155,10 +153,8 @@ class EffectSetOptimiser:
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = (
-                free,
-                self._followed_anew(free, self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)),
-            )
+            point = self.box.optimise(free, self._near(free), NEARBY_EVALUATIONS)
+            self._settled[key] = free, self._followed_anew(free, point)
         if like is not None:
             there = self._settled[like.tobytes()][1]
             other = self.box.optimise(free, self._without(there, free), NEARBY_EVALUATIONS)
@@ -302,9 +298,7 @@ def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
         values: (P,) values of the unknowns.
         free: (P,) bool, unknowns that are fitted; the others are fixed.
     """
-    model = as_simulated_model(single.model)
-    swing = model.oscillation_period(single.runs[0], single.theta(0, values))
-    box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
-    own = free & ~single.unknowns_of(model.start_names)
+    box = GreyBox(single, values, 1, np.zeros(len(values), dtype=bool))
+    own = free & ~single.unknowns_of(as_simulated_model(single.model).start_names)
     point = box.optimise(own, box.initial_point(values))
     return best_fit(single, free, box.start_values(own, point))

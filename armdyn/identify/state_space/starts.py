@@ -47,8 +47,7 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
     guessed = wanted & problem.unknowns_of(model.guessed_parameters) & ~problem.per_run
     if not guessed.any():
         return []
-    acting = wanted | (values != problem.null)
-    needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
+    needed = problem.needed_effects(values, wanted)
     runs = [
         first_seconds(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
@@ -77,9 +76,7 @@ def nearly_equal(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
     """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
-    model = as_simulated_model(cut.model)
-    swings = [model.oscillation_period(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
-    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
+    box = GreyBox(cut, values, len(cut.runs), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
         point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * START_ROUNDS)
     return point.evidence, box.values_with_start_states(point)

@@ -57,11 +57,8 @@ def _likeliest(box: GreyBox, point: LinearisationPoint, free: np.ndarray, place:
             there = replace(point, values=values)
             arounds = box.linearise(there, free)
             finite = all(around.finite for around in arounds)
-            worth = (
-                box.evaluate_noises(arounds, there, evaluate_all_kicks).evidence(free).log_evidence
-                if finite
-                else -np.inf
-            )
+            tables = box.evaluate_noises(arounds, there, evaluate_all_kicks) if finite else None
+            worth = tables.evidence(free).log_evidence if tables is not None else -np.inf
             tried[key] = worth if np.isfinite(worth) else -np.inf
         return np.array([tried[key]])
 

@@ -97,7 +97,7 @@ def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
     given = world("tightening cable", 0)
     terms = named_terms(arm_terms(Study.of(model, given.runs, [], ()).first()))
     study = Study.of(model, given.runs, [], effects_of_terms(list(terms.values())))
-    scores = study.scores(study.with_places(study.first()), ())
+    scores = study.scores(study.with_thresholds(study.first()), ())
     drops = {score.candidate.effect: score.chi2_decrease for score in scores}
     (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.location.joint == "elbow")
     assert there > 0.5 * max(drops.values())

@@ -51,7 +51,7 @@ def box_of(run, effects=("quadratic_drag", "angle_skew"), length=LENGTH):
     model = pendulum_model(length, 0.2, [CATALOGUE[name] for name in effects])
     problem = Problem(model, [run], {(run.name, "swing_angle"): 1e-3})
     none = np.zeros(len(problem.columns), dtype=bool)
-    return GreyBox(problem, [1.27], 1, none), problem
+    return GreyBox(problem, problem.start_values(), 1, none), problem
 
 
 def test_derivatives_of_a_motion_in_pieces_are_those_of_finite_differences():
