@@ -17,7 +17,7 @@ from armdyn.run import Channel, Run
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
     from armdyn.arm.model import ArmModel
-    from armdyn.arm.rollout import RollOut
+    from armdyn.arm.rollout import SimulatedPositionError
     from urdf import Robot
 
 
@@ -171,7 +171,7 @@ class Model(EffectModel, Displayable):
         """Robot whose joints the model describes; None for a model of anything else."""
         return None
 
-    def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[RollOut, ...]":
+    def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[SimulatedPositionError, ...]":
         """Simulate recordings and compare the motion with the recorded one; empty for a model without joints.
 
         Args:

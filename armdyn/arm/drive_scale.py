@@ -390,7 +390,7 @@ def _rows_of(kind: _Kind, servo: Servo, joint: str, clipped: bool) -> _Rows:
 
 def _shared_error(servo: Servo, arm: Arm, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) share of a drive's torque at (n,) times, and (n,) that share of its error, relative to the usual gain."""
-    share, scale = servo.gate(run, joint, time)
+    share, scale = servo.torque_share(run, joint, time)
     return share, share * scale * drive_error(run, arm.joints, joint, servo, servo.delay or 0.0, time, smooth=True)
 
 

@@ -89,7 +89,7 @@ class Servo:
         """Name of the channel with the command of a joint."""
         return f"{COMMAND_CHANNELS[self.law]}.{joint}"
 
-    def gate(self, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def torque_share(self, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) share of its torque that the drive of a joint gives at (n,) times, and (n,) share of its gain.
 
         The share of the torque is 0 while the drive is off.
@@ -104,7 +104,7 @@ class Servo:
             scale = run.extra[GAIN_SCALE_CHANNEL].held_values(time)
         return share, scale
 
-    def over_reference(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:
+    def relative_excess_voltage(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:
         """(n,) relative excess of the recorded voltage over that of the gain, at (n,) times; 0 without a voltage."""
         volts, at = run.channels.get(f"voltage.{joint}"), self.supply or self.reference
         if volts is None or at is None:

@@ -32,7 +32,7 @@ from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
-    from armdyn.arm.rollout import RollOut
+    from armdyn.arm.rollout import SimulatedPositionError
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +64,7 @@ class ArmModel(Model):
 
     @property
     def base_summary(self) -> str:
-        """The arm's name and its joints; see `Model.base_summary`."""
+        """Text with the name of the arm, the number of its joints, and the first and last joint."""
         return f"arm {self.arm.robot.name}, {len(self.joints)} joints from {self.joints[0]} to {self.joints[-1]}"
 
     def file_entries(self, folder: Path) -> Mapping[str, Any]:
@@ -89,11 +89,11 @@ class ArmModel(Model):
         """Robot whose joints the model describes."""
         return self.arm.robot
 
-    def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[RollOut, ...]":
+    def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[SimulatedPositionError, ...]":
         """Errors of the simulated motion in recordings, each given with its role, for every joint."""
-        from armdyn.arm.rollout import roll_outs
+        from armdyn.arm.rollout import simulated_position_errors
 
-        return roll_outs(self, recordings)
+        return simulated_position_errors(self, recordings)
 
     def adapted_to(self, runs: Sequence[Run]) -> Self:
         """The model with other joints that move in the runs, and with drives identified from them."""
@@ -194,7 +194,7 @@ class ArmModel(Model):
     def link_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
     ) -> "tuple[LinkChange, ...]":
-        """Links that effects change, in the order of the joints; for the arguments see `Model.link_changes`."""
+        """Links that effects change, in the order of the joints, with their values at (p,) fitted parameters."""
         from armdyn.arm.links import link_changes
 
         return link_changes(self, theta, covariance, of_runs_alone, free)

@@ -70,7 +70,7 @@ class JointCurve:
         choice: smoothing of the measured position.
         interval: interval between its samples, s.
         speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
-        moving: share of the recording during which the joint certainly moves.
+        moving_share: share of the recording during which the joint certainly moves.
         mostly_rests: whether the joint mostly rests, so that its rests are compared as well.
         reversal_times: (k,) times at which the smoothed velocity changes its sign, s.
         moves_between_reversals: (k + 1,) bool, whether the joint certainly moves between two such times: after a stop
@@ -81,7 +81,7 @@ class JointCurve:
     choice: SmoothingChoice
     interval: float
     speed_noise: float
-    moving: float
+    moving_share: float
     mostly_rests: bool
     reversal_times: np.ndarray
     moves_between_reversals: np.ndarray
@@ -119,7 +119,7 @@ class MeasuredMotion:
         return replace(self, joints=joints)
 
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
-        """(n,) expected sign of one joint's velocity at (n,) times."""
+        """(n,) expected sign of the velocity of the joint with index `joint` at (n,) times, s."""
         path, inside = self.joints[joint], np.clip(time, self.start, self.end)
         return path.direction(inside, path.curve(inside, 1)[:, 0])
 
@@ -132,7 +132,7 @@ def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
 def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
     """Whether each joint rests for more than half of the time of all recordings together."""
     lasts = np.array([motion.end - motion.start for motion in motions])
-    moving = np.array([[j.moving for j in motion.joints] for motion in motions])
+    moving = np.array([[j.moving_share for j in motion.joints] for motion in motions])
     return tuple((lasts @ moving < MIN_MOVING_SHARE * lasts.sum()).tolist())
 
 

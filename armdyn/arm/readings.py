@@ -118,7 +118,7 @@ def _reading(
     """Reading of one drive; None where its command is constant."""
     q, delay = run.channels[f"q.{joint}"], servo.delay or 0.0
     edges = _midpoints(q.time) - delay
-    share, scale = servo.gate(run, joint, q.time)
+    share, scale = servo.torque_share(run, joint, q.time)
     by_error, by_smooth_error = (
         scale * gain * drive_error(run, joints, joint, servo, delay, q.time, smooth=smooth) for smooth in (False, True)
     )
@@ -140,6 +140,6 @@ def _reading(
     rate = np.where(np.abs(wanted) < servo.largest, share * scale * gain * by_command, 0.0)
     total = cumulative_trapezoid(given, q.time, initial=0.0)
     # Effects are functions of the smooth torque: otherwise they would contain the noise of what they predict.
-    told = np.array([smooth_given, rate, total, velocity, servo.over_reference(run, joint, q.time)])
+    told = np.array([smooth_given, rate, total, velocity, servo.relative_excess_voltage(run, joint, q.time)])
     unit = "N" if q.unit == "m" else "N m"
     return DriveReading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))), told)

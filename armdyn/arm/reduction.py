@@ -107,7 +107,7 @@ class DelayedInputs:
         return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(15 + c, n) inputs of a joint's functions."""
+        """(15 + c, n) inputs of a joint's functions at the earlier times, with c recorded quantities."""
         found = self.signal(self._stretch.inputs(joint, columns).T).T
         found[DIRECTION_INPUT] = self._motion.direction(joint, self._time)
         return found

@@ -35,7 +35,7 @@ TORQUE_DELAY_PARAMETER, COMMAND_DELAY_PARAMETER = "torque_delay.time", "command_
 
 
 @dataclass(frozen=True)
-class RollOut:
+class SimulatedPositionError:
     """Error of one joint's simulated position in one run.
 
     Attributes:
@@ -80,7 +80,7 @@ def has_all_position_commands(model: ArmModel, run: Run) -> bool:
     return all(s is not None and s.law == "position" and s.command(j) in run.channels for j, s in servos.items())
 
 
-def can_roll_out(model: ArmModel, run: Run) -> bool:
+def can_simulate_motion(model: ArmModel, run: Run) -> bool:
     """Whether the run contains a command or a torque of every joint, and no effect has states of its own."""
     driven = (f"tau.{j}" in run.channels or _commanded(model.servo(j), run, j) for j in model.arm.joints)
     return not model.arm.carried and not model.remembers and all(driven)
@@ -174,9 +174,9 @@ def _drives(
             drives.on[:, j] = 1.0
             drives.given[:, j] = np.interp(time, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
             continue
-        gain, (share, scale) = servo.gain.value, servo.gate(run, joint, middle)
+        gain, (share, scale) = servo.gain.value, servo.torque_share(run, joint, middle)
         when = edges - (servo.delay or 0.0) - values.get(f"{COMMAND_DELAY_PARAMETER}[{joint}]", 0.0)
-        voltage[:, j] = servo.over_reference(run, joint, middle)
+        voltage[:, j] = servo.relative_excess_voltage(run, joint, middle)
         if servo.law in ("torque", "current"):
             torque = scale * gain * mean_command(run, joint, servo, when)
             drives.given[:, j], drives.on[:, j] = share * np.clip(torque, -servo.largest, servo.largest), share
@@ -192,11 +192,11 @@ def _drives(
     return replace(drives, voltage=voltage)
 
 
-def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut, ...]:
+def simulated_position_errors(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[SimulatedPositionError, ...]:
     """Errors of the simulated motion in recordings, each with its role; without those that cannot be simulated."""
     found, theta = [], model.theta()
     for run, role in runs:
-        if not can_roll_out(model, run):
+        if not can_simulate_motion(model, run):
             continue
         whole = has_all_position_commands(model, run)
         for length in (np.inf,) if whole else ROLLOUT_SECONDS:
@@ -209,7 +209,7 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
                 q, command = run.channels[f"q.{joint}"], run.channels.get(f"q_cmd.{joint}")
                 rms, mae = _sizes(errors[:, j]) if np.all(np.abs(errors[:, j]) < MAX_ROLLOUT_ERROR) else (None, None)
                 found.append(
-                    RollOut(
+                    SimulatedPositionError(
                         run.name, role, "closed_loop" if whole else f"window_{length:g}", joint, q.unit, rms, mae,
                         None if command is None else _sizes(command.held_values(q.time) - q.value),
                         encoder_step(q.value),

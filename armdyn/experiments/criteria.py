@@ -68,7 +68,7 @@ class RivalSeparation:
     fitted: np.ndarray
     directions: np.ndarray
 
-    def refitted(self, information: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def information_after_refit(self, information: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Information that remains after the rival's refit: (k, k) matrix L, and the changes of all unknowns.
 
         For (P, P) information F and (P,) prior standard deviations, L is the Schur complement
@@ -85,7 +85,7 @@ class RivalSeparation:
 
         It takes the (P, P) information and the (P,) prior standard deviations.
         """
-        return max(float(np.linalg.eigvalsh(self.refitted(information, prior)[0])[0]), 0.0)
+        return max(float(np.linalg.eigvalsh(self.information_after_refit(information, prior)[0])[0]), 0.0)
 
 
 def log_harmonic_separation(
@@ -99,7 +99,7 @@ def log_harmonic_separation(
     total, slopes = 0.0, np.zeros_like(information)
     for case in cases:
         everything = np.concatenate([case.own, case.fitted])
-        L, T = case.refitted(information, prior)
+        L, T = case.information_after_refit(information, prior)
         inverse = np.linalg.inv(L + NEGLIGIBLE_RISE * np.eye(len(L)))
         total += float(np.trace(inverse))
         # dL = T' dF T, since the best refit does not change in first order.

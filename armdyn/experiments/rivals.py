@@ -29,7 +29,7 @@ MAX_RIVALS = 5
 """Largest number of rival hypotheses in a plan; the most plausible ones are used."""
 WELL_KNOWN_STD_SIZES = 0.05
 """Ratio of standard deviation to typical size up to which a parameter counts as well known."""
-NO_EFFECT = "nothing"
+NO_EFFECT_NAME = "nothing"
 """Name of the hypothesis without an added effect."""
 
 
@@ -96,7 +96,7 @@ def rivals_of_study(
     return found.verdict.key, said, rivals
 
 
-def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
+def undistinguished_effect_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     """Sets of added effects that the runs cannot distinguish by a diagnosis, the best set first."""
     last, given = found.search.last, found.search.steps[0].effects
     added = group_by_effect([c for c in last.effects if c not in given])
@@ -110,7 +110,7 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
 
 def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     """The hypotheses that a diagnosis does not distinguish; None if it distinguishes all."""
-    sets = tied_sets(found)
+    sets = undistinguished_effect_sets(found)
     if len(sets) < 2:
         return None
     return _fitted(study, sets, found.search.steps[0].fit)
@@ -242,7 +242,7 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     for i, name in enumerate(names):
         if any(name in c.names for c in own):
             values[name] = _sizeable(model, name, values[name], float(kept[i, i]))
-    spoken = " + ".join(c.name_in_sentence for c in own) or NO_EFFECT
+    spoken = " + ".join(c.name_in_sentence for c in own) or NO_EFFECT_NAME
     return Hypothesis(spoken, model.with_values(values), names, kept, 2.0 * at.cost)
 
 

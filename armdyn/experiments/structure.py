@@ -5,7 +5,7 @@ from scipy.linalg import orth, qr
 
 from armdyn.experiments.columns import TorqueRegressor, random_joint_states
 
-RANDOM_STATES = 300
+RANDOM_STATE_COUNT = 300
 """Number of random states of an arm at which linear dependence of regressor columns is decided."""
 MAX_SPANNED_SHARE = 1e-6
 """Independent share of a regressor column's length below which it is a linear combination of others; rounding leaves
@@ -24,7 +24,7 @@ unidentifiable."""
 
 def regressor_at_random_states(columns: TorqueRegressor) -> np.ndarray:
     """(N, P) regressor at random states within the arm's limits, for changes of typical size; a row is one torque."""
-    found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATES))
+    found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATE_COUNT))
     rows = found.reshape(-1, found.shape[2])
     rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_DEVIATES] = 0.0
     return rows
@@ -46,7 +46,7 @@ def distinguishable_changes(rows: np.ndarray, own: np.ndarray, others: np.ndarra
     X, span = rows[:, own], _span(rows[:, others])
     _, sizes, directions = np.linalg.svd(X - span @ (span.T @ X), full_matrices=False)
     whole = np.linalg.norm(X @ directions.T, axis=0)
-    shows = sizes > np.maximum(MAX_SPANNED_SHARE * whole, MIN_VISIBLE_CHANGE * np.sqrt(RANDOM_STATES))
+    shows = sizes > np.maximum(MAX_SPANNED_SHARE * whole, MIN_VISIBLE_CHANGE * np.sqrt(RANDOM_STATE_COUNT))
     return np.asarray(directions[shows].T)
 
 

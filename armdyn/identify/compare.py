@@ -7,7 +7,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from armdyn.arm.drives import Servo
-from armdyn.arm.rollout import RollOut
+from armdyn.arm.rollout import SimulatedPositionError
 from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import recorded_columns
@@ -108,7 +108,7 @@ class Comparison(Displayable):
     std_inflation: float = 1.0
     lost: str = ""
     bands: PredictionBands | None = None
-    rollout: tuple[RollOut, ...] = ()
+    rollout: tuple[SimulatedPositionError, ...] = ()
     drives: Mapping[str, Servo] = field(default_factory=dict)
 
     def document(self) -> Document:

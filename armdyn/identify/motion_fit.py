@@ -20,7 +20,7 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.rollout import (
     COARSE_STEP,
     ROLLOUT_STEP,
-    can_roll_out,
+    can_simulate_motion,
     encoder_step,
     has_all_position_commands,
     simulated_positions,
@@ -96,7 +96,7 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
         runs: training runs.
         given: the drives as the user declared them, whose stated gains are priors; None means those of the model.
     """
-    usable = [run for run in runs if model.drives and can_roll_out(model, run)]
+    usable = [run for run in runs if model.drives and can_simulate_motion(model, run)]
     if not usable:
         return model
     lengths = (

@@ -17,7 +17,7 @@ from armdyn.parameter import Parameter
 if TYPE_CHECKING:
     from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkChange
-    from armdyn.arm.rollout import RollOut
+    from armdyn.arm.rollout import SimulatedPositionError
     from armdyn.identify.bands import PredictionBands
 
 MAX_LISTED_RANGES = 6
@@ -304,10 +304,10 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
     return Section("Drives", text, tables=tables)
 
 
-def motion_section(found: Sequence["RollOut"]) -> Section:
+def motion_section(found: Sequence["SimulatedPositionError"]) -> Section:
     """Section on the errors of simulated motion, for the kind of runs that were used least for the fit."""
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
-    rows: dict[tuple[str, str], list[RollOut]] = {}
+    rows: dict[tuple[str, str], list[SimulatedPositionError]] = {}
     for r in found:
         if r.role == role:
             rows.setdefault((r.joint, r.kind), []).append(r)

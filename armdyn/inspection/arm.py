@@ -16,7 +16,13 @@ from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
+from armdyn.inspection.evidence import (
+    MODEL_ERROR_FLOOR,
+    ChannelReadings,
+    Evidence,
+    best_evidence,
+    independent_sample_share,
+)
 from armdyn.inspection.kinematics import local_averages
 from armdyn.linear.solve import solve_bounded
 from armdyn.object_cache import cached_with_first_argument
@@ -313,12 +319,14 @@ class ArmRun:
             f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.as_recorded(m.time, f, columns)
-        found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+        found = best_evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         for _ in range(
             SIGN_ESTIMATION_ROUNDS if description.magnitudes else 0
         ):  # the effects also decide the sign of a torque
             f, columns = with_sign_of_total(f + columns @ found.sizes, f, columns)
-            found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+            found = best_evidence(
+                ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor))
+            )
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
     def log_evidence_of_no_model(self) -> float:

@@ -94,7 +94,7 @@ class Inspection:
 
     @property
     def sentence(self) -> str:
-        """The findings in one or two sentences, for a reader."""
+        """Sentence with the worst finding, or that the recordings are as declared."""
         worst = self.wrong or self.with_severity(Severity.SUSPECT)
         if not worst:
             return f"The recording{'s are what they say they are' if len(self.runs) > 1 else ' is what it says'}."

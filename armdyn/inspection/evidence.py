@@ -74,7 +74,7 @@ class Evidence:
     sizes: np.ndarray
 
 
-def evidence(given: ChannelReadings) -> Evidence:
+def best_evidence(given: ChannelReadings) -> Evidence:
     """Evidence of readings, for the most probable of `MISSING_EFFECT_SIZES`."""
     gap = given.measured - given.described
     scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)

@@ -8,7 +8,7 @@ from armdyn.inspection.check import Check, CheckKind, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import encoder_channels, least_noise, sticking_joint_checks, stuck_sensor_checks
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
+from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, longest_interval_without_gap
 from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, noise_std_from_differences, normalised_differences
 from armdyn.recording.spikes import ALLOWED_FAULTS, saturated_samples, spikes_of
 from armdyn.recording.tracks import samples_of_second_series
@@ -74,7 +74,7 @@ def dropped_sample_checks(run: Run) -> Iterator[Check]:
         counts = np.round(steps / usual)
         if np.mean(np.abs(steps / usual - counts) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
             continue
-        missing = int(np.sum(counts[steps <= shortest_gap(channel.time)] - 1.0))
+        missing = int(np.sum(counts[steps <= longest_interval_without_gap(channel.time)] - 1.0))
         if missing > 0:
             yield Check(
                 "samples_dropped", Severity.NOTE, run.name, (name,),

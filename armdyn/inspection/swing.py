@@ -16,7 +16,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import detrend
 
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
+from armdyn.inspection.evidence import (
+    MODEL_ERROR_FLOOR,
+    ChannelReadings,
+    Evidence,
+    best_evidence,
+    independent_sample_share,
+)
 from armdyn.inspection.kinematics import local_averages
 from armdyn.inspection.mistakes import (
     ANGLE_UNITS,
@@ -63,7 +69,7 @@ LENGTH_FACTORS, DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0
 simulated. In 30 s the phases of neighbouring lengths differ by half a radian."""
 SWING_STEP_SECONDS = 0.02
 """Step of that simulation, s."""
-TIME_SPACING_PERIODS = 0.5
+CORRELATION_LAG_PERIODS = 0.5
 """Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
 SwingMotion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -200,10 +206,10 @@ class SwingRun:
     def weights(self) -> np.ndarray:
         """(J,) number of independent samples per sample of each channel."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
-        soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
+        soon = CORRELATION_LAG_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
-        return independent_sample_share(given.measured, evidence(given).residual, given.min_rms, after)
+        return independent_sample_share(given.measured, best_evidence(given).residual, given.min_rms, after)
 
     def coarse_log_evidence(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) log evidence of hypotheses, nats; it is exact, because that of a pendulum is computed fast."""
@@ -212,7 +218,7 @@ class SwingRun:
     def log_evidence(self, correction: Correction, description: object = None) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
         del description
-        found = evidence(self._given(correction, self.weights))
+        found = best_evidence(self._given(correction, self.weights))
         return replace(found, value=found.value - self._outside(correction))
 
     def _outside(self, correction: Correction) -> float:

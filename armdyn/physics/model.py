@@ -60,7 +60,7 @@ class PhysicsModel(SimulatedModel):
         return self.physics.name
 
     def file_entries(self, folder: Path) -> Mapping[str, Any]:
-        """Entries of a model file for this base: the path of the user's file; see `Model.file_entries`.
+        """Entries of a model file for this base: the path of the user's file, relative to `folder`.
 
         Raises:
             InputError: the physics was not read from a file.

@@ -81,7 +81,7 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
     """Split a header into its cells.
 
     Raises:
-        InputError: there are too many cells, or one is too long or invisible.
+        InputError: there are too many cells, or a cell is too long or not printable.
     """
     labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
     if len(labels) > MAX_TABLE_COLUMNS:

@@ -21,7 +21,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
     for channel in run.channels.values():
         steps = np.diff(channel.time)
         if len(steps) >= MIN_SAMPLES:
-            for i in np.flatnonzero(steps > shortest_gap(channel.time)):
+            for i in np.flatnonzero(steps > longest_interval_without_gap(channel.time)):
                 spans.append((float(channel.time[i]), float(channel.time[i + 1])))
     merged: list[tuple[float, float]] = []
     for begin, end in sorted(spans):
@@ -32,7 +32,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
     return merged
 
 
-def shortest_gap(time: FloatArray) -> float:
+def longest_interval_without_gap(time: FloatArray) -> float:
     """Longest interval, s, between successive time stamps (n,) without a gap."""
     steps = np.diff(time)
     return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS

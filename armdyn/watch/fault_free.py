@@ -63,26 +63,27 @@ class FaultFreeStatistics:
 
     Attributes:
         bandwidth: K of the observer, 1/s.
-        contrast: (nj, 4) factors of the contrast's variance, see `ObserverOutput.sources`.
+        contrast: (nj, 4) factors of the variance of the contrast, which is the residual less its running mean; see
+            `ObserverOutput.sources`.
         residual: (nj, 4) factors of the residual's variance.
-        touch: by joint, distribution of the largest contrast, in standard deviations.
+        contrast_tails: by joint, distribution of the largest contrast, in standard deviations.
         onset: estimator of a torque that began a moment ago; None without recordings.
-        sudden: by joint, distribution of its largest estimate, in standard deviations.
+        onset_tails: by joint, distribution of its largest estimate, in standard deviations.
         baselines: by number of blocks in a window.
-        load: distribution of the load's largest score; None if the recordings are too short.
-        own: by joint and kind of change, distribution of the largest score; None likewise.
+        load_tail: distribution of the load's largest score; None if the recordings are too short.
+        joint_tails: by joint and kind of change, distribution of the largest score; None likewise.
         seconds: length of the recordings, s; None without recordings.
     """
 
     bandwidth: float
     contrast: FloatArray
     residual: FloatArray
-    touch: tuple[StatisticDistribution, ...]
+    contrast_tails: tuple[StatisticDistribution, ...]
     onset: OnsetEstimator | None
-    sudden: tuple[StatisticDistribution, ...]
+    onset_tails: tuple[StatisticDistribution, ...]
     baselines: Mapping[int, FaultFreeBaseline]
-    load: StatisticDistribution | None
-    own: tuple[tuple[StatisticDistribution, ...], ...] | None
+    load_tail: StatisticDistribution | None
+    joint_tails: tuple[tuple[StatisticDistribution, ...], ...] | None
     seconds: float | None
 
     @property
@@ -94,7 +95,7 @@ class FaultFreeStatistics:
                 f"{ERROR_CORRELATION_SECONDS:g} s; --calibrate RUN measures it on your own sound recordings."
             )
         basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
-        return basis if self.load is not None else f"{basis} They are too short to tell slow changes: record more."
+        return basis if self.load_tail is not None else f"{basis} They are too short to tell slow changes: record more."
 
 
 def samples_of(run: Run, model: ArmModel) -> Iterator[JointSample]:

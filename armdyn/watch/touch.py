@@ -18,7 +18,7 @@ from armdyn.watch.variances import ErrorLevel
 
 MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
-CONTACT_END_SHARE = 0.5
+CONTACT_END_THRESHOLD_SHARE = 0.5
 """Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
 CONTACT_END_SECONDS = 0.3
 """Time below that share until the event ends, s; the filters of the onset have then forgotten its start."""
@@ -51,7 +51,7 @@ class _Open:
         largest: (nj,) largest contrast, N m or N.
         joint: index of the joint with the clearest evidence.
         doubted: whether it may be a load.
-        lasting: whether the contrast has exceeded `CONTACT_END_SHARE` of its threshold.
+        lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
         reported: whether an event has reported it.
         gone: time at which it fell below that, s.
     """
@@ -80,7 +80,7 @@ class ContactDetector:
         self._report, self._sound = reporter, sound
         each = per_hour / len(reporter.joints) / (1 if sound.onset is None else 2)
         self.threshold, self._sudden = (
-            np.array([law.threshold(each) for law in laws]) for laws in (sound.touch, sound.sudden)
+            np.array([law.threshold(each) for law in laws]) for laws in (sound.contrast_tails, sound.onset_tails)
         )
         self._level = ErrorLevel(sound.contrast)
         self._onset_level = None if sound.onset is None else ErrorLevel(sound.onset.variance)
@@ -129,7 +129,7 @@ class ContactDetector:
             return self._went_on(self._open, step, seen, load)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
         highest = float(clearest.ratio.max())
-        if highest < CONTACT_END_SHARE:
+        if highest < CONTACT_END_THRESHOLD_SHARE:
             self._quiet = step.time
         return self._begun(step, clearest, contrast, load, delay) if highest >= 1.0 else []
 
@@ -138,10 +138,10 @@ class ContactDetector:
         left, most = (float(np.linalg.norm(each / contrast.std)) for each in (contrast.value, now.largest))
         if left > most:
             now.largest = contrast.value
-        shown = float(contrast.ratio.max()) >= CONTACT_END_SHARE
+        shown = float(contrast.ratio.max()) >= CONTACT_END_THRESHOLD_SHARE
         now.lasting |= shown
         if now.lasting:
-            there = shown and left > CONTACT_END_SHARE * most
+            there = shown and left > CONTACT_END_THRESHOLD_SHARE * most
         else:
             back = seen[-1].value[now.joint] * now.began
             opposite = step.time - now.begun > CONTACT_END_SECONDS and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0

@@ -71,8 +71,8 @@ class Watch:
         self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
         self._blocks = MotionBlocks(compiled_functions(model)[1], sound.residual)
         share = per_hour / 4.0
-        self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
-        laws, each = sound.own or (), share / (len(joints) * len(JOINT_CHANGES))
+        self._load_threshold = sound.load_tail.threshold(share) if sound.load_tail is not None else np.inf
+        laws, each = sound.joint_tails or (), share / (len(joints) * len(JOINT_CHANGES))
         self._own_thresholds = np.array([[law.threshold(each) for law in joint] for joint in laws])
         self._carried = int(joints.index(model.joints[-1]))
         self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((len(joints), len(JOINT_CHANGES)))

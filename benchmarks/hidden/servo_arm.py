@@ -34,7 +34,7 @@ import numpy as np
 from generated_arm import DEVIATIONS, found_shares, judged
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import roll_outs, simulated_positions
+from armdyn.arm.rollout import simulated_position_errors, simulated_positions
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.inspection.check import WrongRecordingError
@@ -51,7 +51,7 @@ in_mujoco = hidden_table.generator("servo_in_mujoco")
 
 def off(model: ArmModel, run: Run) -> dict[str, float]:
     """Rms error of all joints together by kind of roll-out [rad]."""
-    found = roll_outs(model, [(run, "held_out")])
+    found = simulated_position_errors(model, [(run, "held_out")])
     kinds = {one.kind for one in found} - {"window_5"}  # a torque pulls nothing back
     return {
         kind: float(

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
-from armdyn.recording.gaps import shortest_gap
+from armdyn.recording.gaps import longest_interval_without_gap
 
 MIN_PIECE_SAMPLES = MIN_SAMPLES
 """Smallest number of samples of a piece; shorter pieces are useless."""
@@ -150,7 +150,7 @@ def _laid(
     if not pieces:
         return np.empty(0, dtype=np.intp), np.empty(0), Counter()
     longest = max(pieces, key=len)
-    gap = 1.01 * shortest_gap(stamps[longest])
+    gap = 1.01 * longest_interval_without_gap(stamps[longest])
     rows: list[npt.NDArray[np.intp]] = []
     times: list[FloatArray] = []
     left, end = Counter[str](), -np.inf

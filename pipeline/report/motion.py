@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.rollout import RollOut
+from armdyn.arm.rollout import SimulatedPositionError
 from armdyn.document import Chart, Section
 from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
@@ -29,7 +29,7 @@ ERROR_PANEL_SHARE, MOTION_GAP = 0.42, 0.06
 """Shares of a figure's height: of the lower panel with the error, and of the gap below the panel with positions."""
 
 
-def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
+def motion_charts(found: Sequence[SimulatedPositionError]) -> list[Chart]:
     """A figure of each joint's simulated motion, in the last of the runs that are most independent of the fit."""
     if not found:
         return []
@@ -43,14 +43,14 @@ def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
     return [Chart(_picture(r), captions[joint], f"tau.{joint}") for joint, r in by_joint.items()]
 
 
-def with_motion_charts(sections: Sequence[Section], found: Sequence[RollOut]) -> list[Section]:
+def with_motion_charts(sections: Sequence[Section], found: Sequence[SimulatedPositionError]) -> list[Section]:
     """Sections of a document, with figures added to the section on the motion."""
     charts = motion_charts(found)
     tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts}
     return [replace(s, charts=charts, tabs=tabs) if s.title == MOTION_TITLE and charts else s for s in sections]
 
 
-def _picture(of: RollOut) -> dict[str, Any]:
+def _picture(of: SimulatedPositionError) -> dict[str, Any]:
     """Figure of positions above and their errors below over time; `go.Figure`, whose checks are slow, is avoided."""
     layout: dict[str, Any] = {
         "height": MOTION_CHART_HEIGHT_PIXELS,
@@ -78,7 +78,9 @@ def _picture(of: RollOut) -> dict[str, Any]:
     return {"data": traces, "layout": layout}
 
 
-def _line(of: RollOut, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y") -> dict[str, Any]:
+def _line(
+    of: SimulatedPositionError, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y"
+) -> dict[str, Any]:
     there = np.isfinite(value)
     time, shown = thinned_signal(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MAX_PLOTTED_POINTS)
     drawn = {"x": time.round(4).tolist(), "y": [float(f"{v:.5g}") for v in shown.tolist()]}

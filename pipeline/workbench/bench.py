@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.arm.rollout import RollOut
+from armdyn.arm.rollout import SimulatedPositionError
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
@@ -218,7 +218,7 @@ class Workbench:
             [replace(u, value=u.value - of) for u, of in zip(given, left, strict=True)],
         )
 
-    def motion(self, effects: Sequence[str]) -> tuple[RollOut, ...]:
+    def motion(self, effects: Sequence[str]) -> tuple[SimulatedPositionError, ...]:
         """Simulated motion of an arm with added effects under recorded commands or torques; empty for a pendulum."""
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))

@@ -43,7 +43,9 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
         # A step's force stands for half a step before and after it (leapfrog): so does what it is told.
         edges = np.append(time, time[-1] + arm.opt.timestep) - 0.5 * arm.opt.timestep
         commands = np.column_stack([channel.mean_held_values(edges) for channel in told])
-        shares = np.column_stack([s.gate(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)])
+        shares = np.column_stack(
+            [s.torque_share(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)]
+        )
         positions = np.empty((count, len(told)))
         for k in range(count):
             positions[k] = data.qpos

@@ -12,7 +12,7 @@ import pytest
 from derivatives import assert_jacobian
 
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.rollout import roll_outs
+from armdyn.arm.rollout import simulated_position_errors
 from armdyn.checked_study import CheckedStudy
 from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE, find
@@ -185,7 +185,7 @@ def test_a_command_that_is_followed_no_faster_than_the_drives_rate_is_read_and_m
     run = moved(arm, lambda R, **_: R, 4, rate=1.5)
     slow, fast = (with_friction(driven(arm, **entry)) for entry in ({"rate": "1.5 rad/s"}, {}))
     assert slow.file_entries(Path())["drives"]["servo"]["rate"] == "1.5 rad/s"
-    moving = [np.mean([r.rms for r in roll_outs(model, [(run, "exam")])]) for model in (slow, fast)]
+    moving = [np.mean([r.rms for r in simulated_position_errors(model, [(run, "exam")])]) for model in (slow, fast)]
     assert moving[0] < 2e-3
     assert moving[1] > 10.0 * moving[0]
     left = [total_rmse(model, model.prepare_run(model.with_estimated_channels(run))) for model in (slow, fast)]

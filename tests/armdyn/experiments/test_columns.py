@@ -161,7 +161,7 @@ def test_determined_is_the_mean_logarithm_of_the_standard_deviations_of_a_fit():
 def test_a_separation_is_what_a_refit_of_the_rival_leaves():
     """Brute force: the hidden change as data, the rival and the nuisance fitted to it with their priors."""
     case = HIDDEN[0]
-    left, _ = case.refitted(INFORMATION, PRIOR)
+    left, _ = case.information_after_refit(INFORMATION, PRIOR)
     for change in (np.array([1.0, 0.0]), np.array([-0.3, 2.0])):
         X = np.vstack([ROWS[:, case.fitted], np.diag(1.0 / PRIOR[case.fitted])])
         data = np.concatenate([ROWS[:, case.own] @ change, np.zeros(len(case.fitted))])

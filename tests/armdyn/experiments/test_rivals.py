@@ -12,7 +12,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import PlannedExperiment
 from armdyn.experiments.plan import other_experiments
 from armdyn.experiments.rivals import (
-    NO_EFFECT,
+    NO_EFFECT_NAME,
     require_gripper,
     rival_values_of_worst_parameter,
     rivals_by_name,
@@ -61,7 +61,7 @@ def test_ties_become_hypotheses_with_what_the_runs_say_of_their_values(windy):
 
 def test_one_name_stands_against_no_effect(windy):
     found = rivals_by_name(windy, ["wind"])
-    assert {h.name for h in found.hypotheses} == {"wind", NO_EFFECT}
+    assert {h.name for h in found.hypotheses} == {"wind", NO_EFFECT_NAME}
     assert found.hypotheses[0].name == "wind"  # there is wind
     assert found.hypotheses[1].misfit > 20.0
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace as Plain
 import numpy as np
 import pytest
 
-from armdyn.experiments.rivals import tied_sets
+from armdyn.experiments.rivals import undistinguished_effect_sets
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search, drop_small_steps
@@ -48,6 +48,6 @@ def test_ties_of_joints_that_came_one_after_the_other_are_kept(found):
 
 
 def test_a_rival_takes_the_place_of_what_it_is_tied_with_on_its_joint_only(found):
-    chosen, *rivals = tied_sets(Plain(search=found))
+    chosen, *rivals = undistinguished_effect_sets(Plain(search=found))
     assert chosen == (on("dry", "shoulder", "elbow"),)
     assert rivals == [(on("dry", "elbow"), on("viscous", "shoulder")), (on("dry", "shoulder"), on("viscous", "elbow"))]

@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from armdyn.arm.rollout import RollOut
+from armdyn.arm.rollout import SimulatedPositionError
 from armdyn.document import Section
 from pipeline.report.motion import motion_charts, with_motion_charts
 
 TIME = np.linspace(0.0, 4.0, 401)
 
 
-def moved(role: str, run: str, joint: str = "elbow", kind: str = "closed_loop", told: bool = True) -> RollOut:
+def moved(
+    role: str, run: str, joint: str = "elbow", kind: str = "closed_loop", told: bool = True
+) -> SimulatedPositionError:
     measured = np.sin(TIME)
-    return RollOut(
+    return SimulatedPositionError(
         run, role, kind, joint, "rad", 0.002, 0.001, (0.1, 0.1) if told else None, 0.0,
         TIME, measured, measured + 0.002, measured + 0.1 if told else None,
     )  # fmt: skip
