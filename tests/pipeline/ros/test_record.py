@@ -80,7 +80,7 @@ def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, speaking, t
 
 
 def test_a_joint_that_is_never_sent_is_named(loopback, baxter, speaking, tmp_path, monkeypatch):
-    monkeypatch.setattr("pipeline.ros.record.FIRST_STATE", 0.5)
+    monkeypatch.setattr("pipeline.ros.record.FIRST_STATE_TIMEOUT_SECONDS", 0.5)
     speaking(lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
     with pytest.raises(InputError, match=r"no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
         record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
