@@ -114,7 +114,7 @@ def prediction_quality(curves: Iterable[SignalOverlay], step: int) -> Prediction
 def study_overlays(
     study: Study, fits: Sequence[Fit], places: Sequence[FailingRange] = (), bands: PredictionBands | None = None
 ) -> list[SignalOverlay]:
-    """OverlayFigure of all runs of a study: training runs, then held-out runs, then exam runs.
+    """Overlays of all runs of a study: training runs, then held-out runs, then exam runs.
 
     Args:
         study: runs and model.
@@ -134,7 +134,7 @@ def study_overlays(
 
 
 def training_overlays(fits: Sequence[Fit], places: Sequence[FailingRange] = ()) -> list[SignalOverlay]:
-    """OverlayFigure of the training runs of fits; see `study_overlays` for the arguments."""
+    """Overlays of the training runs of fits; see `study_overlays` for the arguments."""
     return _overlays(fits[0].problem.runs, FITTED_RUN, [fit.blocks for fit in fits], places)
 
 

@@ -88,8 +88,9 @@ def _compiled(name: str, effect: Effect) -> Callable[[float, LoadState], LawForc
     changed = effect.apply(given, {size.name: value, **{p.name: p.value for p in others}})
     for field in fields(given):
         if field.name not in LAW_OUTPUT_SIZES and getattr(changed, field.name) is not getattr(given, field.name):
+            quantity = field.name.replace("_", " ")
             raise InputError(
-                f"hidden effect '{name}' changes the {field.name} of the {effect.acts_on}: the simulated robot takes "
+                f"hidden effect '{name}' changes the {quantity} of the {effect.acts_on}: the simulated robot takes "
                 "forces, torques and dry friction without a state of their own"
             )
     parts = [getattr(changed, what, ca.SX.zeros(rows)) for what, rows in LAW_OUTPUT_SIZES.items()]
