@@ -37,7 +37,10 @@ class Link:
         return self.shape @ self.shape.T + self.carried
 
     def deformed(self, deformation: Expression) -> "Link":
-        """Deform the link by an upper triangular affine map (4, 4), in the frame in which J is the identity."""
+        """The link with its mass moved by an affine map (4, 4), upper triangular; it stays physically possible.
+
+        The map acts in the coordinates in which the link's pseudo-inertia is the identity; see `armdyn.arm.rigid`.
+        """
         return replace(self, shape=self.shape @ deformation)
 
     def with_point_mass(self, mass: Expression, position: Expression) -> "Link":

@@ -217,7 +217,7 @@ def prepared_without_outliers(run: Run, arm: Arm, beside: tuple[Run, ...]) -> Pr
     Args:
         run: a recording.
         arm: the arm.
-        beside: recordings from which the low-passes of the arm's drives are found; by default this one alone.
+        beside: recordings from which the low-passes of the arm's drives are found; if empty, `run` alone.
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)

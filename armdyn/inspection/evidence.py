@@ -1,5 +1,6 @@
-r"""Bayesian evidence of readings for a model that may lack effects of typical size.
+r"""Bayesian evidence of recorded values under a hypothesis on their meaning, for a model that may lack effects.
 
+A hypothesis says, for example, that the values are in degrees.
 With the prediction f of the model, the derivatives X by the sizes of effects and their typical sizes W,
 
     y = f + X theta + e,    theta ~ N(0, s^2 W^2),    e_j ~ N(0, sigma_j^2 I)  for every channel j,
@@ -10,7 +11,7 @@ sigma_j is unknown too, and includes the model's own error, so that neighbouring
 as n over their correlation time. Sizes that cannot be negative, such as frictions and masses, are left out where they
 would be.
 
-Readings y' = k y have the probability of y times k^n; hypotheses on units differ only in this factor.
+If the true values are k y, because y was recorded in a wrong unit, the probability of y is that of k y times k^n.
 """
 
 from dataclasses import dataclass

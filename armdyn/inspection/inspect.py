@@ -89,7 +89,7 @@ def require_usable(inspection: Inspection) -> None:
 def checks_of_run(
     run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
 ) -> list[Check]:
-    """All findings on one recording; for the arguments see `inspect_runs`."""
+    """All checks of one recording, for a model that can have `effects` and is about to get those of `adding`."""
     refused = _refused(run, check_stamps)
     if refused:
         return refused

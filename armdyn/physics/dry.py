@@ -58,7 +58,10 @@ class DryFriction:
     def rates_with_friction(
         self, rate: Expression, direction: Expression, s: Expression, w: Expression, theta: Expression
     ) -> Expression:
-        """Rates of the states with the friction that opposes sliding in `direction`; `rate` are those without it."""
+        """Add the friction that opposes sliding in `direction` to the rates of the states, all as expressions.
+
+        `rate` are the rates without friction, s the states, w the inputs, theta the parameters.
+        """
         slowed = ca.SX(rate)
         slowed[MOMENTUM_ROW] -= direction * self.friction_force(s, w, theta)
         return slowed

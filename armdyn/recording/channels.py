@@ -156,7 +156,7 @@ def _valid_names(joint: str) -> Iterable[str]:
 
 
 class SampleError(InputError):
-    """A sample has an impossible size.
+    """The value of a sample is impossible, for example too large for any sensor.
 
     Args:
         index: index of the sample in its channel.

@@ -132,7 +132,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
 
 
 def sidecar_text(sidecar: Sidecar) -> str:
-    """The text of a sidecar's TOML file."""
+    """Text of a sidecar: the TOML file beside a recording, with its known values, noise and date."""
     lines = [f"description = {toml_string(sidecar.description)}"]
     if sidecar.recorded is not None:
         lines.append(f"recorded = {sidecar.recorded.isoformat()}Z")

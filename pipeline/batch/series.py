@@ -171,7 +171,7 @@ class StepTest:
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
     def simulated_deviates(self, batches: int, rng: np.random.Generator) -> FloatArray:
-        """Normal deviates of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
+        """Z-scores of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
         found = np.empty((2, batches))
         size = max(1, SIMULATED_AT_ONCE // len(self.time))
         for first in range(0, batches, size):

@@ -213,7 +213,7 @@ def check_rate(rate: str) -> None:
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
-    """Text of a mapping file in TOML, with the reasons of guesses as comments."""
+    """Text of a mapping file in TOML: `comment` at its head, and beside each guessed column a comment why."""
 
     def line(name: str, values: Mapping[str, object], why: str) -> str:
         parts = (f"{k} = {toml_string(v) if isinstance(v, str) else f'{v:.12g}'}" for k, v in values.items())

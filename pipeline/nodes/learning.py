@@ -172,7 +172,7 @@ class SacNode:
         return rollout.states[-1, :PLANAR_STATE_SIZE], column[:PLANAR_STATE_SIZE]
 
     def begin(self, now: float) -> None:
-        """Begin the motions at the time `now` [s], with the doublet."""
+        """Start the motions at the time `now` [s]; the first one goes forward and back, before any estimate."""
         self._begun = now
         kick = round(DOUBLET_SECONDS / self.settings.dt)
         self._lay_out(now, np.repeat([DOUBLET_ACCELERATION, -DOUBLET_ACCELERATION], kick))

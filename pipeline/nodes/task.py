@@ -197,7 +197,7 @@ class TaskNode:
 
     @property
     def max_planning_seconds(self) -> float:
-        """Longest time between the request and the begin of a motion [s]."""
+        """Longest measured time from the request of a motion to its start [s]."""
         return 0.0 if self._worker.is_synchronous else MAX_PLANNING_SECONDS
 
     def step(self, now: float) -> None:

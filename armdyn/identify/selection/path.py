@@ -1,4 +1,4 @@
-"""Fit the steps from the model as given to a chosen set of effects, the most important effect first."""
+"""Add chosen effects to the given model one at a time, the most important one first, and fit the model each time."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -328,9 +328,9 @@ class LinearisedRun:
         return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
     def smooth_first_pieces(self, known: int) -> np.ndarray:
-        """(J, n) states, smoothed with the samples of the first `known` pieces alone.
+        """(J, n) states at the start of J pieces of a run, smoothed with the samples of the first `known` pieces alone.
 
-        The kicks have the size of the accuracy with which one piece determines a speed.
+        The process noise between two pieces is as large as the error with which one piece determines a speed.
         """
         channels = len(self.rows)
         sums = self._at(RunNoise(self.kick_unit, (1.0,) * channels, (ColouredNoise(),) * channels))
