@@ -83,7 +83,7 @@ class PendulumModel(SimulatedModel):
     ) -> dict[str, tuple[np.ndarray, str]]:
         """(J,) values and unit of each quantity on which a missing acceleration may depend, by name.
 
-        `motion` has the states (J, n) at the times (J,) `time`; its column `speed` is the one whose acceleration lacks a
+        `motion` has the states (J, n) at the times (J,) `time`; its column `speed` is the one whose rate lacks a
         force. The quantity `load` is the tension of a point mass.
         """
         del speed
