@@ -25,6 +25,7 @@ where they call `Moment.stage`. All expressions are CasADi's, so every derivativ
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
@@ -301,6 +302,7 @@ def physics(
             raise InputError(f"physics '{name}': {what} is no tuple: write {what}=(...,), with a comma at its end")
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
+    _check_declaration(f"physics '{name}'", "", period=period, step=step)
     step = DEFAULT_STEP_PERIODS * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
         if is_auxiliary(channel):
@@ -358,6 +360,7 @@ def constant(
         upper: largest physical value.
         summary: one phrase on the meaning of the number.
     """
+    _check_declaration(f"parameter '{name}'", unit, value=value, typical=typical, lower=lower, upper=upper)
     size = abs(value) if typical is None else typical
     if not size > 0:
         raise InputError(f"parameter '{name}': give a typical size, above 0")
@@ -377,5 +380,15 @@ def state(
         lower: smallest physical value at the start.
         upper: largest physical value at the start.
     """
+    _check_declaration(f"state '{name}'", unit, typical=typical, start=start, lower=lower, upper=upper)
     summary = f"{name} at the start of a run"
     return Parameter(f"{_START}{name}", unit, start, typical, start, None, lower, upper, None, "per_run", True, summary)
+
+
+def _check_declaration(what: str, unit: object, **numbers: object) -> None:
+    """Check the types of a declaration, whose arguments a user may have exchanged."""
+    if not isinstance(unit, str):
+        raise InputError(f"{what}: its unit is {unit!r}: write the name, then the unit as text, then numbers")
+    for name, value in numbers.items():
+        if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
+            raise InputError(f"{what}: {name} is {value!r}: give a number")

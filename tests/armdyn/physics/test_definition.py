@@ -138,11 +138,18 @@ def test_a_measured_state_and_its_rate_are_guessed(run):
         {"inputs": {}},
         {"states": state("stretch", "m", typical=0.1)},
         {"held": "gripper_x"},
+        {"period": "2 s"},
     ],
 )  # fmt: skip
 def test_a_wrong_declaration_is_refused_in_one_line(changed, complains):
     with complains(InputError):
         list(physics_model(oscillator(**changed)).names)
+
+
+@pytest.mark.parametrize(("unit", "value"), [(0.2, "1/min"), ("1/min", "0.2 1/min")])
+def test_exchanged_arguments_of_a_constant_are_refused_in_one_line(unit, value, complains):
+    with complains(InputError):
+        constant("loss", unit, value)
 
 
 def test_a_physics_without_states_is_algebra(run):
