@@ -138,14 +138,14 @@ def test_a_watchdog_stops_an_arm_whose_loop_hangs(tmp_path):
 class TripsOnce(Watchdog):
     """Stops the arm in one beat of many, as after a hang too short for anything else to notice."""
 
-    beats = 0
+    rounds = 0
 
     def _watch(self):
         """Nothing: the wall's clock does not matter here."""
 
-    def beat(self):
-        self.beats += 1
-        if self.beats == 60:
+    def report_alive(self):
+        self.rounds += 1
+        if self.rounds == 60:
             self.fault = "the watchdog stopped the arm"
             self._stop()
 

@@ -88,7 +88,7 @@ def test_where_nothing_was_recorded_the_usual_value_acts():
     held = Channel(TEMPERATURE.time, 0.0 * TEMPERATURE.time + USUAL, "K")
     without, usual = (model.predict(run, model.theta()).values for run in (swing(), swing({"extra.temperature": held})))
     np.testing.assert_array_equal(without, usual)
-    assert model.dynamics().inputs == 7  # control and plans know of no recording
+    assert model.dynamics().input_count == 7  # control and plans know of no recording
     assert model.variational().names == model.physics_names
 
 

@@ -86,8 +86,8 @@ def test_predictions_with_small_values_have_bands_as_well() -> None:
     found = repaired()
     after = found.after
     assert {name: c.held_out_rmse for name, c in after.channels.items()} == pytest.approx(found.path[-1].held_out_rmse)
-    assert set(after.bands.covered) == set(after.channels)
-    assert np.mean(list(after.bands.covered.values())) > 0.85
+    assert set(after.bands.coverage) == set(after.channels)
+    assert np.mean(list(after.bands.coverage.values())) > 0.85
     assert all(curve.with_background is not None for curve in found.missing_force)
 
 
