@@ -15,7 +15,7 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
-from urdf.bounds import MAX_MAGNITUDE
+from urdf.bounds import MAX_INPUT_MAGNITUDE
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
@@ -47,9 +47,10 @@ class _Change:
 class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
-    value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+    value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")]
     std: (
-        Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_MAGNITUDE, "write one that is not negative")] | None
+        Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_INPUT_MAGNITUDE, "write one that is not negative")]
+        | None
     ) = None
     unit: str | None = None
     fitted: bool | None = None
@@ -62,7 +63,8 @@ class _BackgroundEntry:
 
     width: float
     values: dict[
-        str, Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_MAGNITUDE, "write a number, in SI units")]
+        str,
+        Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")],
     ]
 
 

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import BufferedFunction
 from armdyn.physics.definition import Expression
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, LowPass, SplineSamples, basis_matrix
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF_PER_KNOT, LowPass, SplineSamples, basis_matrix
 
 NODE_TOLERANCE = 1e-9
 """Distance of a sample from a node, in intervals between nodes, below which the node's value is used as it is."""
@@ -133,9 +133,9 @@ class LowPassSampler(Sampler):
         if recorded_below is not None:
             # Penalised second differences pass 1 / (1 + (f/f_c)^4), as that filter does.
             self._before = LowPass(
-                SplineSamples(nodes, MAX_UNDISTORTED_CUTOFF / recorded_below, order=2), recorded_below
+                SplineSamples(nodes, MAX_UNDISTORTED_CUTOFF_PER_KNOT / recorded_below, order=2), recorded_below
             )
-        self._filter = LowPass(SplineSamples(nodes[used], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
+        self._filter = LowPass(SplineSamples(nodes[used], MAX_UNDISTORTED_CUTOFF_PER_KNOT / cutoff), cutoff)
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """Coefficients of the smoothed signals; see `Sampler.coefficients`."""

@@ -17,7 +17,7 @@ from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.channels import (
-    MIN_SAMPLES,
+    MIN_COMPARED_CHANNEL_SAMPLES,
     Channel,
     channel_kind,
     check_joint_units,
@@ -236,12 +236,13 @@ class Run(Displayable):
 
         Raises:
             UnknownNameError: this run does not have the channel.
-            InputError: it has fewer than `MIN_SAMPLES` samples, or it is constant.
+            InputError: it has fewer than `MIN_COMPARED_CHANNEL_SAMPLES` samples, or it is constant.
         """
         channel = self.channel(name)
-        if len(channel) < MIN_SAMPLES:
+        if len(channel) < MIN_COMPARED_CHANNEL_SAMPLES:
             raise InputError(
-                f"{self._where}: '{name}' has {len(channel)} samples, at least {MIN_SAMPLES} are needed: record longer"
+                f"{self._where}: '{name}' has {len(channel)} samples, "
+                f"at least {MIN_COMPARED_CHANNEL_SAMPLES} are needed: record longer"
             )
         span = float(np.ptp(channel.value))
         # A constant in another unit may differ by one rounding.
@@ -330,7 +331,9 @@ def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, C
     """The channels of a run among all that were recorded."""
     channels = {name: channel for name, channel in recorded.items() if is_channel_name(name)}
     longest = max(map(len, channels.values()), default=0)
-    if longest < MIN_SAMPLES:
-        raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")
+    if longest < MIN_COMPARED_CHANNEL_SAMPLES:
+        raise InputError(
+            f"{path}: holds {longest} samples where at least {MIN_COMPARED_CHANNEL_SAMPLES} are needed: record longer"
+        )
     check_joint_units((name, channel.unit) for name, channel in channels.items())
     return channels

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
+from armdyn.experiments.gripper import GRIPPER_NODE_INTERVAL_SECONDS, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import ProposedExperiment, designed_motion, inseparable_pairs
@@ -107,7 +107,9 @@ def random_motion(rivals: Rivals, proposal: ProposedExperiment, rng: np.random.G
     """Random motion with the peak acceleration of the designed one, within the same limits."""
     assert proposal.experiment.motion is not None
     limits = GripperLimits(acceleration=float(proposal.experiment.motion.peaks[2]))
-    problem = GripperProblem(rivals.hypotheses, proposal.experiment, motion_series(DURATION), limits, NODE_SECONDS)
+    problem = GripperProblem(
+        rivals.hypotheses, proposal.experiment, motion_series(DURATION), limits, GRIPPER_NODE_INTERVAL_SECONDS
+    )
     return problem.motion(any_motion(problem, rng))
 
 
@@ -184,7 +186,7 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         started = time.process_time()
         found, _ = design_motion(both, cell, DURATION)
         seconds = time.process_time() - started
-        problem = GripperProblem(both, cell, motion_series(DURATION), GripperLimits(), NODE_SECONDS)
+        problem = GripperProblem(both, cell, motion_series(DURATION), GripperLimits(), GRIPPER_NODE_INTERVAL_SECONDS)
         rng = np.random.default_rng(1)
         at_random = []
         for _ in range(8):

@@ -20,7 +20,7 @@ import numpy as np
 
 from armdyn.errors import ArmdynError
 from armdyn.run import read_run
-from pipeline.trial.table import LENGTH_GUESSES
+from pipeline.trial.table import STRING_LENGTH_GUESSES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from ros_wire.wire import Stalls, TracedTwin, Trial, Wire, missing
@@ -91,7 +91,7 @@ def milliseconds(row: dict[str, object], name: str) -> str:
 def main() -> int:
     """Print the table; 1 where a claim is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--guesses", default=",".join(map(str, LENGTH_GUESSES)), help="of the length [m]")
+    parser.add_argument("--guesses", default=",".join(map(str, STRING_LENGTH_GUESSES)), help="of the length [m]")
     parser.add_argument("--hidden", action="append", default=[], help="EFFECT=VALUE of the twin")
     parser.add_argument("--seed", type=int, default=0, help="of the first twin; the next ones follow")
     parser.add_argument("--model", type=Path, help="model file of the robot, such as a repaired one")

@@ -29,7 +29,7 @@ from armdyn.run import read_run
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings
-from pipeline.robot.simulated import HISTORY_STRIDE
+from pipeline.robot.simulated import STEPS_PER_TRUE_MOTION_SAMPLE
 from pipeline.trial import TrialSettings, simulate_trial
 
 tests = str(Path(__file__).resolve().parent.parent / "tests")
@@ -138,7 +138,7 @@ def one(seed: int) -> Outcome:
             success, stopped, message = result.success, result.stopped, result.message
             wrong += violations(robot.told, trial.experiment.description.limits)
             last = np.diff(trial.robot.history().pivot[-2:], axis=0)
-            if not np.linalg.norm(last) < HISTORY_STRIDE * TIME_STEP * AT_REST:
+            if not np.linalg.norm(last) < STEPS_PER_TRUE_MOTION_SAMPLE * TIME_STEP * AT_REST:
                 wrong.append("moves")
             json.dumps(result.as_json(), allow_nan=False)
             if "\n" in message:

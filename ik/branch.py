@@ -27,9 +27,9 @@ from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
 
-BRANCH_TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
-BRANCH_ITERATIONS = 30
-BRANCH_MAX_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
+NEWTON_TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
+MAX_NEWTON_ITERATIONS = 30
+MAX_NEWTON_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,14 @@ class Branch:
         height = self.polynomial(s)
         q = guess.copy()
         residual = np.full(len(s), np.inf)
-        for _ in range(BRANCH_ITERATIONS):
+        for _ in range(MAX_NEWTON_ITERATIONS):
             motion = chain.forward_kinematics(q)
             error = np.concatenate((motion.pose_error(rotation, position), height.T - self.weights @ q.T))
             previous, residual = residual, np.abs(error).max(axis=0)
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
-            if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
+            if np.all((residual < NEWTON_TOLERANCE) | ((residual < 1e2 * NEWTON_TOLERANCE) & (residual >= previous))):
                 break
-            q += limit_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
+            q += limit_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), MAX_NEWTON_STEP)
         return q, residual
 
     def system_matrix(self, jacobian: Array) -> Array:
@@ -118,12 +118,12 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
-WANTED_JOINT_MARGIN = 0.53  # rad or m; wanted distance from every joint limit
-MARGIN_WEIGHT = 10.0  # s of traverse time that a radian of missing margin is worth
-CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
-CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
-REFINEMENT_ROUNDS = 40
-MIN_TIME_GAIN = 1e-5  # s of traverse time
+WANTED_JOINT_LIMIT_MARGIN = 0.53  # rad or m; wanted distance from every joint limit
+MARGIN_COST_SECONDS_PER_RADIAN = 10.0  # s of traverse time that a radian of missing margin is worth
+CORE_SPEED_SHORTFALL_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
+BRANCH_CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
+MAX_BRANCH_REFINEMENT_ROUNDS = 40
+MIN_TIME_GAIN_PER_ROUND_SECONDS = 1e-5  # s of traverse time
 INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
@@ -171,7 +171,7 @@ def optimise_branch(
     if best is None or len(branch.weights) == 0:
         return branch, q
     trust = INITIAL_TRUST_RADIUS
-    for _ in range(REFINEMENT_ROUNDS):
+    for _ in range(MAX_BRANCH_REFINEMENT_ROUNDS):
         change = _best_change(limits, path, best, s, trust)
         proposed = replace(best.branch, coefficients=best.branch.coefficients + change)
         candidate = _assess(chain, limits, path, proposed, s, best.q)
@@ -181,7 +181,7 @@ def optimise_branch(
                 break
             continue
         gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST_RADIUS, 2.0 * trust)
-        if gained < MIN_TIME_GAIN:
+        if gained < MIN_TIME_GAIN_PER_ROUND_SECONDS:
             break
     return best.branch, best.q
 
@@ -195,9 +195,9 @@ def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s
     rate, bending, jacobian = branch.derivatives(chain, path, s, q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
     missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ core_indicator(path, s)
-    cost = step * (slowness.sum() + CORE_WEIGHT * missing)
-    cost += step * CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
-    cost += MARGIN_WEIGHT * max(0.0, WANTED_JOINT_MARGIN - float(limits.margin(q).min()))
+    cost = step * (slowness.sum() + CORE_SPEED_SHORTFALL_WEIGHT * missing)
+    cost += step * BRANCH_CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
+    cost += MARGIN_COST_SECONDS_PER_RADIAN * max(0.0, WANTED_JOINT_LIMIT_MARGIN - float(limits.margin(q).min()))
     lift = np.asarray(
         np.linalg.inv(branch.system_matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
     )
@@ -243,7 +243,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
             at_most(-sign * slope[joint], (change, sign * first[joint]), (slow, -np.eye(nodes)))
             limit = limits.upper[joint] if sign > 0 else limits.lower[joint]
             room = sign * (limit - now.q[:, joint])
-            at_most(room - WANTED_JOINT_MARGIN, (change, sign * moves[joint]), (margin, -1.0))
+            at_most(room - WANTED_JOINT_LIMIT_MARGIN, (change, sign * moves[joint]), (margin, -1.0))
     wanted = np.full(len(core), 1.0 / path.core_speed)
     at_most(wanted, (slow, np.eye(nodes)[core]), (missing, -np.eye(len(core))))
     at_most(np.zeros(len(core)), (missing, -np.eye(len(core))))
@@ -252,12 +252,16 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
         for sign in (1.0, -1.0):
             at_most(np.full(nodes, trust), (change, sign * height))
     quadratic = np.zeros((ends[-1], ends[-1]))
-    quadratic[change, change] = CURVATURE_WEIGHT * step * np.einsum("jka,jkb->ab", second, second) + 1e-9 * np.eye(
-        ends[0]
-    )
+    quadratic[change, change] = BRANCH_CURVATURE_WEIGHT * step * np.einsum(
+        "jka,jkb->ab", second, second
+    ) + 1e-9 * np.eye(ends[0])
     linear = np.empty(ends[-1])
-    linear[change] = CURVATURE_WEIGHT * step * np.einsum("jka,jk->a", second, bend)
-    linear[slow], linear[missing], linear[margin] = step, CORE_WEIGHT * step, MARGIN_WEIGHT
+    linear[change] = BRANCH_CURVATURE_WEIGHT * step * np.einsum("jka,jk->a", second, bend)
+    linear[slow], linear[missing], linear[margin] = (
+        step,
+        CORE_SPEED_SHORTFALL_WEIGHT * step,
+        MARGIN_COST_SECONDS_PER_RADIAN,
+    )
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     constraints, bound = sparse.csc_matrix(sparse.vstack(blocks)), np.concatenate(bounds)

@@ -14,13 +14,13 @@ from ik.errors import UnreachableError
 from ik.path import Path
 from ik.plan import BranchPlanner
 from ik.table import LineTable, PathTable
-from ik.table_archive import TABLE_FORMAT
+from ik.table_archive import TABLE_FORMAT_VERSION
 from ik.torque import JointTorque
 from ik.unreachable_targets import find_unreachable_targets
 from urdf import CollisionModel, Line, Robot
 
-TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-DIAGNOSIS_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
+TABLE_NODE_SPACING_METRES = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
+FAILED_PATH_CHECKED_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
 Progress = Callable[[str], None]
 
 
@@ -59,7 +59,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
     except UnreachableError as error:
         raise UnreachableError(_why_not(robot, path, collisions, str(error))) from error
     say("solving the nodes")
-    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / TABLE_SPACING)) + 1)
+    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / TABLE_NODE_SPACING_METRES)) + 1)
     q, _ = branch.solve(planner.chain, path, s, CubicSpline(planner.s, guess)(s))
     rate, bending, jacobian = branch.derivatives(planner.chain, path, s, q)
     return {
@@ -81,10 +81,12 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
     """Explain why a path cannot be followed: targets that cannot be reached, or else the planner's reason."""
-    misses = find_unreachable_targets(robot, path, np.linspace(path.s_min, path.s_max, DIAGNOSIS_TARGETS), collisions)
+    misses = find_unreachable_targets(
+        robot, path, np.linspace(path.s_min, path.s_max, FAILED_PATH_CHECKED_TARGETS), collisions
+    )
     if misses:
         return (
-            f"robot '{robot.name}': {len(misses)} of {DIAGNOSIS_TARGETS} targets on the path cannot be held; "
+            f"robot '{robot.name}': {len(misses)} of {FAILED_PATH_CHECKED_TARGETS} targets on the path cannot be held; "
             f"{misses[0].sentence}; move or shorten the path"
         )
     return (
@@ -95,7 +97,7 @@ def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str)
 
 def default_table_path(robot: Robot) -> File:
     """Path of the file in which the IK table of the line in a robot's settings is cached."""
-    return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{TABLE_FORMAT}.npz"
+    return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{TABLE_FORMAT_VERSION}.npz"
 
 
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:

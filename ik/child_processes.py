@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import connection, get_context
 from typing import Any
 
-PARENT_GONE_STATUS = 1
+PARENT_GONE_EXIT_STATUS = 1
 """Exit status of a child process whose parent has ended."""
 
 
@@ -70,14 +70,14 @@ def _end_with_parent() -> None:
         fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
         fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
         if connection.wait([pipe], 0):  # it was gone before the kernel was asked
-            os._exit(PARENT_GONE_STATUS)
+            os._exit(PARENT_GONE_EXIT_STATUS)
     else:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: Any) -> None:
     parent.join()
-    os._exit(PARENT_GONE_STATUS)
+    os._exit(PARENT_GONE_EXIT_STATUS)
 
 
 def is_running(process: int) -> bool:

@@ -11,7 +11,9 @@ from armdyn.errors import InputError
 from urdf.robot import Array, freeze_arrays
 
 MAX_PATH_LENGTH = 20.0  # m; longest accepted path; no arm on a fixed base follows a longer one
-UNREQUIRED_CORE_SPEED = 1e-3  # m/s; a required speed that every arm reaches, for paths without a required speed
+CORE_SPEED_WITHOUT_REQUIREMENT = (
+    1e-3  # m/s; a required speed that every arm reaches, for paths without a required speed
+)
 
 
 class Path(Protocol):
@@ -54,7 +56,7 @@ class _WithoutCore:
 
     s_min: float
     s_max: float
-    core_speed = UNREQUIRED_CORE_SPEED
+    core_speed = CORE_SPEED_WITHOUT_REQUIREMENT
 
     @property
     def core(self) -> tuple[float, float]:
@@ -138,7 +140,7 @@ class CirclePath(_WithoutCore):
         )
 
 
-INTERVALS_PER_SEGMENT = 64  # intervals between two points of a spline, for the arc length
+ARC_LENGTH_INTERVALS_PER_SEGMENT = 64  # intervals between two points of a spline, for the arc length
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 ARC_LENGTH_NEWTON_STEPS = 4  # Newton steps from a linear guess to double precision
 
@@ -179,7 +181,7 @@ class SplinePath(_WithoutCore):
         moved = (turning[:-1].inv() * turning[1:]).magnitude().max() > 1e-12
         object.__setattr__(self, "_position", make_interp_spline(knots, self.points, k=degree))
         object.__setattr__(self, "_turning", RotationSpline(knots, turning) if moved else None)
-        u = np.linspace(0.0, knots[-1], INTERVALS_PER_SEGMENT * (count - 1) + 1)
+        u = np.linspace(0.0, knots[-1], ARC_LENGTH_INTERVALS_PER_SEGMENT * (count - 1) + 1)
         object.__setattr__(self, "_u", u)
         object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
         object.__setattr__(self, "s_max", float(self._s[-1]))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
+from ik.path import CORE_SPEED_WITHOUT_REQUIREMENT, MAX_PATH_LENGTH, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_from_rpy
 from urdf.toml_tables import TomlFileError, check_keys, read_toml_with_text
@@ -101,7 +101,7 @@ def _path_of(content: dict[str, Any]) -> Path:
         s_min=first,
         s_max=last,
         core=(low, high),
-        core_speed=float(content.get("core_speed", UNREQUIRED_CORE_SPEED)),
+        core_speed=float(content.get("core_speed", CORE_SPEED_WITHOUT_REQUIREMENT)),
     )
 
 

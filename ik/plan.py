@@ -2,17 +2,26 @@
 
 import numpy as np
 
-from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, core_indicator, optimise_branch
+from ik.branch import (
+    CORE_SPEED_SHORTFALL_WEIGHT,
+    MARGIN_COST_SECONDS_PER_RADIAN,
+    WANTED_JOINT_LIMIT_MARGIN,
+    Branch,
+    core_indicator,
+    optimise_branch,
+)
 from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
+from ik.solver import REACHED_POSE_TOLERANCE, IkSolver, damped_least_squares
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-PLAN_SPACING = 0.01  # m between the nodes of the plan
-COARSE_STRIDE = 5  # nodes of the plan per node of the global search
-BRANCH_DEGREE = 9  # degree of the polynomial that selects the branch; a higher one gains no speed and bends more
+PLAN_NODE_SPACING_METRES = 0.01  # m between the nodes of the plan
+PLAN_NODES_PER_COARSE_NODE = 5  # nodes of the plan per node of the global search
+BRANCH_POLYNOMIAL_DEGREE = (
+    9  # degree of the polynomial that selects the branch; a higher one gains no speed and bends more
+)
 SELF_MOTION_STEP = 0.02  # rad; step along the self-motion, the joint motion that leaves the tool at rest
 MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
@@ -35,7 +44,11 @@ class BranchPlanner:
     def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
         self.robot, self.path, self.collisions = robot, path, collisions
         self.chain = KinematicChain.from_robot(robot)
-        nodes = COARSE_STRIDE * max(4, round((path.s_max - path.s_min) / PLAN_SPACING / COARSE_STRIDE)) + 1
+        nodes = (
+            PLAN_NODES_PER_COARSE_NODE
+            * max(4, round((path.s_max - path.s_min) / PLAN_NODE_SPACING_METRES / PLAN_NODES_PER_COARSE_NODE))
+            + 1
+        )
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
     def plan(self) -> tuple[Branch, Array]:
@@ -47,7 +60,7 @@ class BranchPlanner:
         Raises:
             UnreachableError: no branch was found; the message is the reason, as the end of a sentence.
         """
-        carried, coarse = self._carry_along(), slice(None, None, COARSE_STRIDE)
+        carried, coarse = self._carry_along(), slice(None, None, PLAN_NODES_PER_COARSE_NODE)
         spare = self.chain.joints == POSE_EQUATIONS + 1  # without a spare joint there is only one branch
         if spare:
             postures, valid = self._self_motion(self.s[coarse], carried[coarse])
@@ -76,7 +89,7 @@ class BranchPlanner:
         def reach(node: int, guess: Array, iterations: int) -> tuple[Array, bool]:
             target = rotation[:, :, [node]], position[:, [node]]
             q, error = damped_least_squares(self.chain, None, *target, guess[None], iterations=iterations)
-            return q[0], bool(np.abs(error).max() < REACHED_TOLERANCE)
+            return q[0], bool(np.abs(error).max() < REACHED_POSE_TOLERANCE)
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
@@ -125,12 +138,16 @@ class BranchPlanner:
         The candidates belong to c coarse nodes; only those that are `valid` (m, c) are used. The cost of a step is the
         time of its slowest joint, plus penalties for missing speed on the core and missing distance from joint limits.
         """
-        limits, s = self.robot.limits, self.s[::COARSE_STRIDE]
+        limits, s = self.robot.limits, self.s[::PLAN_NODES_PER_COARSE_NODE]
         margin = limits.margin(postures).min(axis=2)
-        entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, WANTED_JOINT_MARGIN - margin), np.inf)
+        entry = np.where(
+            valid & (margin > 0),
+            MARGIN_COST_SECONDS_PER_RADIAN * np.maximum(0.0, WANTED_JOINT_LIMIT_MARGIN - margin),
+            np.inf,
+        )
         step = np.diff(s)
         total, chosen = step.mean() * entry[:, 0], []
-        core = CORE_WEIGHT * core_indicator(self.path, (s[1:] + s[:-1]) / 2)
+        core = CORE_SPEED_SHORTFALL_WEIGHT * core_indicator(self.path, (s[1:] + s[:-1]) / 2)
         for node in range(1, len(s)):
             moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
             slowness = moved.max(axis=2) / step[node - 1]
@@ -153,7 +170,9 @@ class BranchPlanner:
         # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
         mean = np.einsum("kir,kjr->ij", null, null) / len(q)
         weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE_EQUATIONS].T
-        empty = Branch(weights, np.zeros((len(weights), BRANCH_DEGREE + 1)), self.path.s_min, self.path.s_max)
+        empty = Branch(
+            weights, np.zeros((len(weights), BRANCH_POLYNOMIAL_DEGREE + 1)), self.path.s_min, self.path.s_max
+        )
         coefficients = np.linalg.lstsq(empty.chebyshev_basis(self.s), q @ weights.T, rcond=None)[0].T
         branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
         return optimise_branch(self.chain, self.robot.limits, self.path, branch, self.s, q)

@@ -18,20 +18,22 @@ from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
-SEARCH_GRID = 0.1  # m between the targets of the coarse grid
-REACHABLE_STARTS = 3  # starting postures per target of the coarse grid
-PLANNED_LINES = 8  # lines of the coarse grid that are planned: the best ones
-STARTS_PER_LINE = 3  # different postures from which each of these lines is planned
-LINE_SHIFTS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
-FULL_SCORE_MARGIN = 0.5  # rad; a larger margin does not raise the score
-WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
+COARSE_GRID_SPACING_METRES = 0.1  # m between the targets of the coarse grid
+COARSE_GRID_STARTS_PER_TARGET = 3  # starting postures per target of the coarse grid
+BEST_LINES_PLANNED = 8  # lines of the coarse grid that are planned: the best ones
+START_POSTURES_PER_LINE = 3  # different postures from which each of these lines is planned
+BEST_LINE_SHIFTS_METRES = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
+JOINT_LIMIT_MARGIN_OF_FULL_SCORE = 0.5  # rad; a larger margin does not raise the score
+WHOLE_LINE_SPEED_WEIGHT = 0.3  # weight of the speed outside the core
 TRIED_CORE_SPEEDS = (
     3.0,
     0.8,
     0.3,
 )  # m/s required on the core in the search; the next is tried where a limit is violated
-KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line requires; the rest serves the joint margin
-LINE_TARGETS = 9  # targets on a line of the coarse grid that must be reachable
+REQUIRED_SHARE_OF_FOUND_SPEED = (
+    0.97  # share of the speed found that the final line requires; the rest serves the joint margin
+)
+CHECKED_TARGETS_PER_LINE = 9  # targets on a line of the coarse grid that must be reachable
 
 
 class LineCandidate(NamedTuple):
@@ -120,7 +122,7 @@ def search_line(
             f"robot '{robot.name}': no line of {demand.s_max - demand.s_min:g} m along {demand.direction} was found; "
             "ask for a shorter one or another orientation of the tool"
         )
-    for step in LINE_SHIFTS:
+    for step in BEST_LINE_SHIFTS_METRES:
         improved = True
         while improved:
             improved = False
@@ -165,15 +167,15 @@ class _Search:
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
         )
         corners = frame @ self.chain.forward_kinematics(postures).position
-        corners[0] = np.maximum(corners[0], SEARCH_GRID)
+        corners[0] = np.maximum(corners[0], COARSE_GRID_SPACING_METRES)
         axes = [
-            np.arange(low, high, SEARCH_GRID)
+            np.arange(low, high, COARSE_GRID_SPACING_METRES)
             for low, high in zip(corners.min(axis=1), corners.max(axis=1), strict=True)
         ]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         speed = self._first_look(grid.reshape(-1, 3) @ frame).reshape(grid.shape[:3])
         scores, origins = [], []
-        looks = np.linspace(self.demand.s_min, self.demand.s_max, LINE_TARGETS)
+        looks = np.linspace(self.demand.s_min, self.demand.s_max, CHECKED_TARGETS_PER_LINE)
         for (i, j, k), centre in np.ndenumerate(np.broadcast_to(axes[1][:, None], (len(axes[0]), *grid.shape[1:3]))):
             along = np.interp(centre + looks, axes[1], speed[i, :, k], left=0.0, right=0.0)
             if along.min() > 0 and speed[i, j, k] > 0:
@@ -182,9 +184,9 @@ class _Search:
         chosen: list[Array] = []
         for index in np.argsort(scores)[::-1]:
             # The chosen origins must not all be neighbours.
-            if all(np.linalg.norm(origins[index] - other) > 1.2 * SEARCH_GRID for other in chosen):
+            if all(np.linalg.norm(origins[index] - other) > 1.2 * COARSE_GRID_SPACING_METRES for other in chosen):
                 chosen.append(origins[index])
-            if len(chosen) == PLANNED_LINES:
+            if len(chosen) == BEST_LINES_PLANNED:
                 break
         return chosen
 
@@ -193,7 +195,7 @@ class _Search:
         found = self.solver.alternative_postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
-        while len(found) and len(chosen) < STARTS_PER_LINE:
+        while len(found) and len(chosen) < START_POSTURES_PER_LINE:
             distance = np.min([np.abs(found - other).max(axis=1) for other in chosen], axis=0)
             chosen.append(found[int(distance.argmax())])
         return chosen
@@ -220,13 +222,13 @@ class _Search:
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
         core, whole = float(speed[core_indicator(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
-        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / FULL_SCORE_MARGIN)
+        score = (core + WHOLE_LINE_SPEED_WEIGHT * whole) * min(1.0, margin / JOINT_LIMIT_MARGIN_OF_FULL_SCORE)
         return LineCandidate(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: LineCandidate) -> LineCandidate:
         """Plan the best line again for a slightly lower speed, and compute its clearance."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
-        core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
+        core_speed = float(np.floor(1e3 * REQUIRED_SHARE_OF_FOUND_SPEED * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
         _, q = BranchPlanner(replace(self.robot, home=home), found.line, self.collisions).plan()
         clearance = min(self.collisions.clearance(posture).distance for posture in q)
@@ -235,7 +237,7 @@ class _Search:
     def _first_look(self, position: Array) -> Array:
         """Possible tool speed at each target in one posture, (k,) [m/s]; 0 where no posture was found."""
         rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
-        answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
+        answers = self.solver.solve(rotation, position, starts=COARSE_GRID_STARTS_PER_TARGET, tolerance=1e-6)
         jacobian = self.chain.jacobian(self.chain.forward_kinematics(answers.q)).transpose(2, 0, 1)
         twist = np.concatenate((self.direction, np.zeros(3)))
         rate = np.linalg.pinv(jacobian, rcond=1e-6) @ twist

@@ -11,15 +11,17 @@ from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from urdf import Limits, Robot
 from urdf.robot import Array
 
-REACHED_TOLERANCE = 1e-9  # m and rad
-DESCENT_ITERATIONS = 20
-DESCENT_MAX_STEP = 0.6  # rad or m
-HOPELESS_STEPS = 4  # steps after which a target that is still further off than `hopeless` is given up
-LIBRARY_SIZE = 10_000  # random postures to start from; more cost more to search than they save in iterations
-LIBRARY_SEED = 1_618_033  # seed of the random postures; unusual, so that no test draws its targets from the same seed
-STARTS_PER_TARGET = 32  # nearest random postures that are tried in turn
-POSTURES_TRIED = 64  # nearest random postures that are tried to find different postures for one target
-REACH_SCALE = 0.5  # m; distance that counts as much as an angle of 1 rad when poses are compared
+REACHED_POSE_TOLERANCE = 1e-9  # m and rad
+MAX_DESCENT_ITERATIONS = 20
+MAX_JOINT_STEP_PER_ITERATION = 0.6  # rad or m
+STEPS_BEFORE_GIVING_UP = 4  # steps after which a target that is still further off than `hopeless` is given up
+RANDOM_START_POSTURES = 10_000  # random postures to start from; more cost more to search than they save in iterations
+START_POSTURE_SEED = (
+    1_618_033  # seed of the random postures; unusual, so that no test draws its targets from the same seed
+)
+MAX_STARTS_PER_TARGET = 32  # nearest random postures that are tried in turn
+STARTS_FOR_DIFFERENT_POSTURES = 64  # nearest random postures that are tried to find different postures for one target
+METRES_EQUAL_TO_ONE_RADIAN = 0.5  # m; distance that counts as much as an angle of 1 rad when poses are compared
 
 
 def damped_least_squares(
@@ -29,8 +31,8 @@ def damped_least_squares(
     position: Array,
     q: Array,
     *,
-    tolerance: float = REACHED_TOLERANCE,
-    iterations: int = DESCENT_ITERATIONS,
+    tolerance: float = REACHED_POSE_TOLERANCE,
+    iterations: int = MAX_DESCENT_ITERATIONS,
     hopeless: float = np.inf,
 ) -> tuple[Array, Array]:
     r"""Solve inverse kinematics by damped least squares (Levenberg-Marquardt), from one guess per target pose.
@@ -50,7 +52,7 @@ def damped_least_squares(
         q: guesses, (k, n) [rad or m].
         tolerance: largest error per component at which a target counts as reached [m and rad].
         iterations: number of evaluations of the error, one more than the number of steps.
-        hopeless: error above which a target is given up after `HOPELESS_STEPS` steps [m and rad].
+        hopeless: error above which a target is given up after `STEPS_BEFORE_GIVING_UP` steps [m and rad].
 
     Returns:
         Postures, (k, n), and their remaining errors, (6, k) [m and rad].
@@ -64,7 +66,7 @@ def damped_least_squares(
         final[active], errors[:, active] = q, error
         size = np.abs(error).max(axis=0)
         going = size >= tolerance
-        if step >= HOPELESS_STEPS:
+        if step >= STEPS_BEFORE_GIVING_UP:
             going &= size < hopeless
         if not going.any() or step == iterations - 1:
             break
@@ -83,7 +85,9 @@ def damped_least_squares(
         normal[:, np.arange(POSE_EQUATIONS), np.arange(POSE_EQUATIONS)] += (
             1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
         )[:, None]
-        q = q + limit_steps((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
+        q = q + limit_steps(
+            (columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], MAX_JOINT_STEP_PER_ITERATION
+        )
         if limits is not None:
             q = np.clip(q, limits.lower, limits.upper)
     return final, errors
@@ -117,13 +121,17 @@ class IkSolver:
     def __init__(self, robot: Robot, limited: bool = True) -> None:
         self.chain = KinematicChain.from_robot(robot)
         self._limits = robot.limits if limited else None
-        rng = np.random.default_rng(LIBRARY_SEED)
-        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_SIZE, self.chain.joints))
+        rng = np.random.default_rng(START_POSTURE_SEED)
+        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (RANDOM_START_POSTURES, self.chain.joints))
         motion = self.chain.forward_kinematics(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
     def solve(
-        self, rotation: Array, position: Array, tolerance: float = REACHED_TOLERANCE, starts: int = STARTS_PER_TARGET
+        self,
+        rotation: Array,
+        position: Array,
+        tolerance: float = REACHED_POSE_TOLERANCE,
+        starts: int = MAX_STARTS_PER_TARGET,
     ) -> IkSolutions:
         """Find one posture for each target pose of the tool.
 
@@ -176,17 +184,17 @@ class IkSolver:
             position: target position of the tool point in the base frame, (3,) [m].
 
         Returns:
-            Postures that reach the target, (m, n) [rad or m], with m from 0 to `POSTURES_TRIED`.
+            Postures that reach the target, (m, n) [rad or m], with m from 0 to `STARTS_FOR_DIFFERENT_POSTURES`.
         """
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
-        nearest = self._tree.query(_features(turned, placed)[0], k=POSTURES_TRIED)[1]
+        nearest = self._tree.query(_features(turned, placed)[0], k=STARTS_FOR_DIFFERENT_POSTURES)[1]
         guess = self._library[nearest]
         q, error = damped_least_squares(
-            self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess
+            self.chain, self._limits, turned, np.repeat(placed, STARTS_FOR_DIFFERENT_POSTURES, axis=1), guess
         )
-        return q[np.abs(error).max(axis=0) < REACHED_TOLERANCE]
+        return q[np.abs(error).max(axis=0) < REACHED_POSE_TOLERANCE]
 
 
 def _features(rotation: Array, position: Array) -> Array:
     """Points (k, 9) whose Euclidean distance measures the difference of two poses."""
-    return np.concatenate((position / REACH_SCALE, rotation[:, 0], rotation[:, 2])).T
+    return np.concatenate((position / METRES_EQUAL_TO_ONE_RADIAN, rotation[:, 0], rotation[:, 2])).T

@@ -25,7 +25,7 @@ from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze_arrays, read_only_copy
 
-LOOKUP_SLACK = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
+LOOKUP_END_TOLERANCE = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
 
 NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
@@ -201,7 +201,7 @@ class PathTable:
     def _on_table(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=np.float64)
         first, last = self.s[0], self.s[-1]
-        inside = (at >= first - LOOKUP_SLACK) & (at <= last + LOOKUP_SLACK)
+        inside = (at >= first - LOOKUP_END_TOLERANCE) & (at <= last + LOOKUP_END_TOLERANCE)
         if not np.all(inside):
             wrong = at.ravel()[~inside.ravel()][0]
             raise InputError(f"line coordinate {wrong:g} m is not on the table, which covers {first:g} to {last:g} m")

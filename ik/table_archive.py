@@ -19,10 +19,10 @@ from armdyn.read_files import allow_overwrite
 from ik.errors import StaleTableError
 from ik.path import Path
 from urdf import Robot
-from urdf.bounds import MAX_TABLE_ARRAY_BYTES
+from urdf.bounds import MAX_IK_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
-TABLE_FORMAT = 6  # version of the file format; raise it when a change of the code changes the table of a robot
+TABLE_FORMAT_VERSION = 6  # version of the file format; raise it when a change of the code changes the table of a robot
 REBUILD_REMEDY = "build it again with 'armdyn ik build'"
 
 
@@ -39,8 +39,8 @@ def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, An
     Raises:
         InputError: the file cannot be written.
     """
-    said = json.dumps({"format": TABLE_FORMAT, **about})
-    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": arrays_digest(said, arrays)})
+    said = json.dumps({"format": TABLE_FORMAT_VERSION, **about})
+    text = json.dumps({"format": TABLE_FORMAT_VERSION, **about, "digest": arrays_digest(said, arrays)})
     with replace_file(target) as file:
         np.savez(file, about=np.array(text), **arrays)
 
@@ -53,12 +53,12 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
     """
     with zipfile.ZipFile(source) as packed:
         for member in packed.infolist():  # a few kilobytes of zeros expand to as many gigabytes as one likes
-            if member.file_size > MAX_TABLE_ARRAY_BYTES:
+            if member.file_size > MAX_IK_TABLE_ARRAY_BYTES:
                 raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD_REMEDY}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         allow_overwrite(source)  # a table that may be built again
-        if about["format"] != TABLE_FORMAT:
+        if about["format"] != TABLE_FORMAT_VERSION:
             raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD_REMEDY}")
         arrays = {name: file[name] for name in names}
     digest = about.pop("digest")
@@ -96,11 +96,11 @@ def table_errors(source: File) -> Iterator[None]:
         raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD_REMEDY}") from error
 
 
-SPACING_TOLERANCE = 1e-6
+RELATIVE_NODE_SPACING_TOLERANCE = 1e-6
 """Allowed relative difference of the distances between nodes; the interpolation needs equal distances."""
-LIMIT_TOLERANCE = 1e-6
+POSITION_LIMIT_TOLERANCE = 1e-6
 """Allowed distance of a joint beyond its position limit, because of rounding [rad or m]."""
-PATH_TOLERANCE = 1e-6
+TOOL_TO_PATH_TOLERANCE = 1e-6
 """Allowed distance of the tool from its path [m]; a correct table has 1e-9."""
 
 
@@ -125,7 +125,7 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
         if not np.isfinite(values).all():
             raise InputError(f"'{name}' holds a number that is none")
     steps = np.diff(arrays["s"])
-    if not steps.size or not np.all(steps > 0.0) or np.ptp(steps) > SPACING_TOLERANCE * np.max(steps):
+    if not steps.size or not np.all(steps > 0.0) or np.ptp(steps) > RELATIVE_NODE_SPACING_TOLERANCE * np.max(steps):
         raise InputError("'s' does not grow evenly")
 
 
@@ -139,13 +139,15 @@ def check_consistency(arrays: Mapping[str, Array], path: Path) -> None:
         InputError: arrays disagree; the message names them.
     """
     s, q, first, second = (arrays[name] for name in ("s", "q", "dq_ds", "d2q_ds2"))
-    if np.any(q < arrays["lower"] - LIMIT_TOLERANCE) or np.any(q > arrays["upper"] + LIMIT_TOLERANCE):
+    if np.any(q < arrays["lower"] - POSITION_LIMIT_TOLERANCE) or np.any(q > arrays["upper"] + POSITION_LIMIT_TOLERANCE):
         raise InputError("'q' leaves the range from 'lower' to 'upper'")
     width = s[1] - s[0]
     grown = width * (first[1:] + first[:-1]) / 2 + width**2 * (second[:-1] - second[1:]) / 12
-    if np.max(np.abs(np.diff(q, axis=0) - grown)) > 1e-2 * np.max(np.abs(np.diff(q, axis=0)), initial=PATH_TOLERANCE):
+    if np.max(np.abs(np.diff(q, axis=0) - grown)) > 1e-2 * np.max(
+        np.abs(np.diff(q, axis=0)), initial=TOOL_TO_PATH_TOLERANCE
+    ):
         raise InputError("'q', 'dq_ds' and 'd2q_ds2' do not belong together")
-    if abs(s[0] - path.s_min) > PATH_TOLERANCE or abs(s[-1] - path.s_max) > PATH_TOLERANCE:
+    if abs(s[0] - path.s_min) > TOOL_TO_PATH_TOLERANCE or abs(s[-1] - path.s_max) > TOOL_TO_PATH_TOLERANCE:
         raise InputError(f"its nodes go from {s[0]:g} to {s[-1]:g} m, its path from {path.s_min:g} to {path.s_max:g} m")
     moved = np.einsum("kij,kj->ki", arrays["jacobian"], first)
     if np.max(np.abs(moved - path.twist(s).T)) > 1e-4:
@@ -163,5 +165,5 @@ def check_robot(arrays: Mapping[str, Array], path: Path, robot: Robot) -> None:
             raise InputError(f"'{name}' differs from that of '{robot.name}'")
     position = np.array([robot.tool_pose(q).translation for q in arrays["q"]])
     away = float(np.max(np.linalg.norm(position - path.pose(arrays["s"])[1].T, axis=1)))
-    if away > PATH_TOLERANCE:
+    if away > TOOL_TO_PATH_TOLERANCE:
         raise InputError(f"its postures put the tool {away:.3g} m away from the path")

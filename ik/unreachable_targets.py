@@ -9,7 +9,7 @@ from ik.solver import IkSolver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-UNLIMITED_STARTS_PER_TARGET = 200  # starting postures per target in the search without joint limits
+STARTS_WITHOUT_JOINT_LIMITS = 200  # starting postures per target in the search without joint limits
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def find_unreachable_targets(
     solver = IkSolver(robot)
     answers = solver.solve(rotation, position)
     missed = np.flatnonzero(~answers.reached)
-    free = IkSolver(robot, limited=False).solve(rotation[missed], position[missed], starts=UNLIMITED_STARTS_PER_TARGET)
+    free = IkSolver(robot, limited=False).solve(rotation[missed], position[missed], starts=STARTS_WITHOUT_JOINT_LIMITS)
     without_limits = dict(zip(missed.tolist(), zip(free.reached, free.q, strict=True), strict=True))
     misses = []
     for index, at in enumerate(s):

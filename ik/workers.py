@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 from armdyn.errors import InputError, TaskFailedError
 from ik.child_processes import worker_pool
 
-STOP_CHECK_SECONDS = 0.2
+STOP_CHECK_PERIOD_SECONDS = 0.2
 """Interval at which it is checked whether the user wants to stop [s]."""
-ITEMS_PER_WORKER = 2
+ITEMS_SUBMITTED_PER_WORKER = 2
 """Number of items that are submitted per worker, so that the next item waits when one is finished."""
-MAX_DEATHS_PER_ITEM = 2
+MAX_WORKER_DEATHS_PER_ITEM = 2
 """Number of times that a worker may die while an item is computed before the item is given up; the last time the item
 is computed alone."""
-CONNECT_TIMEOUT_SECONDS = 10.0
+DASK_CONNECT_TIMEOUT_SECONDS = 10.0
 """Longest wait for a dask scheduler [s]."""
 
 Item = TypeVar("Item")
@@ -61,12 +61,12 @@ def map_in_processes(
         try:
             with worker_pool(crew, start) as pool:
                 while source or running:
-                    while source and len(running) < (ITEMS_PER_WORKER * crew if together else 1):
+                    while source and len(running) < (ITEMS_SUBMITTED_PER_WORKER * crew if together else 1):
                         number, item = source.popleft()
                         running[pool.submit(work, item)] = number, item
                     if stopped():
                         raise _StoppedError
-                    for future in wait(running, STOP_CHECK_SECONDS, FIRST_COMPLETED).done:
+                    for future in wait(running, STOP_CHECK_PERIOD_SECONDS, FIRST_COMPLETED).done:
                         result = future.result()
                         yield running.pop(future)[1], result
         except _StoppedError:
@@ -77,7 +77,7 @@ def map_in_processes(
                     yield item, future.result()
                     continue
                 deaths[number] += 1
-                if deaths[number] >= MAX_DEATHS_PER_ITEM and not together:
+                if deaths[number] >= MAX_WORKER_DEATHS_PER_ITEM and not together:
                     yield item, LostItem(f"the process that worked on it died {deaths[number]} times")
                 else:
                     alone.append((number, item))
@@ -116,7 +116,7 @@ def map_on_cluster(
         try:
             while futures and not stopped():
                 try:
-                    future = done.get(timeout=STOP_CHECK_SECONDS)
+                    future = done.get(timeout=STOP_CHECK_PERIOD_SECONDS)
                 except queue.Empty:
                     continue
                 item = futures.pop(future)
@@ -144,6 +144,6 @@ def _client(scheduler: str, extra: str) -> Any:
     except ImportError as error:
         raise InputError(f"--scheduler needs dask: run 'pip install armdyn[{extra}]'") from error
     try:
-        return Client(scheduler, timeout=CONNECT_TIMEOUT_SECONDS, set_as_default=False)
+        return Client(scheduler, timeout=DASK_CONNECT_TIMEOUT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"{scheduler}: no dask scheduler answers there; start one with 'dask scheduler'") from error

@@ -175,7 +175,7 @@ def plan_experiment(
     Returns:
         The plan, and the motion; None where no feasible motion would be useful.
     """
-    from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan_experiment
+    from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, plan_experiment
     from pipeline.box import LOAD_RADIUS
     from pipeline.motion.feasible_motion import with_feasible_motion
 
@@ -185,5 +185,5 @@ def plan_experiment(
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion
-    useful = moving is not None and moving.expected.probability > MIN_RIGHT_PROBABILITY
+    useful = moving is not None and moving.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY
     return made, moving.experiment.motion if moving is not None and useful else None

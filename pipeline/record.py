@@ -22,7 +22,7 @@ from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run, write_run_csv
 from pipeline.processes import Closable
 
-FLUSH_SECONDS = 0.5
+FLUSH_PERIOD_SECONDS = 0.5
 """Interval at which the MCAP file is flushed: the part of a recording that a crash may lose [s]."""
 DROPPED_RECORD = "armdyn.dropped"
 
@@ -125,7 +125,7 @@ class Recorder(Closable):
             self._fail(error)
 
     def _write(self, channel: str, time: float, value: float) -> None:
-        if time - self._flushed_at >= FLUSH_SECONDS:
+        if time - self._flushed_at >= FLUSH_PERIOD_SECONDS:
             self.flush()
             self._flushed_at = time
         topic, field = self._place[channel]

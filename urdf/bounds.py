@@ -27,10 +27,10 @@ MAX_JOURNAL_BYTES = 1024 * MIB
 
 MAX_MCAP_CHUNK_BYTES = 64 * MIB
 """Largest size of one chunk of an MCAP file after decompression [bytes]; writers end a chunk after 1 to 4 MiB."""
-MAX_UNPACKED_BYTES = 512 * MIB
+MAX_DECOMPRESSED_FILE_BYTES = 512 * MIB
 """Largest size of an MCAP, Parquet or bag file after decompression [bytes]: five million messages or 64 million
 numbers."""
-MAX_TABLE_ARRAY_BYTES = 256 * MIB
+MAX_IK_TABLE_ARRAY_BYTES = 256 * MIB
 """Largest size of one array in the file of an IK table [bytes]; one metre of path takes about 100 kB."""
 
 MAX_ROSBRIDGE_MESSAGE_BYTES = 4 * MIB
@@ -44,9 +44,9 @@ MAX_TABLE_COLUMNS = 2000
 """Largest number of columns in a table."""
 MAX_ROBOT_LINKS = 2000
 """Largest number of links, and of joints, of a robot; a humanoid robot with hands has about 100."""
-MAX_NAME_LENGTH = 200
+MAX_NAME_CHARACTERS = 200
 """Largest number of characters in the name of a joint, link, column or file."""
-MAX_CELL_LENGTH = 1000
+MAX_TABLE_CELL_CHARACTERS = 1000
 """Largest number of characters in a cell of a table; a number takes at most 25."""
 MAX_TOML_DEPTH = 20
 """Largest depth of nested tables and lists in a TOML file; armdyn's own files need at most five."""
@@ -56,12 +56,12 @@ MAX_XML_DEPTH = 50
 ROSBRIDGE_TIMEOUT_SECONDS = 5.0
 """Longest time to connect to a rosbridge, and longest wait for the answer of a ROS service [s]."""
 
-MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-15, 1e15
+MIN_NONZERO_INPUT_MAGNITUDE, MAX_INPUT_MAGNITUDE = 1e-15, 1e15
 """Smallest and largest absolute value of a number other than 0 that a person or program gives, in SI units.
 
 No quantity of a robot lies beyond, and squares and products of such numbers would overflow or underflow.
 """
-MAX_UNCONVERTED_VALUE = 1e20
+MAX_VALUE_BEFORE_UNIT_CONVERSION = 1e20
 """Largest absolute value in a recording's column before its unit is converted; nanoseconds since 1970 are 2e18."""
 TOML_INTEGER_LIMIT = 2**63
 """Integers of a TOML file lie from minus this value to one below it: TOML guarantees 64 bits."""
@@ -79,7 +79,7 @@ def parse_number(text: str) -> float:
         ValueError: the text is not a finite number.
     """
     plain = text.strip(" \t")
-    if len(plain) > MAX_CELL_LENGTH or _NUMBER.fullmatch(plain) is None:
+    if len(plain) > MAX_TABLE_CELL_CHARACTERS or _NUMBER.fullmatch(plain) is None:
         raise ValueError(f"'{printable_excerpt(plain)}' is not a number")
     value = float(plain)
     if not math.isfinite(value):
@@ -88,8 +88,8 @@ def parse_number(text: str) -> float:
 
 
 def has_plausible_magnitude(value: float) -> bool:
-    """Whether a number is 0, or its absolute value lies between `MIN_MAGNITUDE` and `MAX_MAGNITUDE`."""
-    return value == 0.0 or MIN_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE
+    """Whether a number is 0, or its size lies between `MIN_NONZERO_INPUT_MAGNITUDE` and `MAX_INPUT_MAGNITUDE`."""
+    return value == 0.0 or MIN_NONZERO_INPUT_MAGNITUDE <= abs(value) <= MAX_INPUT_MAGNITUDE
 
 
 def printable_excerpt(text: str, longest: int = 60) -> str:

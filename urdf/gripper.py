@@ -8,13 +8,13 @@ import pinocchio as pin
 
 from urdf.validate import MOVING_JOINT_TYPES, mimicked_joints
 
-MAX_FINGER_MASS_SHARE = 1 / 15
+MAX_FINGER_SHARE_OF_ARM_MASS = 1 / 15
 """Largest mass that a gripper's joint moves, as a share of the mass that the first joint of its chain moves.
 
 Over the 69 robots of the package example-robot-data, jaws and fingers have at most 0.058 of that mass. The calves of
 quadrupeds, which open as jaws do, have at least 0.088.
 """
-MAX_JAW_MASS_SHARE = 0.5
+MAX_JAW_SHARE_OF_PARENT_LINK_MASS = 0.5
 """Largest mass of a single jaw, as a share of the mass of the link that carries it.
 
 In the package example-robot-data, jaws have at most 0.34 of that mass, wrists and heads at least 1.
@@ -37,13 +37,13 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
     coupled = {*followed, *followed.values()}
     data, joints = model.createData(), range(1, model.njoints)
     pin.computeSubtreeMasses(model, data)
-    light = {j for j in joints if data.mass[j] < MAX_FINGER_MASS_SHARE * data.mass[model.supports[j][1]]}
+    light = {j for j in joints if data.mass[j] < MAX_FINGER_SHARE_OF_ARM_MASS * data.mass[model.supports[j][1]]}
     found: set[str] = set()
     for j in light:
         palm, beyond = model.parents[j], list(model.subtrees[j])
         several = len(model.children[palm]) > 1 and light.issuperset(model.children[palm])
         lone = len(beyond) == 1 and _opens_as_jaw(elements[model.names[j]])
-        is_jaw = lone and data.mass[j] < MAX_JAW_MASS_SHARE * model.inertias[palm].mass
+        is_jaw = lone and data.mass[j] < MAX_JAW_SHARE_OF_PARENT_LINK_MASS * model.inertias[palm].mass
         if several or model.names[j] in coupled or is_jaw:
             found.update(model.names[k] for k in beyond)
     return frozenset(found) if len(found) < len(joints) else frozenset()

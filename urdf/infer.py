@@ -13,13 +13,13 @@ from urdf.robot import Array, UrdfError
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, joint_link, mimicked_joints
 
-ASSUMED_SPEED_UP_SECONDS = 0.1  # s from rest to full speed
-ASSUMED_JERK_SECONDS = 0.02  # s from none to full acceleration
-LIMITS_SOURCE = (
+ASSUMED_SECONDS_TO_FULL_SPEED = 0.1  # s from rest to full speed
+ASSUMED_SECONDS_TO_FULL_ACCELERATION = 0.02  # s from none to full acceleration
+ASSUMED_LIMITS_EXPLANATION = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-HOME_CANDIDATES = 2000  # random postures among which the home posture is chosen
+HOME_POSTURE_CANDIDATES = 2000  # random postures among which the home posture is chosen
 GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 
@@ -74,7 +74,7 @@ def infer_settings(
         urdf=UrdfSettings(str(path)),
         arm=ArmSettings(joints, home=()),
         tool=ToolSettings(tool, (0.0, 0.0, 0.0)),
-        limits=LimitSettings((), (), LIMITS_SOURCE),
+        limits=LimitSettings((), (), ASSUMED_LIMITS_EXPLANATION),
     )
     return settings, tuple(said)
 
@@ -94,7 +94,9 @@ def choose_home(model: pin.Model, tool_frame: int) -> Array:
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
     best, best_score = (lower + upper) / 2, -1.0
-    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (HOME_CANDIDATES, model.nq)):
+    for q in rng.uniform(
+        lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (HOME_POSTURE_CANDIDATES, model.nq)
+    ):
         jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, model.nv)  # Pinocchio removes the second axis for a single joint
         # The smallest singular value that counts: an arm with few joints has as many singular values as joints.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from urdf.robot import UrdfError
 
-CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
+EXCEPTIONS_FROM_CPP = (ValueError, RuntimeError, LookupError, ArithmeticError)
 """Python exceptions that a C++ exception may be converted to."""
 MAX_MESSAGE_CHARACTERS = 200
 """Largest number of characters of a library's message that are shown."""
@@ -61,7 +61,7 @@ def library_errors(what: str, remedy: str) -> Iterator[None]:
     try:
         with captured_output() as said:
             yield
-    except CPP_ERRORS as error:
+    except EXCEPTIONS_FROM_CPP as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text
         text = text.partition("message:")[2] or text
         reason = " ".join(text.partition("Hint")[0].split())[:MAX_MESSAGE_CHARACTERS]

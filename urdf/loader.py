@@ -294,13 +294,15 @@ def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:
     if missing_limit_sentences(model):
         return None
     velocity = np.array(model.velocityLimit)
-    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.ASSUMED_SPEED_UP_SECONDS
+    acceleration = (
+        np.array(given.acceleration) if given.acceleration else velocity / infer.ASSUMED_SECONDS_TO_FULL_SPEED
+    )
     return Limits(
         lower=np.array(model.lowerPositionLimit),
         upper=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=acceleration,
-        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.ASSUMED_JERK_SECONDS,
+        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.ASSUMED_SECONDS_TO_FULL_ACCELERATION,
         effort=np.array(model.effortLimit),
     )
 

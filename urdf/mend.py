@@ -13,9 +13,9 @@ from urdf.find import locate_mesh
 from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import FrameSettings
-from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
+from urdf.validate import LIMIT_ATTRIBUTES, MOVING_JOINT_TYPES
 
-CONTINUOUS_JOINT_LIMIT = 2 * math.pi
+CONTINUOUS_JOINT_POSITION_LIMIT = 2 * math.pi
 """Position limit to either side of a joint without limits [rad]."""
 
 
@@ -71,20 +71,22 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-CONTINUOUS_JOINT_LIMIT))
-            limit.set("upper", repr(CONTINUOUS_JOINT_LIMIT))
-        for key in LIMIT_NAMES:
+            limit.set("lower", repr(-CONTINUOUS_JOINT_POSITION_LIMIT))
+            limit.set("upper", repr(CONTINUOUS_JOINT_POSITION_LIMIT))
+        for key in LIMIT_ATTRIBUTES:
             limit.set(key, limit.get(key, "0"))
     return sentences
 
 
 MIN_SHAPE_EXTENT = 0.01  # m; smaller shapes are placeholders
-MIN_GYRATION_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
+MIN_GYRATION_TO_SHAPE_RATIO = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
 MIN_LINK_MASS = 1e-3  # kg; lighter links only mark a place
-MIN_MEASURED_GYRATION = (
+MIN_GYRATION_RADIUS_TO_OPEN_MESH = (
     0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
 )
-MOMENT_TOLERANCE_SHARE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
+TRIANGLE_INEQUALITY_TOLERANCE = (
+    1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
+)
 MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCT_NAMES = ("ixy", "ixz", "iyz")
 
@@ -169,7 +171,7 @@ def _judge(
     wrong = impossible_inertia_reason(tensor)
     if wrong:
         return InertiaFault(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", is_possible=False)
-    if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
+    if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_TO_SHAPE_RATIO**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
@@ -188,7 +190,7 @@ def impossible_inertia_reason(inertia: Array) -> str:
         inertia: inertia about the centre of mass, (3, 3) [kg m^2]; only the upper triangle is read.
     """
     principal = np.linalg.eigvalsh(inertia, UPLO="U")
-    slack = MOMENT_TOLERANCE_SHARE * max(principal[2], 0.0)
+    slack = TRIANGLE_INEQUALITY_TOLERANCE * max(principal[2], 0.0)
     if principal[0] >= -slack and principal[2] <= principal[0] + principal[1] + slack:
         return ""
     values = ", ".join(f"{value:.3g}" for value in principal)
@@ -213,7 +215,9 @@ def _boxes(
             yield centre, np.array([width, width, float(cylinder.get("length", "0"))])
         elif sphere is not None:
             yield centre, np.full(3, 2 * float(sphere.get("radius", "0")))
-        elif mesh is not None and path is not None and mass > 0 and largest > mass * MIN_MEASURED_GYRATION**2:
+        elif (
+            mesh is not None and path is not None and mass > 0 and largest > mass * MIN_GYRATION_RADIUS_TO_OPEN_MESH**2
+        ):
             found = locate_mesh(mesh.get("filename", ""), path, directories)
             if found is not None:
                 low, high = _mesh_bounds(found, _vector(mesh.get("scale", "1 1 1")))

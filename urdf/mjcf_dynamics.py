@@ -15,7 +15,7 @@ from urdf.robot import ArmDynamics, Array, JointDynamics, Spring, UrdfError
 
 TORQUE_CHECK_STATES = 5
 """Number of random states at which the model's torques are compared with MuJoCo's."""
-TORQUE_TOLERANCE = 1e-9
+RELATIVE_TORQUE_TOLERANCE = 1e-9
 """Allowed difference from MuJoCo's torques, as a share of the largest torque (at least 1 N m or N).
 
 Two equal models differ by 1e-14.
@@ -82,7 +82,7 @@ def check_torques(mjcf: CompiledMjcf, model: pin.Model, dynamics: ArmDynamics) -
             own[names.index(spring.joint)] += spring.torque(q[names.index(spring.joint)])
         theirs = np.array(data.qfrc_inverse[compiled.jnt_dofadr[at]])
         apart = np.abs(own - theirs)
-        if not apart.max() <= TORQUE_TOLERANCE * max(1.0, float(np.abs(theirs).max())):
+        if not apart.max() <= RELATIVE_TORQUE_TOLERANCE * max(1.0, float(np.abs(theirs).max())):
             raise UrdfError(
                 f"{mjcf.path}: on joint '{names[int(apart.argmax())]}' MuJoCo's torque differs by {apart.max():.2g} "
                 "from that of bodies, springs and damping; take out what else acts on it"

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from urdf.bounds import MAX_NAME_LENGTH
+from urdf.bounds import MAX_NAME_CHARACTERS
 from urdf.robot import MAX_JOINT_LIMITS, Line, Spring, UrdfError, rotation_from_rpy
 from urdf.toml_tables import TomlFileError, read_toml_with_text, table_to_dataclass
 
 Vector3 = tuple[float, float, float]
 Interval = tuple[float, float]
 
-MAX_OFFSET_METRES = 100.0
+MAX_DISTANCE_FROM_ROBOT_METRES = 100.0
 """Largest distance of a tool, frame or line from the robot [m]; a larger number is probably in another unit."""
 MAX_SPRING_TORQUE = 1e5
 """Largest torque of a joint's spring [N m]."""
@@ -174,8 +174,8 @@ def _check(settings: RobotSettings) -> None:
                     f"give a number above 0 and at most {MAX_JOINT_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
-        if file is not None and not 0 < len(file.strip()) <= MAX_NAME_LENGTH:
-            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {MAX_NAME_LENGTH} characters")
+        if file is not None and not 0 < len(file.strip()) <= MAX_NAME_CHARACTERS:
+            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {MAX_NAME_CHARACTERS} characters")
     places: dict[str, tuple[float, ...]] = {f"[[frames]] {frame.name}": frame.position for frame in settings.frames}
     places["[tool] offset"] = settings.tool.offset
     if settings.line is not None:
@@ -188,7 +188,7 @@ def _check(settings: RobotSettings) -> None:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
         line.to_line()
     for where, place in places.items():
-        if max(map(abs, place)) > MAX_OFFSET_METRES:
+        if max(map(abs, place)) > MAX_DISTANCE_FROM_ROBOT_METRES:
             raise UrdfError(f"{where}: {list(place)} m is too far away; write it in metres")
     for spring in settings.springs:
         if spring.joint not in joints:

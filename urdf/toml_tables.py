@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import MAX_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, printable_excerpt
+from urdf.bounds import MAX_INPUT_MAGNITUDE, MAX_TEXT_FILE_BYTES, MAX_TOML_DEPTH, TOML_INTEGER_LIMIT, printable_excerpt
 
 MAX_LISTED_PROBLEMS = 12
 """Largest number of problems of a file that its error message lists."""
@@ -83,8 +83,8 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
             raise TomlFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
             raise TomlFileError(f"{where} is {value}: write a finite number")
-        if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_MAGNITUDE:
-            raise TomlFileError(f"{where} is {value:g}: nothing is larger than {MAX_MAGNITUDE:g}; write SI units")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_INPUT_MAGNITUDE:
+            raise TomlFileError(f"{where} is {value:g}: nothing is larger than {MAX_INPUT_MAGNITUDE:g}; write SI units")
     return table
 
 

@@ -11,14 +11,21 @@ from pathlib import Path
 from shlex import quote
 from xml.etree import ElementTree as ET
 
-from urdf.bounds import MAX_NAME_LENGTH, MAX_ROBOT_LINKS, MAX_XML_BYTES, MAX_XML_DEPTH, parse_number, printable_excerpt
+from urdf.bounds import (
+    MAX_NAME_CHARACTERS,
+    MAX_ROBOT_LINKS,
+    MAX_XML_BYTES,
+    MAX_XML_DEPTH,
+    parse_number,
+    printable_excerpt,
+)
 from urdf.robot import UrdfError
 
 MAX_URDF_NUMBER = 1e9
 """Largest number in a URDF, in SI units; no property of a robot is larger."""
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
-MAX_ANGLE = 2.0 * math.pi + 1e-3
+MAX_URDF_ANGLE = 2.0 * math.pi + 1e-3
 """Largest angle that is plausible in a URDF [rad]: one turn, and a tolerance for rounding."""
 RESERVED_JOINT_NAMES = ("universe",)
 """Names that Pinocchio gives to its own joints: "universe" is the fixed joint at the root."""
@@ -39,7 +46,7 @@ NUMERIC_ATTRIBUTES = {
     "calibration": {"rising": 1, "falling": 1},
 }
 """For each element of a URDF, its attributes that contain numbers, and how many numbers each contains."""
-LIMIT_NAMES = tuple(NUMERIC_ATTRIBUTES["limit"])
+LIMIT_ATTRIBUTES = tuple(NUMERIC_ATTRIBUTES["limit"])
 REQUIRED_ATTRIBUTES = {
     "mass": ("value",),
     "inertia": tuple(NUMERIC_ATTRIBUTES["inertia"]),
@@ -78,15 +85,15 @@ def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
         if part.get("type") in ("planar", "floating"):
             said.append(f"{where} is {part.get('type')}, which no joint of an arm is: it is held where it stands")
         for origin in part.iter("origin"):
-            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_ANGLE:
+            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_URDF_ANGLE:
                 said.append(f'{where} is turned by rpy="{origin.get("rpy")}" in rad: if that is in degrees, correct it')
     return tuple(said)
 
 
 def _check_name(part: ET.Element, where: str) -> None:
     name = part.get("name", "")
-    if not name.strip() or len(name) > MAX_NAME_LENGTH or not name.isprintable():
-        raise UrdfError(f"{where} has no usable name; give it one of 1 to {MAX_NAME_LENGTH} printable characters")
+    if not name.strip() or len(name) > MAX_NAME_CHARACTERS or not name.isprintable():
+        raise UrdfError(f"{where} has no usable name; give it one of 1 to {MAX_NAME_CHARACTERS} printable characters")
     if part.tag == "joint" and name in RESERVED_JOINT_NAMES:
         raise UrdfError(f"{where}: Pinocchio uses this name itself; rename the joint")
 
@@ -285,7 +292,7 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
             raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
         limit = joint.find("limit")
         values = {
-            key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMIT_NAMES
+            key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMIT_ATTRIBUTES
         }
         for key in ("effort", "velocity"):
             if values.get(key, 0.0) < 0.0:

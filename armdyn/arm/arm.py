@@ -16,11 +16,11 @@ from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.units import sliding_unit
 
-USUAL_EFFORT = 50.0
+REFERENCE_EFFORT_LIMIT_NM = 50.0
 """Effort limit, N m, of the joint for which typical sizes of effects are written."""
-BASE_AS_JOINT = ""
+JOINT_NAME_OF_BASE = ""
 """Name that stands for the base where a joint's name is expected."""
-METRES_PER_RADIAN = 0.1
+EQUIVALENT_METRES_PER_RADIAN = 0.1
 """Displacement of a joint that slides, m, with the effect of a radian of one that turns."""
 REASONS_AGAINST_EFFECT: Mapping[Reach, str] = {
     "every": "the arm has no joint",
@@ -95,7 +95,7 @@ class Arm:
         return tuple(bodies[joint] for joint in sorted(weightless))
 
     def reachable_joints(self, reach: Reach) -> tuple[str, ...]:
-        """Names of the joints on which an effect with this `reach` can act, or `BASE_AS_JOINT` for the base."""
+        """Names of the joints on which an effect with this `reach` can act, or `JOINT_NAME_OF_BASE` for the base."""
         indices = [i for i, joint in enumerate(self.joints) if joint not in self.carried]
         inner = [parent if parent in indices else -1 for parent in parent_joints(self.model)]
         chosen: Mapping[Reach, Iterable[int]] = {
@@ -105,10 +105,10 @@ class Arm:
             "last": indices[-1:],
             "base": (),
         }
-        return (BASE_AS_JOINT,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
+        return (JOINT_NAME_OF_BASE,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
 
     def parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter of an effect in the units and of the typical size of a joint, or of `BASE_AS_JOINT`.
+        """A parameter of an effect in the units and of the typical size of a joint, or of `JOINT_NAME_OF_BASE`.
 
         Args:
             quantity: its quantity, for a joint that turns with an effort limit of 50 N m.
@@ -116,13 +116,13 @@ class Arm:
             short: name of the quantity.
             joint: name of the joint.
         """
-        if joint == BASE_AS_JOINT:
+        if joint == JOINT_NAME_OF_BASE:
             return quantity.parameter(effect, short)
         i = self.joints.index(joint)
         effort = float(self.model.effortLimit[i])
         torque, angle = _powers(quantity.unit)
-        strength = effort / USUAL_EFFORT if np.isfinite(effort) else 1.0
-        length = METRES_PER_RADIAN if self.slides[i] else 1.0
+        strength = effort / REFERENCE_EFFORT_LIMIT_NM if np.isfinite(effort) else 1.0
+        length = EQUIVALENT_METRES_PER_RADIAN if self.slides[i] else 1.0
         scale = strength**torque * length**angle
         unit = sliding_unit(quantity.unit) if self.slides[i] else quantity.unit
         spread = None if quantity.spread is None else quantity.spread * scale

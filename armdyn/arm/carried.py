@@ -14,12 +14,12 @@ import urdf
 from armdyn.arm.arm import Arm
 from armdyn.run import Run
 
-MIN_DISPLACEMENT = 1e-3
+MIN_JOINT_DISTANCE_FROM_ZERO = 1e-3
 """Least distance from zero of a joint that moves, rad or m."""
-MIN_WEIGHT_CHANGE = 3e-4
+MIN_JOINT_WEIGHT_CHANGE_SHARE = 3e-4
 """Least change of the weight on a joint by the motion of another one, as a share of the largest weight. A Panda's
 fingers that open and close change 1.3e-4, its last joint, which turns a hand almost about its own axis, 5.8e-4."""
-COMPARED_POSTURES = 20
+WEIGHT_COMPARISON_POSTURES = 20
 """Number of postures of a recording at which weights are compared."""
 
 
@@ -64,7 +64,7 @@ def _away(run: Run, full: pin.Model, joint: int) -> bool:
     slides = "P" in full.joints[joint].shortname().removeprefix("JointModel")
     if channel is None or (channel.unit == "m") != slides:
         return False
-    return bool(np.quantile(np.abs(channel.value), 0.99) > MIN_DISPLACEMENT)
+    return bool(np.quantile(np.abs(channel.value), 0.99) > MIN_JOINT_DISTANCE_FROM_ZERO)
 
 
 def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
@@ -73,7 +73,7 @@ def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
     given = {i: c for i, c in channels.items() if c is not None and full.joints[i].nq == 1}
     if joint not in given:
         return False
-    time = np.linspace(given[joint].time[0], given[joint].time[-1], COMPARED_POSTURES)
+    time = np.linspace(given[joint].time[0], given[joint].time[-1], WEIGHT_COMPARISON_POSTURES)
     data, change, largest = full.createData(), 0.0, float(np.finfo(float).tiny)
     own = [full.joints[full.getJointId(name)].idx_v for name in arm.driven]
     for t in time:
@@ -84,4 +84,4 @@ def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
         q[full.joints[joint].idx_q] = pin.neutral(full)[full.joints[joint].idx_q]
         change = max(change, float(np.abs(as_recorded - pin.computeGeneralizedGravity(full, data, q)[own]).max()))
         largest = max(largest, float(np.abs(as_recorded).max()))
-    return bool(change > MIN_WEIGHT_CHANGE * largest)
+    return bool(change > MIN_JOINT_WEIGHT_CHANGE_SHARE * largest)

@@ -25,7 +25,9 @@ JOINT_INPUTS = (
     "time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on",
     *("told torque", "told rate", "told total", "told velocity", "voltage"),
 )  # fmt: skip
-DIRECTION_INPUT, LOAD_INPUT, COMMAND_INPUT = (JOINT_INPUTS.index(name) for name in ("direction", "load", "told torque"))
+DIRECTION_INPUT_INDEX, LOAD_INPUT_INDEX, COMMAND_INPUT_INDEX = (
+    JOINT_INPUTS.index(name) for name in ("direction", "load", "told torque")
+)
 
 
 class ExpressionOverTime:
@@ -87,7 +89,7 @@ class TorqueTerm:
     ) -> None:
         self.recorded = recorded
         derivative, z = ca.jacobian(expression, theta), remembered.symbols
-        state = ca.vertcat(theta, inputs[LOAD_INPUT], z)
+        state = ca.vertcat(theta, inputs[LOAD_INPUT_INDEX], z)
         self._remembered = remembered if z.numel() and ca.depends_on(expression, z) else None
         through = remembered.depends if self._remembered is not None else np.zeros(theta.numel(), dtype=bool)
         used = [i for i in range(theta.numel()) if derivative[0, i].nnz() or through[i]]
@@ -95,14 +97,14 @@ class TorqueTerm:
         self.nonlinear = tuple(i for i in used if i not in self.linear)
         rest = ca.substitute(expression, _part(theta, self.linear), ca.SX.zeros(len(self.linear)))
         rest = ca.simplify(rest)
-        self.loaded = bool(ca.depends_on(expression, inputs[LOAD_INPUT]))
+        self.loaded = bool(ca.depends_on(expression, inputs[LOAD_INPUT_INDEX]))
         self.has_rest = bool(self.nonlinear) or not rest.is_zero()
         self.empty = not self.linear and not self.has_rest
         self._columns = ExpressionOverTime(_part(derivative.T, self.linear), inputs, theta)
         outputs = [
             rest,
             *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear),
-            ca.jacobian(rest, inputs[LOAD_INPUT]),
+            ca.jacobian(rest, inputs[LOAD_INPUT_INDEX]),
         ]
         if self._remembered is not None:
             outputs += ca.horzsplit(ca.jacobian(rest, z))
@@ -230,8 +232,8 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     columns = recorded_columns(effects)
     inputs, shape = ca.SX.sym("w", len(JOINT_INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
-    time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT]
-    told = DriveCommands(*symbols[COMMAND_INPUT : len(JOINT_INPUTS)])
+    time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT_INDEX]
+    told = DriveCommands(*symbols[COMMAND_INPUT_INDEX : len(JOINT_INPUTS)])
     recorded = dict(zip(columns, symbols[len(JOINT_INPUTS) :], strict=True))
     before, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
     joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)

@@ -20,37 +20,37 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, Motion
-from armdyn.recording.noise import NORMAL_MEDIAN
+from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, MeasuredMotion, Motion
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD
 
-MAX_NOISE_RATE = 125.0
+LOW_PASS_SEARCH_MAX_RATE_HZ = 125.0
 """Largest sampling rate that the search for low-passes uses, Hz; the cut-offs of drives are well below half of it."""
-MAX_NOISE_SAMPLES, MIN_NOISE_SAMPLES = 2500, 200
+LOW_PASS_SEARCH_MAX_SAMPLES, LOW_PASS_SEARCH_MIN_SAMPLES = 2500, 200
 """Largest and smallest number of samples, of all recordings together, in the search for low-passes."""
 MAX_RATE_DIFFERENCE = 0.01
 """Largest relative difference of the sampling rates of recordings that are evaluated together."""
-SAMPLE_DISTANCES, MAX_DISTANCE_SECONDS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20]), 0.11
+DIFFERENCE_SPACINGS_IN_SAMPLES, MAX_DIFFERENCE_SPACING_SECONDS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20]), 0.11
 """Distances between the samples of a difference, in samples, and the largest of them, s: below 5 Hz the residual is the
 model's error as much as noise."""
-UNCERTAIN_DIRECTION_SECONDS = 0.1
+SECONDS_BESIDE_UNCERTAIN_DIRECTION = 0.1
 """Time, s, left out before and after a moment with an uncertain direction of motion: smoothed friction is no step."""
-NOISE_FADING_SPEEDS = (0.03, 0.06, 0.1, 0.15)
+NOISE_FRICTION_FADING_SPEEDS = (0.03, 0.06, 0.1, 0.15)
 """Speeds of fading frictions, rad/s; see `Motion.own_columns`."""
-RIDGE_SHARE = 1e-10
+RIDGE_SHARE_OF_SQUARED_COLUMN = 1e-10
 """Ridge as a share of a column's square; a coefficient without information stays zero."""
 MIN_COLUMN_SIZE_SHARE = 1e-10
 """Size of a column, as a share of the largest, below which it is rounding: gravity on a joint with a vertical axis."""
-MIN_FILTER_RATIO = 6.0
+MIN_NOISE_DENSITY_RATIO_AT_CUTOFF = 6.0
 """Amplitude density of the noise below the cut-off over that after the low-pass, median over joints, from which drives
 have a low-pass. Of generated robots it is up to 4 without one, and 10 with one."""
-MIN_FILTERED_JOINTS = 3
+MIN_JOINTS_FOR_COMMON_FILTER = 3
 """Number of joints that must show it: the residual of one alone is its model's error as often as a low-pass."""
-MIN_DRIVE_CUTOFF, MAX_DRIVE_CUTOFF_SHARE = 3.0, 0.2
+MIN_DRIVE_CUTOFF_HZ, MAX_DRIVE_CUTOFF_SHARE_OF_RATE = 3.0, 0.2
 """Lowest cut-off, Hz, and highest as a share of the sampling rate: below is motion, above too little of the band."""
 DRIVE_CUTOFFS_TRIED = 40
 DIFFERENCE_WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Weights of a difference of fourth order, which keeps the variance of white noise."""
-RELATIVE_FREQUENCIES = np.linspace(0.005, 6.0, 1200)
+FREQUENCIES_OVER_CUTOFF = np.linspace(0.005, 6.0, 1200)
 """f/f_c at which H is integrated; 1e-5 of it is beyond."""
 
 
@@ -105,7 +105,7 @@ def drive_low_passes(
         model: the described arm.
         frequencies: (f,) frequencies of the torques' spectra, Hz.
     """
-    most = MAX_NOISE_SAMPLES // len(recordings)
+    most = LOW_PASS_SEARCH_MAX_SAMPLES // len(recordings)
 
     @lru_cache(maxsize=2 * len(recordings))
     def moved(recording: int, stamps: bytes) -> MotionSamples:
@@ -118,7 +118,10 @@ def drive_low_passes(
         torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
         noises[name] = _noise(torques, moved, frequencies, most)
     shown = {name: (one.std, one.filtered) for name, one in noises.items() if one.filtered is not None}
-    if len(shown) < MIN_FILTERED_JOINTS or np.median([noises[name].ratio for name in shown]) < MIN_FILTER_RATIO:
+    if (
+        len(shown) < MIN_JOINTS_FOR_COMMON_FILTER
+        or np.median([noises[name].ratio for name in shown]) < MIN_NOISE_DENSITY_RATIO_AT_CUTOFF
+    ):
         return {name: DriveLowPass(np.inf, std) for name, (std, _) in shown.items()}
     cutoff = float(np.median([drive.cutoff for _, drive in shown.values()]))
     below = float(np.median([drive.noise / std for std, drive in shown.values()]))
@@ -151,7 +154,7 @@ def _noise(
     """
     intervals = [float((t.stamps[-1] - t.stamps[0]) / (len(t.stamps) - 1)) for _, t in torques]
     interval = intervals[int(np.argmax([len(t.stamps) for _, t in torques]))]
-    every = max(1, int(np.ceil(1.0 / (MAX_NOISE_RATE * interval) - 1e-6)))
+    every = max(1, int(np.ceil(1.0 / (LOW_PASS_SEARCH_MAX_RATE_HZ * interval) - 1e-6)))
     step = every * interval
     parts, values, spectra = [], [], []
     for (recording, torque), own in zip(torques, intervals, strict=True):
@@ -163,15 +166,17 @@ def _noise(
             spectra.append(torque.spectrum)
     joint = torques[0][1].joint
     motion = _one_after_the_other([part.motion for part in parts], step)
-    uncertain = np.abs(motion.direction[:, joint]) < MIN_CERTAIN_SIGN
+    uncertain = np.abs(motion.direction[:, joint]) < MIN_CERTAIN_VELOCITY_SIGN
     uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording
     used = (
-        np.convolve(uncertain, np.ones(2 * round(UNCERTAIN_DIRECTION_SECONDS / step) + 1), "same")[: len(uncertain)]
+        np.convolve(uncertain, np.ones(2 * round(SECONDS_BESIDE_UNCERTAIN_DIRECTION / step) + 1), "same")[
+            : len(uncertain)
+        ]
         < 0.5
     )
-    apart = SAMPLE_DISTANCES[SAMPLE_DISTANCES * step <= MAX_DISTANCE_SECONDS]
+    apart = DIFFERENCE_SPACINGS_IN_SAMPLES[DIFFERENCE_SPACINGS_IN_SAMPLES * step <= MAX_DIFFERENCE_SPACING_SECONDS]
     alone = _Noise(_level(np.concatenate(values), np.ones(len(used), dtype=bool), 1))
-    if np.count_nonzero(used) < MIN_NOISE_SAMPLES or len(apart) < 3:
+    if np.count_nonzero(used) < LOW_PASS_SEARCH_MIN_SAMPLES or len(apart) < 3:
         return alone
     of_links = np.concatenate([part.regressor[:, joint, joint:] for part in parts]).reshape(len(used), -1)
     residual = _residual(motion, of_links, joint, np.concatenate(values), used)
@@ -182,7 +187,7 @@ def _noise(
     if not np.all(variance > brought_in):
         return alone
     own_noise, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
-    below = smoothed / float(np.sqrt(2.0 * cutoff * interval * RELATIVE_NOISE_BANDWIDTH))
+    below = smoothed / float(np.sqrt(2.0 * cutoff * interval * NOISE_BANDWIDTH_OVER_CUTOFF))
     ratio = below / max(own_noise, np.finfo(float).tiny)
     std = float(np.sqrt(variance[0] - brought_in[0]))
     return _Noise(std, DriveLowPass(cutoff, float(np.hypot(own_noise, below))), ratio)
@@ -207,14 +212,14 @@ def _residual(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndar
         used: (n,) bool.
     """
     v, a, way = (part[:, joint] for part in (motion.v, motion.a, motion.direction))
-    own = [*motion.own_columns(joint, NOISE_FADING_SPEEDS), v * v * way, np.gradient(a, motion.time)]
+    own = [*motion.own_columns(joint, NOISE_FRICTION_FADING_SPEEDS), v * v * way, np.gradient(a, motion.time)]
     load, residual = np.zeros_like(torque), torque
     for _ in range(2):  # frictions in proportion to the load follow the load of the first regression
         late = np.gradient(load, motion.time)
         columns = np.column_stack([regressor, *own, way * np.abs(load), late, np.gradient(late, motion.time)])
         sizes = np.linalg.norm(columns[used], axis=0)
         columns /= np.maximum(sizes, MIN_COLUMN_SIZE_SHARE * sizes.max())
-        normal = columns[used].T @ columns[used] + RIDGE_SHARE * np.eye(columns.shape[1])
+        normal = columns[used].T @ columns[used] + RIDGE_SHARE_OF_SQUARED_COLUMN * np.eye(columns.shape[1])
         found = cho_solve(cho_factor(normal), columns[used].T @ torque[used])
         load, residual = columns[:, : regressor.shape[1]] @ found[: regressor.shape[1]], torque - columns @ found
     return residual
@@ -223,14 +228,14 @@ def _residual(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndar
 def _level(residual: np.ndarray, used: np.ndarray, apart: int) -> float:
     """Standard deviation of the noise in differences of samples `apart`; 0 where there are too few."""
     count = len(residual) - (len(DIFFERENCE_WEIGHTS) - 1) * apart
-    if count < MIN_NOISE_SAMPLES // 4:
+    if count < LOW_PASS_SEARCH_MIN_SAMPLES // 4:
         return 0.0
     differences = sum(w * residual[k * apart :][:count] for k, w in enumerate(DIFFERENCE_WEIGHTS))
     passed = np.concatenate([[0], np.cumsum(~used)])
     whole = passed[len(residual) + 1 - count :] == passed[:count]
-    if np.count_nonzero(whole) < MIN_NOISE_SAMPLES // 4:
+    if np.count_nonzero(whole) < LOW_PASS_SEARCH_MIN_SAMPLES // 4:
         return 0.0
-    return float(np.median(np.abs(differences[whole])) / NORMAL_MEDIAN)
+    return float(np.median(np.abs(differences[whole])) / ABS_NORMAL_MEDIAN_OVER_STD)
 
 
 def _passed(frequencies: np.ndarray, spectrum: np.ndarray, apart: float) -> float:
@@ -251,7 +256,7 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
         brought_in: (h,) the part of them that the positions' noise causes.
     """
     cutoffs = np.geomspace(
-        MIN_DRIVE_CUTOFF, max(MAX_DRIVE_CUTOFF_SHARE / apart[0], MIN_DRIVE_CUTOFF), DRIVE_CUTOFFS_TRIED
+        MIN_DRIVE_CUTOFF_HZ, max(MAX_DRIVE_CUTOFF_SHARE_OF_RATE / apart[0], MIN_DRIVE_CUTOFF_HZ), DRIVE_CUTOFFS_TRIED
     )
     wanted = (variance - brought_in) / variance
     fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
@@ -265,7 +270,7 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
 def _shared(apart: np.ndarray) -> np.ndarray:
     """(h,) relative variance of differences of filtered noise, between samples (h,) `apart` in units of 1/f_c."""
     lags = np.multiply.outer(np.arange(len(DIFFERENCE_WEIGHTS)), apart)
-    correlation = np.interp(lags, RELATIVE_LAGS, FILTERED_NOISE_CORRELATION)
+    correlation = np.interp(lags, LAGS_TIMES_CUTOFF, FILTERED_NOISE_CORRELATION)
     products = np.array(
         [
             (1.0 + (k > 0)) * DIFFERENCE_WEIGHTS[k:] @ DIFFERENCE_WEIGHTS[: len(DIFFERENCE_WEIGHTS) - k]
@@ -275,14 +280,16 @@ def _shared(apart: np.ndarray) -> np.ndarray:
     return np.asarray(products @ correlation)
 
 
-_H = (1.0 + RELATIVE_FREQUENCIES**4) ** -2.0
-RELATIVE_NOISE_BANDWIDTH = np.trapezoid(_H, RELATIVE_FREQUENCIES)
+_H = (1.0 + FREQUENCIES_OVER_CUTOFF**4) ** -2.0
+NOISE_BANDWIDTH_OVER_CUTOFF = np.trapezoid(_H, FREQUENCIES_OVER_CUTOFF)
 """Integral of H over f/f_c."""
-RELATIVE_LAGS = np.linspace(0.0, 20.0, 801)
+LAGS_TIMES_CUTOFF = np.linspace(0.0, 20.0, 801)
 FILTERED_NOISE_CORRELATION = (
     np.trapezoid(
-        _H * np.cos(2.0 * np.pi * np.multiply.outer(RELATIVE_LAGS, RELATIVE_FREQUENCIES)), RELATIVE_FREQUENCIES, axis=1
+        _H * np.cos(2.0 * np.pi * np.multiply.outer(LAGS_TIMES_CUTOFF, FREQUENCIES_OVER_CUTOFF)),
+        FREQUENCIES_OVER_CUTOFF,
+        axis=1,
     )
-    / RELATIVE_NOISE_BANDWIDTH
+    / NOISE_BANDWIDTH_OVER_CUTOFF
 )
-"""Autocorrelation of filtered noise at `RELATIVE_LAGS`, in units of 1/f_c."""
+"""Autocorrelation of filtered noise at `LAGS_TIMES_CUTOFF`, in units of 1/f_c."""

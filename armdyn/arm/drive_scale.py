@@ -28,7 +28,7 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.readings import drive_error, is_read_from_commands
-from armdyn.arm.rigid import INERTIAL_PARAMETERS, inverse_dynamics, torque_regressor
+from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
 from armdyn.linear.correlation import correlation_time
@@ -37,51 +37,58 @@ from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
-COMPARED_BAND_HZ = 6.0
+DRIVE_COMPARISON_CUTOFF_HZ = 6.0
 """Cut-off below which both sides are compared: position-controlled arms hardly move faster."""
 LOW_PASSED_INTERVAL_SECONDS = 0.01
 """Interval of the samples that are low-passed."""
 LOW_PASSED_SAMPLES_PER_KEPT = 4
 """Of so many low-passed samples one is kept: at this rate they are independent."""
-MIN_EXPECTED_SIGN = 0.9
+MIN_VELOCITY_SIGN_FOR_FRICTION = 0.9
 """Expected sign of a velocity from which its friction is known; other samples are left out."""
-DELAYS_TRIED, DELAY_TOLERANCE = np.arange(0.0, 0.0651, 0.0025), 5e-5
+DRIVE_DELAYS_TRIED_SECONDS, DRIVE_DELAY_TOLERANCE_SECONDS = np.arange(0.0, 0.0651, 0.0025), 5e-5
 """Delays that are tried, s, and the accuracy of the best one: a delay of a millisecond looks like an inertia of the
 rotor of a millisecond times the gain (velocity command), or like as much friction (position command)."""
-SATURATION_QUANTILES, SATURATION_TOLERANCE = np.linspace(0.3, 1.0, 15), 1e-3
+SATURATING_ERROR_QUANTILES_TRIED, SATURATING_ERROR_TOLERANCE_SHARE = np.linspace(0.3, 1.0, 15), 1e-3
 """Quantiles of the errors that are tried as the saturating error, and the accuracy of the best one, as a share of the
 largest error. Nothing else is identifiable of a drive that is at its limit most of the time."""
-ENTROPY_FACTOR = np.pi**2 * np.e
+ENTROPY_POWER_PER_SQUARED_MEAN_ABS = np.pi**2 * np.e
 """(2 pi e) (pi / 2): squared exponential of a normal density's entropy, over the square of its mean absolute value."""
-MAX_IDENTIFIED_STD = 0.1
+MAX_IDENTIFIED_GAIN_RELATIVE_STD = 0.1
 """Relative standard deviation of 1/k below which a gain is identifiable. On recordings of an SO-101, joints under the
 load of gravity have 1 to 4 %, the others 30 % and more."""
-MAX_LIMIT_SHARE = 0.95
+MAX_USED_SHARE_OF_SATURATING_ERROR = 0.95
 """Share of the saturating error beyond which a reading says nothing about the gain."""
-MODEL_ERROR_FACTOR = 3.0
+GAIN_STD_FACTOR_FOR_MODEL_ERROR = 3.0
 """Factor on the standard deviations for frictions that no column describes: gains of a Go2's thighs had errors of 28 %
 with a standard deviation of 2 to 3 %; the reported one of an SO-101 hardly changes by it."""
-LOAD_FRICTION_COLUMN, OWN_COLUMN_COUNT = 4, 7
-LOAD_COLUMNS = slice(OWN_COLUMN_COUNT, OWN_COLUMN_COUNT + INERTIAL_PARAMETERS)
+LOAD_FRICTION_COLUMN, JOINT_OWN_COLUMN_COUNT = 4, 7
+LOAD_COLUMNS = slice(JOINT_OWN_COLUMN_COUNT, JOINT_OWN_COLUMN_COUNT + INERTIAL_PARAMETERS_PER_BODY)
 """Columns: that of the friction in proportion to the load, the number of a joint's own, and those of the load."""
-USUAL_MASS, USUAL_DISTANCE = payload.quantities["mass"].typical, payload.quantities["x"].spread or 0.0
-USUAL_LOAD = USUAL_MASS * USUAL_DISTANCE ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+UNKNOWN_LOAD_MASS_STD_KG, UNKNOWN_LOAD_DISTANCE_STD_METRES = (
+    payload.quantities["mass"].typical,
+    payload.quantities["x"].spread or 0.0,
+)
+UNKNOWN_LOAD_PRIOR_STDS = UNKNOWN_LOAD_MASS_STD_KG * UNKNOWN_LOAD_DISTANCE_STD_METRES ** np.array(
+    [0, 1, 1, 1, 2, 2, 2, 2, 2, 2]
+)
 """Standard deviations of an unknown load's mass, first and second moments, about the frame's origin."""
-USUAL_LOAD_FRICTION = 0.1
+FRICTION_PER_LOAD_PRIOR_STD = 0.1
 """Standard deviation of the friction per load: without it, a joint that lifts as much as it lowers determines no gain,
 because friction could have any size."""
-FADING_SPEED = 0.1
+FRICTION_FADING_SPEED = 0.1
 """Speed, rad/s or m/s, over which the friction near standstill fades."""
-MIN_LOAD_IMPROVEMENT = 1.5
+MIN_RESIDUAL_REDUCTION_BY_LOAD = 1.5
 """Factor by which a load must reduce the residual of parts of the recordings that were not fitted, to be assumed; with
 it, the gain is less certain. Of 40 generated arms, those with a load had 6.3 and more, those without at most 1.05."""
 GAUSS_NEWTON_STEPS = 6
 RELATIVE_ROUNDING = 1e-12
 """Ridge, as a share of a column's square, and size of a column, as a share of the largest, below which it is rounding:
 that of gravity on a joint with a vertical axis."""
-MIN_SERVO_CORRELATION, MAX_SERVO_LAGS = 0.05, 60
+MIN_RESIDUAL_AUTOCORRELATION, MAX_RESIDUAL_CORRELATION_LAGS = 0.05, 60
 """Autocorrelation of a residual from which on it counts in the correlation time, and the largest number of lags."""
-NOT_NEGATIVE_COLUMNS = (True, True, True, True, True, False, True, True) + (INERTIAL_PARAMETERS - 1) * (False,)
+NONNEGATIVE_COLUMN_MASK = (True, True, True, True, True, False, True, True) + (INERTIAL_PARAMETERS_PER_BODY - 1) * (
+    False,
+)
 """Whether the coefficient of each column is not negative."""
 
 
@@ -157,13 +164,15 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
                 f"{', '.join(servo.joints)} moves a known weight against gravity far enough to tell: write gain = "
                 f'"... {unit}", or {recordings_that_identify_gains(arm, servo.joints)}'
             )
-        stated = servo.gain is not None and (servo.gain.std or 0.0) <= MAX_IDENTIFIED_STD * servo.gain.value
+        stated = (
+            servo.gain is not None and (servo.gain.std or 0.0) <= MAX_IDENTIFIED_GAIN_RELATIVE_STD * servo.gain.value
+        )
         gain, relative = 1.0 / compliance, std / compliance
         found[name] = replace(
             servo,
             gain=KnownQuantity(gain, loaded_std / compliance * gain, unit),
             unloaded=relative * gain,
-            determined=stated or relative < MAX_IDENTIFIED_STD,
+            determined=stated or relative < MAX_IDENTIFIED_GAIN_RELATIVE_STD,
         )
     return found
 
@@ -195,7 +204,7 @@ def _with_delay(kind: _Kind, servo: Servo) -> Servo:
         rows = kind.rows(replace(servo, delay=delay))
         return float(sum(np.log(row.square) for row in rows if row.square > 0.0))
 
-    return replace(servo, delay=_minimum(cost, DELAYS_TRIED, DELAY_TOLERANCE))
+    return replace(servo, delay=_minimum(cost, DRIVE_DELAYS_TRIED_SECONDS, DRIVE_DELAY_TOLERANCE_SECONDS))
 
 
 def _saturation(kind: _Kind, servo: Servo) -> float:
@@ -218,13 +227,17 @@ def _saturation(kind: _Kind, servo: Servo) -> float:
         )
 
     every = np.concatenate(sizes)
-    best = _minimum(cost, np.quantile(every, SATURATION_QUANTILES), SATURATION_TOLERANCE * float(every.max()))
+    best = _minimum(
+        cost,
+        np.quantile(every, SATURATING_ERROR_QUANTILES_TRIED),
+        SATURATING_ERROR_TOLERANCE_SHARE * float(every.max()),
+    )
     gained, limited = 0.0, kind.rows(replace(servo, full_at=best), clipped=True)
     for without, row, size in zip(unlimited, limited, sizes, strict=True):
         if row.square > 0.0 and without.square > 0.0:
             beyond = float(np.mean(size > best))
-            nats = 0.5 * np.log(ENTROPY_FACTOR * without.square)
-            nats -= 0.5 * (1.0 - beyond) * np.log(ENTROPY_FACTOR * row.square)
+            nats = 0.5 * np.log(ENTROPY_POWER_PER_SQUARED_MEAN_ABS * without.square)
+            nats -= 0.5 * (1.0 - beyond) * np.log(ENTROPY_POWER_PER_SQUARED_MEAN_ABS * row.square)
             nats -= beyond * np.log(max(float(size.max()) - best, np.finfo(float).tiny)) if beyond else 0.0
             gained += len(row.y) * row.square / row.noise**2 * nats
     return best if gained > 0.5 * np.log(max(sum(count), 1.0)) else np.inf
@@ -243,10 +256,10 @@ def _own_regression(X: np.ndarray, y: np.ndarray) -> tuple[float, float, tuple[f
     if len(y) <= X.shape[1] or not np.any(y):
         return 0.0, 0.0, (0.0, np.inf)
     A = X.T @ X
-    solution = _bounded(A, X.T @ y, NOT_NEGATIVE_COLUMNS)
+    solution = _bounded(A, X.T @ y, NONNEGATIVE_COLUMN_MASK)
     residual = y - X @ solution.x
-    lags = min(MAX_SERVO_LAGS, len(y) // 4)
-    correlated = correlation_time([residual - residual.mean()], lags, MIN_SERVO_CORRELATION)
+    lags = min(MAX_RESIDUAL_CORRELATION_LAGS, len(y) // 4)
+    correlated = correlation_time([residual - residual.mean()], lags, MIN_RESIDUAL_AUTOCORRELATION)
     noise = float(np.sqrt(np.mean(residual**2) * correlated))
     compliance = float(solution.x[0]), float(_variance(A, solution.on_bound == 0)[0]) * noise**2
     return float(np.mean(np.abs(residual)) ** 2), noise, compliance
@@ -280,7 +293,7 @@ def _compliances(
     parts = np.unique(np.concatenate([row.part for row in rows])).tolist()
     fits = [[_JointFit(rows, gains, carried=carried, left_out=part) for part in parts] for carried in (False, True)]
     costs = [sum(fit.cost_of(part) for fit, part in zip(each, parts, strict=True)) for each in fits]
-    carried = costs[0] > MIN_LOAD_IMPROVEMENT * costs[1]
+    carried = costs[0] > MIN_RESIDUAL_REDUCTION_BY_LOAD * costs[1]
     whole = _JointFit(rows, gains, carried=carried, left_out=None)
     jackknife = np.sqrt((len(parts) - 1) * np.var([fit.compliance for fit in fits[carried]], axis=0))
     stds = np.hypot([whole.std, whole.loaded_std], jackknife)
@@ -303,13 +316,13 @@ class _JointFit:
     ) -> None:
         self._rows, self._kinds, self._gains = rows, list(gains), gains
         count = len(gains)
-        self._first = first = count + INERTIAL_PARAMETERS
-        values = np.zeros(first + (OWN_COLUMN_COUNT - 1) * len(rows))
+        self._first = first = count + INERTIAL_PARAMETERS_PER_BODY
+        values = np.zeros(first + (JOINT_OWN_COLUMN_COUNT - 1) * len(rows))
         values[:count] = [_first_guess(rows, kind, gain) for kind, gain in gains.items()]
         positive = (
             [True] * count
-            + list(NOT_NEGATIVE_COLUMNS[LOAD_COLUMNS])
-            + list(NOT_NEGATIVE_COLUMNS[1:OWN_COLUMN_COUNT]) * len(rows)
+            + list(NONNEGATIVE_COLUMN_MASK[LOAD_COLUMNS])
+            + list(NONNEGATIVE_COLUMN_MASK[1:JOINT_OWN_COLUMN_COUNT]) * len(rows)
         )
         load = np.zeros(len(values), dtype=bool)
         load[count:first] = True
@@ -324,7 +337,7 @@ class _JointFit:
         self.loaded_std = self.std
         if not carried:
             A, _ = self._information(values, carried=True, left_out=left_out)
-            A[load, load] += 1.0 / USUAL_LOAD**2
+            A[load, load] += 1.0 / UNKNOWN_LOAD_PRIOR_STDS**2
             self.loaded_std = np.sqrt(_variance(A, free | load)[:count])
 
     def _information(self, values: np.ndarray, carried: bool, left_out: int | None) -> tuple[np.ndarray, np.ndarray]:
@@ -339,19 +352,19 @@ class _JointFit:
             use = row.part != left_out
             A += X[use].T @ X[use]
             b += X[use].T @ y[use]
-            friction = self._first + (OWN_COLUMN_COUNT - 1) * k + LOAD_FRICTION_COLUMN - 1
-            A[friction, friction] += 1.0 / (USUAL_LOAD_FRICTION * values[self._kinds.index(row.drive)]) ** 2
+            friction = self._first + (JOINT_OWN_COLUMN_COUNT - 1) * k + LOAD_FRICTION_COLUMN - 1
+            A[friction, friction] += 1.0 / (FRICTION_PER_LOAD_PRIOR_STD * values[self._kinds.index(row.drive)]) ** 2
         return A, b
 
     def _linearised(self, k: int, values: np.ndarray, carried: bool) -> tuple[np.ndarray, np.ndarray]:
         """(n, unknowns) derivatives and (n,) right-hand side of a joint, in units of its noise."""
         row, i = self._rows[k], self._kinds.index(self._rows[k].drive)
-        own, first = OWN_COLUMN_COUNT - 1, self._first
+        own, first = JOINT_OWN_COLUMN_COUNT - 1, self._first
         m, P, X = values[len(self._kinds) : first], row.X[:, LOAD_COLUMNS], np.zeros((len(row.y), len(values)))
         X[:, i] = row.X[:, 0] + P @ m
         X[:, len(self._kinds) : first] = values[i] * P if carried else 0.0
         X[:, first + own * k : first + own * (k + 1)] = row.X[:, 1 : own + 1]
-        noise = MODEL_ERROR_FACTOR * row.noise
+        noise = GAIN_STD_FACTOR_FOR_MODEL_ERROR * row.noise
         return X / noise, (row.y + values[i] * (P @ m)) / noise
 
     def cost_of(self, part: int) -> float:
@@ -378,7 +391,7 @@ def _rows_of(kind: _Kind, servo: Servo, joint: str, clipped: bool) -> _Rows:
         time, columns, known = _columns(run, kind.arm, joint)
         share, reading = _shared_error(servo, kind.arm, run, joint, time)
         most = share * servo.saturating
-        within = (share > 0.0) & (clipped | (np.abs(reading) < MAX_LIMIT_SHARE * most))
+        within = (share > 0.0) & (clipped | (np.abs(reading) < MAX_USED_SHARE_OF_SATURATING_ERROR * most))
         used = np.flatnonzero(known & (_low_pass(within.astype(float)) > 0.95))[::LOW_PASSED_SAMPLES_PER_KEPT]
         X.append(columns[used])
         y.append(_low_pass(np.clip(reading, -most, most))[used])
@@ -410,10 +423,14 @@ def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np
     time, torque, carried = _bodies(run, arm)
     at = motion.at(time)
     way, load, v = at.direction[:, j], torque[:, j], at.v[:, j]
-    fading = way * np.exp(-((v / FADING_SPEED) ** 2))
+    fading = way * np.exp(-((v / FRICTION_FADING_SPEED) ** 2))
     own = [load, v, at.a[:, j], way, way * np.abs(load), np.ones(len(time)), fading]
-    inner = (time > time[0] + 2.0 / COMPARED_BAND_HZ) & (time < time[-1] - 2.0 / COMPARED_BAND_HZ)
-    return time, _low_pass(np.column_stack([*own, carried[:, j]])), inner & (_low_pass(np.abs(way)) > MIN_EXPECTED_SIGN)
+    inner = (time > time[0] + 2.0 / DRIVE_COMPARISON_CUTOFF_HZ) & (time < time[-1] - 2.0 / DRIVE_COMPARISON_CUTOFF_HZ)
+    return (
+        time,
+        _low_pass(np.column_stack([*own, carried[:, j]])),
+        inner & (_low_pass(np.abs(way)) > MIN_VELOCITY_SIGN_FOR_FRICTION),
+    )
 
 
 @cached_with_first_argument
@@ -426,7 +443,7 @@ def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _low_pass(signal: np.ndarray) -> np.ndarray:
-    sos = butter(2, COMPARED_BAND_HZ, fs=1.0 / LOW_PASSED_INTERVAL_SECONDS, output="sos")
+    sos = butter(2, DRIVE_COMPARISON_CUTOFF_HZ, fs=1.0 / LOW_PASSED_INTERVAL_SECONDS, output="sos")
     return np.asarray(
         sosfiltfilt(sos, signal, axis=0, padlen=min(len(signal) - 1, round(1.0 / LOW_PASSED_INTERVAL_SECONDS)))
     )

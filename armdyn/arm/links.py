@@ -7,12 +7,12 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import INERTIAL_PARAMETERS, is_physical
+from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, is_physical
 
-MAX_STD_SHARE = 0.25
+MAX_LINK_VALUE_STD_SHARE = 0.25
 """Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass,
 radius of gyration, their product, or mean moment of inertia. Beyond it a value is hardly more than positive."""
-MAX_MASS_RATIO = 5.0
+MAX_LINK_MASS_RATIO_TO_URDF = 5.0
 """Largest ratio of a link's mass to that in the URDF, or its inverse, for a wrong description: beyond it the mass
 represents something else, or is not identifiable."""
 LINK_QUANTITIES = (
@@ -71,7 +71,10 @@ class LinkChange:
         if not self.physical:
             return f"the link of {self.joint} has an inertia that no body has"
         mass = self.mass
-        if mass.described > 0 and not 1 / MAX_MASS_RATIO <= mass.value / mass.described <= MAX_MASS_RATIO:
+        if (
+            mass.described > 0
+            and not 1 / MAX_LINK_MASS_RATIO_TO_URDF <= mass.value / mass.described <= MAX_LINK_MASS_RATIO_TO_URDF
+        ):
             text = f"the link of {self.joint} weighs {mass.value:.3g} kg in the model (URDF: {mass.described:.3g} kg)"
             return text + ("" if mass.determined else ", which these runs do not determine")
         return ""
@@ -102,7 +105,7 @@ def link_changes(
         sizes = _sizes(value)
         moves = np.any(by_theta != 0.0, axis=1)
         quantities = tuple(
-            LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < MAX_STD_SHARE * size))
+            LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < MAX_LINK_VALUE_STD_SHARE * size))
             for (name, unit), d, v, s, a, size, m in zip(
                 LINK_QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
@@ -133,14 +136,14 @@ def _described_by(inertial: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     if inertial[0] == 0.0:
         values = np.concatenate([np.zeros(4), inertial[4:], inertial[1:4]])
-        return values, np.vstack([np.eye(INERTIAL_PARAMETERS), np.eye(INERTIAL_PARAMETERS)[1:4]])
+        return values, np.vstack([np.eye(INERTIAL_PARAMETERS_PER_BODY), np.eye(INERTIAL_PARAMETERS_PER_BODY)[1:4]])
     found, derivatives = _function()(inertial)
     return np.asarray(found)[:, 0], np.asarray(derivatives)
 
 
 @cache
 def _function() -> ca.Function:
-    inertial = ca.SX.sym("pi", INERTIAL_PARAMETERS)
+    inertial = ca.SX.sym("pi", INERTIAL_PARAMETERS_PER_BODY)
     mass, centre = inertial[0], inertial[1:4] / inertial[0]
     steiner = mass * (ca.dot(centre, centre) * ca.SX.eye(3) - centre @ centre.T)
     about = ca.vertcat(steiner[0, 0], steiner[0, 1], steiner[1, 1], steiner[0, 2], steiner[1, 2], steiner[2, 2])

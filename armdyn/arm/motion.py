@@ -22,9 +22,9 @@ from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
-MIN_CERTAIN_SIGN = 0.99
+MIN_CERTAIN_VELOCITY_SIGN = 0.99
 """Expected sign of a velocity from which its sign is known."""
-MIN_MOVING_SHARE = 0.5
+MIN_MOVING_TIME_SHARE = 0.5
 """Share of the time during which a joint must certainly move for its rests to be left out."""
 CREEP_SPEED = 1e-3
 """Speed of creep, rad/s, and a tenth of it in m/s: a slower joint moves within the elastic deformation of its gears and
@@ -95,7 +95,7 @@ class JointCurve:
             expected_sign(velocity, self.speed_noise)
             * self.moves_between_reversals[np.searchsorted(self.reversal_times, time)]
         )
-        return np.where(np.abs(expected) < MIN_CERTAIN_SIGN, 0.0, expected) if self.mostly_rests else expected
+        return np.where(np.abs(expected) < MIN_CERTAIN_VELOCITY_SIGN, 0.0, expected) if self.mostly_rests else expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
     """Whether each joint rests for more than half of the time of all recordings together."""
     lasts = np.array([motion.end - motion.start for motion in motions])
     moving = np.array([[j.moving_share for j in motion.joints] for motion in motions])
-    return tuple((lasts @ moving < MIN_MOVING_SHARE * lasts.sum()).tolist())
+    return tuple((lasts @ moving < MIN_MOVING_TIME_SHARE * lasts.sum()).tolist())
 
 
 @cached_with_first_argument
@@ -178,10 +178,10 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     speed = float(np.sqrt(np.mean(velocity**2)))
     creep = 0.1 * CREEP_SPEED if q.unit == "m" else CREEP_SPEED
     noise = max(derivative_noise(choice, interval, 1), MIN_VELOCITY_NOISE * speed, creep)
-    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= MIN_CERTAIN_SIGN))
+    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= MIN_CERTAIN_VELOCITY_SIGN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
-    return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_SHARE, q.time[turns], moves)
+    return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_TIME_SHARE, q.time[turns], moves)
 
 
 def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise: float) -> np.ndarray:
@@ -194,7 +194,10 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
     own, way = (values - np.repeat(m, counts) for values, m in zip((recorded, smoothed), means, strict=True))
     along, square = np.add.reduceat(own * way, begins), np.add.reduceat(way**2, begins)
-    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= MIN_CERTAIN_SIGN
+    seen = (
+        expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0)
+        >= MIN_CERTAIN_VELOCITY_SIGN
+    )
     way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
     return seen & (way_there > noise)
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
-from armdyn.arm.composition import LOAD_INPUT, JointFunctions, TorqueTerm
+from armdyn.arm.composition import LOAD_INPUT_INDEX, JointFunctions, TorqueTerm
 from armdyn.arm.drive import DriveLowPass, TorqueRecording, drive_low_passes
 from armdyn.arm.motion import MeasuredMotion, standing_joints
 from armdyn.arm.prepared import (
-    NOISE_FREQUENCIES,
+    POSITION_NOISE_FREQUENCIES_HZ,
     PreparedRun,
     low_passed_and_thinned,
     motion_of_run,
@@ -175,7 +175,7 @@ class ChannelPredictor:
         inputs = reduced.inputs(joint, term.recorded)
         if changes:
             inputs = inputs.copy()
-            inputs[LOAD_INPUT] += reduced.signal(self._stretch.rigid(joint, bodies))
+            inputs[LOAD_INPUT_INDEX] += reduced.signal(self._stretch.rigid(joint, bodies))
         rest = term.rest(inputs, theta)
         per_load, slopes = rest[:, -1:], {}
         if per_load.any():
@@ -230,7 +230,9 @@ def _shown_together(
 ) -> tuple[Mapping[str, DriveLowPass], tuple[bool, ...]]:
     """Low-passes of the drives in several recordings, and whether each joint hardly moved in them."""
     every = [_recorded(run, arm)[1] for run in (first, *others)]
-    return drive_low_passes(every, arm.model, NOISE_FREQUENCIES), standing_joints([one.motion for one in every])
+    return drive_low_passes(every, arm.model, POSITION_NOISE_FREQUENCIES_HZ), standing_joints(
+        [one.motion for one in every]
+    )
 
 
 @cached_with_first_argument

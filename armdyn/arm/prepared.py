@@ -4,10 +4,10 @@ Measured and predicted torques pass the same filter, as in the parallel filterin
 causes no bias. Samples at about twice the cut-off contain the whole band. The torque that the positions' noise causes
 counts as noise.
 
-Torques are compared up to `MAX_STIFF_HZ` at least, and up to the end of the torque's own band where that is higher. The
-band is narrower only where the positions are too noisy, because their noise, differentiated twice and multiplied by the
-inertias, grows like f^2 and exceeds the measured torque above some frequency; or where the drive has smoothed the
-torque before it was recorded (see `drive`).
+Torques are compared up to `MAX_RIGID_LINK_FREQUENCY_HZ` at least, and up to the end of the torque's own band where that
+is higher. The band is narrower only where the positions are too noisy, because their noise, differentiated twice and
+multiplied by the inertias, grows like f^2 and exceeds the measured torque above some frequency; or where the drive has
+smoothed the torque before it was recorded (see `drive`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,80 +17,94 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.drive import DriveLowPass, RecordedTorque, TorqueRecording
-from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, measured_motion
+from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, MeasuredMotion, measured_motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
-from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, SmoothingChoice, best_smoothing
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineSamples
+from armdyn.smoothing.choice import MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE, SmoothingChoice, best_smoothing
+from armdyn.smoothing.spline import (
+    MAX_UNDISTORTED_CUTOFF_PER_KNOT,
+    WHITE_RATE_OVER_TWICE_CUTOFF,
+    LowPass,
+    SplineSamples,
+)
 
-MAX_STIFF_HZ = 10.0
+MAX_RIGID_LINK_FREQUENCY_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
-BAND_LIMIT_SHARE = 0.7
+BAND_SHARE_OF_SMOOTHING_CUTOFF = 0.7
 """Share of the frequency at which a torque equals its noise; there its power is 16 times that of the noise."""
-MAX_KEPT_RATE = 125.0
+MAX_THINNED_TORQUE_RATE_HZ = 125.0
 """Largest sampling rate of thinned torques, Hz: no arm's rigid-body motion is faster."""
-COMPARED_CUTOFF_SHARE = 0.5
+COMPARED_SHARE_OF_DRIVE_CUTOFF = 0.5
 """Share of the cut-off of a drive's low-pass that is compared: there 0.06 of the amplitude is gone."""
-MIN_KEPT_SAMPLES = 20
+MIN_KEPT_TORQUE_SAMPLES = 20
 """Least number of samples of a torque that are kept, where so many were recorded."""
-AVERAGED_POSTURES = 20
+INERTIA_AVERAGE_POSTURES = 20
 """Number of postures of a run over which inertias are averaged."""
-NOISE_FREQUENCIES = np.linspace(0.0, MAX_KEPT_RATE / (2.0 * WHITE_RATE_SHARE), 701)
+POSITION_NOISE_FREQUENCIES_HZ = np.linspace(0.0, MAX_THINNED_TORQUE_RATE_HZ / (2.0 * WHITE_RATE_OVER_TWICE_CUTOFF), 701)
 """Frequencies of the spectra of the positions' noise, Hz."""
-EDGE_PERIODS = 0.5
+OMITTED_EDGE_CUTOFF_PERIODS = 0.5
 """Periods of the cut-off that are left out at both ends, where smoothing has neighbours on one side only."""
-MAX_GAP_PERIODS = 0.25
+MAX_GAP_CUTOFF_PERIODS = 0.25
 """Longest gap, in periods of the cut-off, that does not change the low-passed torque."""
-MAX_UNEXPLAINED_SHARE = 0.1
+MAX_UNEXPLAINED_READING_SHARE = 0.1
 """Share of a drive's reading below which what no physics explains is noise of differentiated positions: 0.003 to 0.013
 of generated arms, once 0.06; 0.2 of an SO-101, which has laws that are in no catalogue."""
-READING_FADING_SPEEDS = (0.05, 0.15)
+READING_FRICTION_FADING_SPEEDS = (0.05, 0.15)
 """Speeds of fading frictions, rad/s or m/s; see `Motion.own_columns`."""
 
 
 def comparison_cutoff(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingChoice, brought_in: np.ndarray) -> float:
     """Cut-off, Hz, of the low-pass that keeps as much torque and as little noise as possible for a comparison.
 
-    It is the f up to `MAX_STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S
-    the spectrum of the measured torque and P that of the torque by the positions' noise.
+    It is the f up to `MAX_RIGID_LINK_FREQUENCY_HZ`, or up to the torque's own band, that maximises int_0^f S(f') -
+    P(f') df', with S the spectrum of the measured torque and P that of the torque by the positions' noise.
 
     Args:
         stamps: (n,) time stamps, s.
         torque: (n,) torque, N m or N.
         choice: the best smoothing of the torque, whose cut-off is the end of its own band.
-        brought_in: (nf,) spectrum P at `NOISE_FREQUENCIES`; see `torque_spectra_of_position_noise`.
+        brought_in: (nf,) spectrum P at `POSITION_NOISE_FREQUENCIES_HZ`; see `torque_spectra_of_position_noise`.
     """
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
-    as_recorded, per_second = 1.0 / interval, min(MIN_KEPT_SAMPLES, len(stamps) // 3) / float(stamps[-1] - stamps[0])
+    as_recorded, per_second = (
+        1.0 / interval,
+        min(MIN_KEPT_TORQUE_SAMPLES, len(stamps) // 3) / float(stamps[-1] - stamps[0]),
+    )
     # Without visible noise up to the highest cut-off that was tried, the end of the band is unknown.
-    own_band = BAND_LIMIT_SHARE * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
-    widest = min(max(MAX_STIFF_HZ, own_band), float(NOISE_FREQUENCIES[-1]))
+    own_band = (
+        BAND_SHARE_OF_SMOOTHING_CUTOFF * choice.cutoff
+        if choice.cutoff < 0.99 * MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE / interval
+        else 0.0
+    )
+    widest = min(max(MAX_RIGID_LINK_FREQUENCY_HZ, own_band), float(POSITION_NOISE_FREQUENCIES_HZ[-1]))
     frequencies, measured = _spectrum(stamps, torque, interval)
     frequencies, measured = frequencies[frequencies <= widest], measured[frequencies <= widest]
-    last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, NOISE_FREQUENCIES, brought_in))))
+    last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, POSITION_NOISE_FREQUENCIES_HZ, brought_in))))
     useful = widest if last == len(frequencies) - 1 else float(frequencies[last])
-    return min(max(2.0 * WHITE_RATE_SHARE * useful, per_second), as_recorded) / (2.0 * WHITE_RATE_SHARE)
+    return min(max(2.0 * WHITE_RATE_OVER_TWICE_CUTOFF * useful, per_second), as_recorded) / (
+        2.0 * WHITE_RATE_OVER_TWICE_CUTOFF
+    )
 
 
 def torque_spectra_of_position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
-    """(nj, nf) spectra, (N m)^2/Hz, of the torque by the noise of all smoothed positions, at `NOISE_FREQUENCIES`.
+    """(nj, nf) spectra, (N m)^2/Hz, of torque by the noise of smoothed positions, at `POSITION_NOISE_FREQUENCIES_HZ`.
 
     A small error e of the positions changes the torque by M(q) e'' + dg/dq e; squared factors are averaged over the
     run's postures.
     """
     data = model.createData()
-    squares = np.zeros((model.nv, model.nv, len(NOISE_FREQUENCIES)))
-    for q in motion.at(np.linspace(motion.start, motion.end, AVERAGED_POSTURES)).q:
+    squares = np.zeros((model.nv, model.nv, len(POSITION_NOISE_FREQUENCIES_HZ)))
+    for q in motion.at(np.linspace(motion.start, motion.end, INERTIA_AVERAGE_POSTURES)).q:
         mass = np.triu(pin.crba(model, data, q).reshape(model.nv, model.nv))
         stiffness = pin.computeGeneralizedGravityDerivatives(model, data, q).reshape(model.nv, model.nv)
-        inertial = np.multiply.outer(mass + np.triu(mass, 1).T, (2.0 * np.pi * NOISE_FREQUENCIES) ** 2)
-        squares += (stiffness[:, :, None] - inertial) ** 2 / AVERAGED_POSTURES
+        inertial = np.multiply.outer(mass + np.triu(mass, 1).T, (2.0 * np.pi * POSITION_NOISE_FREQUENCIES_HZ) ** 2)
+        squares += (stiffness[:, :, None] - inertial) ** 2 / INERTIA_AVERAGE_POSTURES
     choices = [j.choice for j in motion.joints]
-    passed = [1.0 / (1.0 + (NOISE_FREQUENCIES / c.cutoff) ** (2 * c.order)) ** 2 for c in choices]
+    passed = [1.0 / (1.0 + (POSITION_NOISE_FREQUENCIES_HZ / c.cutoff) ** (2 * c.order)) ** 2 for c in choices]
     spectra = np.array([j.choice.noise**2 * j.interval for j in motion.joints])[:, None] * np.array(passed)
     return np.asarray(np.einsum("jif,if->jf", squares, spectra))
 
@@ -184,7 +198,7 @@ def low_passed_and_thinned(
         cutoff = comparison_cutoff(stamps, values, choice, brought_in)
         drive = drives.get(name, DriveLowPass(np.inf, choice.noise))
         smoothed = bool(np.isfinite(drive.cutoff))
-        cutoff = min(cutoff, COMPARED_CUTOFF_SHARE * drive.cutoff)
+        cutoff = min(cutoff, COMPARED_SHARE_OF_DRIVE_CUTOFF * drive.cutoff)
         if isinstance(raw, DriveReading):
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
         known = samples_with_known_direction(motion, j, stamps, cutoff)
@@ -195,7 +209,7 @@ def low_passed_and_thinned(
             motion = motion.standing(stands)
             known = samples_with_known_direction(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
-        low = LowPass(SplineSamples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
+        low = LowPass(SplineSamples(stamps[known], MAX_UNDISTORTED_CUTOFF_PER_KNOT / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # The noise is that of the recording at its own rate, because thinned samples vary too much to show it. To a
         # smooth curve steps of friction look like noise; behind a low-pass there is more noise than samples show.
@@ -203,7 +217,7 @@ def low_passed_and_thinned(
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in)))
         if isinstance(raw, DriveReading):
             left = _unexplained(low.curve(physics[known])(time), channels[name].value)
-            if left < MAX_UNEXPLAINED_SHARE * float(np.std(values)):
+            if left < MAX_UNEXPLAINED_READING_SHARE * float(np.std(values)):
                 noise[name] = float(np.hypot(max(noise[name], left), raw.common_error_std))
         preparations[name] = Preparation(
             cutoff=cutoff,
@@ -213,7 +227,7 @@ def low_passed_and_thinned(
             recorded_rate=float((len(raw) - 1) / (raw.time[-1] - raw.time[0])),
             recorded=len(raw),
             left_out=float(np.mean(~known)),
-            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= MIN_CERTAIN_SIGN)),
+            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= MIN_CERTAIN_VELOCITY_SIGN)),
             smoothed=drive.cutoff if smoothed else None,
         )
     for name in at_rest if at_rest != set(preparations) else ():
@@ -254,7 +268,7 @@ def _physics(model: pin.Model, motion: MeasuredMotion, joint: int, stamps: np.nd
     load = inverse_dynamics(model, at.q, at.v, at.a)[:, joint]
     carried = torque_regressor(model, at.q, at.v, at.a)[:, joint, -1, :4]
     friction = at.direction[:, joint] * np.abs(load)
-    return np.column_stack([load, carried, *at.own_columns(joint, READING_FADING_SPEEDS), friction])
+    return np.column_stack([load, carried, *at.own_columns(joint, READING_FRICTION_FADING_SPEEDS), friction])
 
 
 def _unexplained(physics: np.ndarray, reading: np.ndarray) -> float:
@@ -266,8 +280,8 @@ def _unexplained(physics: np.ndarray, reading: np.ndarray) -> float:
 
 
 def _below(cutoff: float, spectrum: np.ndarray) -> float:
-    """Variance of a signal with a two-sided spectrum (nf,) at `NOISE_FREQUENCIES`, below a cut-off, Hz."""
-    return 2.0 * float(np.sum(spectrum[cutoff >= NOISE_FREQUENCIES]) * NOISE_FREQUENCIES[1])
+    """Variance of a signal with a two-sided spectrum (nf,) at `POSITION_NOISE_FREQUENCIES_HZ`, below a cut-off, Hz."""
+    return 2.0 * float(np.sum(spectrum[cutoff >= POSITION_NOISE_FREQUENCIES_HZ]) * POSITION_NOISE_FREQUENCIES_HZ[1])
 
 
 def samples_inside_motion(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
@@ -275,7 +289,7 @@ def samples_inside_motion(channel: Channel, motion: MeasuredMotion) -> np.ndarra
 
     At an end a smoothed acceleration has neighbours on one side only, and a several times larger standard deviation.
     """
-    edge = EDGE_PERIODS * max(1.0 / j.choice.cutoff for j in motion.joints)
+    edge = OMITTED_EDGE_CUTOFF_PERIODS * max(1.0 / j.choice.cutoff for j in motion.joints)
     edge = min(edge, 0.1 * (motion.end - motion.start))
     return (channel.time >= motion.start + edge) & (channel.time <= motion.end - edge)
 
@@ -293,10 +307,10 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
             f"{run.source or run.name}: '{name}', from {raw.time[0]:g} to {raw.time[-1]:g} s, and the positions, from "
             f"{motion.start:g} to {motion.end:g} s, were not recorded together: record them in one run"
         )
-    if np.count_nonzero(keep) < MIN_SAMPLES:
+    if np.count_nonzero(keep) < MIN_COMPARED_CHANNEL_SAMPLES:
         raise InputError(
             f"{run.source or run.name}: '{name}' has {np.count_nonzero(keep)} samples while the joints' positions were "
-            f"recorded, without the ends, at least {MIN_SAMPLES} are needed: record longer"
+            f"recorded, without the ends, at least {MIN_COMPARED_CHANNEL_SAMPLES} are needed: record longer"
         )
     inside = raw.selected(keep)
     replace(run, channels={name: inside}).require_informative(name)
@@ -311,12 +325,12 @@ def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.
     out of the measured and of the predicted torque. At rest friction takes any value up to breakaway, so rests are left
     out as well, except those of a joint that does little else.
     """
-    uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_SIGN
+    uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_VELOCITY_SIGN
     if not motion.joints[joint].mostly_rests:
         return ~uncertain
     edges = np.flatnonzero(np.diff(np.concatenate([[False], uncertain, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):
-        if stamps[end - 1] - stamps[begin] > MAX_GAP_PERIODS / cutoff:
+        if stamps[end - 1] - stamps[begin] > MAX_GAP_CUTOFF_PERIODS / cutoff:
             uncertain[begin:end] = False
     return ~uncertain
 
@@ -326,19 +340,19 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
 
     Beside a long gap, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
     """
-    step = 1.0 / (2.0 * WHITE_RATE_SHARE * cutoff)
+    step = 1.0 / (2.0 * WHITE_RATE_OVER_TWICE_CUTOFF * cutoff)
     usual = float(np.median(np.diff(stamps)))
     stamps = stamps[known]
     if len(stamps) < 2:
         return stamps[:0]
-    edge = min(EDGE_PERIODS / cutoff, 0.1 * (stamps[-1] - stamps[0]))
+    edge = min(OMITTED_EDGE_CUTOFF_PERIODS / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     time = time[nearest <= step / 2.0]
-    long = np.flatnonzero(np.diff(stamps) > usual + EDGE_PERIODS / cutoff)
+    long = np.flatnonzero(np.diff(stamps) > usual + OMITTED_EDGE_CUTOFF_PERIODS / cutoff)
     beside = np.zeros(len(time), dtype=bool)
     for begin, end in zip(stamps[long] - edge, stamps[long + 1] + edge, strict=True):
         beside |= (time > begin) & (time < end)

@@ -15,9 +15,9 @@ from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import DriveReading
 from armdyn.run import Run
 
-DELAY_STD = 2e-4
+IDENTIFIED_DELAY_STD_SECONDS = 2e-4
 """Usual error of an identified delay, s: the median of 40 generated arms."""
-INFORMATIVE_QUANTILES = (0.1, 0.9)
+INFORMATIVE_READING_QUANTILES = (0.1, 0.9)
 """Quantiles of a reading that differ where it contains information: a joint at rest has one value, but for a few."""
 
 
@@ -132,10 +132,10 @@ def _reading(
     given, smooth_given = (
         share * np.clip(torque, -servo.largest, servo.largest) for torque in (wanted, by_smooth_error + damped)
     )
-    if not np.ptp(np.quantile(given, INFORMATIVE_QUANTILES)) > 0.0:
+    if not np.ptp(np.quantile(given, INFORMATIVE_READING_QUANTILES)) > 0.0:
         return None
     std = gain_std if servo.unloaded is None else servo.unloaded
-    off = np.hypot(servo.determined * std / gain * given, DELAY_STD * np.gradient(wanted, q.time))
+    off = np.hypot(servo.determined * std / gain * given, IDENTIFIED_DELAY_STD_SECONDS * np.gradient(wanted, q.time))
     by_command = np.gradient(mean_command(run, joint, servo, edges), q.time)
     rate = np.where(np.abs(wanted) < servo.largest, share * scale * gain * by_command, 0.0)
     total = cumulative_trapezoid(given, q.time, initial=0.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import DIRECTION_INPUT, TorqueTerm
+from armdyn.arm.composition import DIRECTION_INPUT_INDEX, TorqueTerm
 from armdyn.arm.motion import MeasuredMotion
 from armdyn.parameter import RecordedColumn
 
@@ -109,7 +109,7 @@ class DelayedInputs:
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
         """(15 + c, n) inputs of a joint's functions at the earlier times, with c recorded quantities."""
         found = self.signal(self._stretch.inputs(joint, columns).T).T
-        found[DIRECTION_INPUT] = self._motion.direction(joint, self._time)
+        found[DIRECTION_INPUT_INDEX] = self._motion.direction(joint, self._time)
         return found
 
 

@@ -12,10 +12,10 @@ import pinocchio as pin
 
 from armdyn.arm.physics import Expression
 
-INERTIAL_PARAMETERS = 10
-MIN_EXTENT, MENDED_EXTENT = 0.001, 0.01
+INERTIAL_PARAMETERS_PER_BODY = 10
+MIN_LINK_EXTENT_METRES, MENDED_LINK_EXTENT_METRES = 0.001, 0.01
 """Extent of a described link, m, below which it is a point, which no deformation enlarges; then its mended extent."""
-MIN_MASS_SHARE = 1e-3
+MIN_LINK_MASS_SHARE_OF_HEAVIEST = 1e-3
 """Least mass of a link that can be deformed, as a share of the heaviest one; a lighter one gets this mass."""
 
 
@@ -68,11 +68,11 @@ def pseudo_inertia_factor(parameters: np.ndarray, heaviest: float) -> np.ndarray
     in the model; `heaviest` is the mass of the arm's heaviest link, kg.
     """
     J = pseudo_inertia(parameters)
-    mass = max(J[3, 3], MIN_MASS_SHARE * heaviest, np.finfo(float).tiny)
+    mass = max(J[3, 3], MIN_LINK_MASS_SHARE_OF_HEAVIEST * heaviest, np.finfo(float).tiny)
     centre = J[:3, 3] / J[3, 3] if J[3, 3] > 0 else np.zeros(3)
     spread = J[:3, :3] - J[3, 3] * np.outer(centre, centre)
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
-    mended = np.where(values < mass * MIN_EXTENT**2, mass * MENDED_EXTENT**2, values)
+    mended = np.where(values < mass * MIN_LINK_EXTENT_METRES**2, mass * MENDED_LINK_EXTENT_METRES**2, values)
     spread = (vectors * mended) @ vectors.T
     U = np.zeros((4, 4))
     U[:3, :3] = np.linalg.cholesky(spread[::-1, ::-1])[::-1, ::-1]
@@ -102,10 +102,10 @@ def inverse_dynamics(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarr
 def torque_regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """(n, nj, nj, 10) Y with tau_j = sum_l Y[., j, l] pi_l, pi_l the inertial parameters of the l-th moved link."""
     data, (n, nj) = model.createData(), q.shape
-    regressor = np.empty((n, nj, nj * INERTIAL_PARAMETERS))
+    regressor = np.empty((n, nj, nj * INERTIAL_PARAMETERS_PER_BODY))
     for i, row in enumerate(zip(*map(np.ascontiguousarray, (q, v, a)), strict=True)):
         regressor[i] = pin.computeJointTorqueRegressor(model, data, *row)
-    return regressor.reshape(n, nj, nj, INERTIAL_PARAMETERS)
+    return regressor.reshape(n, nj, nj, INERTIAL_PARAMETERS_PER_BODY)
 
 
 class GravityTorques:

@@ -19,12 +19,12 @@ from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 
-ROLLOUT_STEP, COARSE_STEP = 0.001, 0.004
+MAX_ROLLOUT_STEP_SECONDS, MAX_COARSE_ROLLOUT_STEP_SECONDS = 0.001, 0.004
 """Longest step of a simulation, s, and of one that only leads a fit near its optimum. In arms that stick and slide, the
 error of the first is below an encoder's noise; that of the second is up to ten times larger and biases frictions."""
-MAX_STIFF_STEP_SHARE = 0.5
+MAX_STEP_SHARE_OF_SERVO_TIME = 0.5
 """Longest step as a share of sqrt(I/k), the time in which a servo with gain k pulls back an inertia I."""
-ROLLOUT_SECONDS = (0.5, 5.0)
+ROLLOUT_WINDOW_SECONDS = (0.5, 5.0)
 """Lengths of the windows of recordings that cannot be simulated as a whole, s."""
 MIN_ENCODER_STEP = 1e-6
 """Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
@@ -134,7 +134,7 @@ def simulated_positions(
     theta: np.ndarray,
     window: SimulationWindow,
     servos: Sequence[Servo | None] | None = None,
-    longest: float = ROLLOUT_STEP,
+    longest: float = MAX_ROLLOUT_STEP_SECONDS,
 ) -> np.ndarray:
     """(n, nj) simulated positions at the stamps of a window.
 
@@ -158,7 +158,9 @@ def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | Non
     rigid = model.rigid_at(theta)
     mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid))).tolist()
     stiff = ((m, s.gain.value) for m, s in zip(mass, servos, strict=True) if s and s.gain and s.law == "position")
-    return min((MAX_STIFF_STEP_SHARE * float(np.sqrt(inertia / gain)) for inertia, gain in stiff), default=np.inf)
+    return min(
+        (MAX_STEP_SHARE_OF_SERVO_TIME * float(np.sqrt(inertia / gain)) for inertia, gain in stiff), default=np.inf
+    )
 
 
 def _drives(
@@ -199,7 +201,7 @@ def simulated_position_errors(model: ArmModel, runs: Sequence[tuple[Run, str]]) 
         if not can_simulate_motion(model, run):
             continue
         whole = has_all_position_commands(model, run)
-        for length in (np.inf,) if whole else ROLLOUT_SECONDS:
+        for length in (np.inf,) if whole else ROLLOUT_WINDOW_SECONDS:
             parts = simulation_windows(run, model.arm.joints, length)
             with np.errstate(all="ignore"):  # under a torque that nothing resists positions become infinite
                 errors = np.vstack([simulated_positions(model, theta, part) - part.q for part in parts])

@@ -17,7 +17,7 @@ from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import joint_axes, parent_joints
 from armdyn.errors import InputError
 
-READING_EFFECTS = frozenset({"torque_offset", "torque_gain", "servo_gain"})
+DRIVE_GAIN_AND_OFFSET_EFFECTS = frozenset({"torque_offset", "torque_gain", "servo_gain"})
 """Effects on the gain and offset between a drive's torque and its command or reading."""
 
 
@@ -70,7 +70,7 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
 
 def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
     """Gain and offset, N m or N, of each drive's command or reading."""
-    present = {effect.name for effect in model.effects if effect.name in READING_EFFECTS}
+    present = {effect.name for effect in model.effects if effect.name in DRIVE_GAIN_AND_OFFSET_EFFECTS}
     return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only_effects(present))[-1]]
 
 

@@ -24,7 +24,7 @@ FIRST_QUASI_NEWTON_STEPS = 2
 """Number of quasi-Newton steps before Newton's method, which from a guess at rest can end at a motion without a
 swing."""
 ARMIJO_SHARE = 1e-4
-MIN_STEP_LENGTH = 2.0**-20
+MIN_LINE_SEARCH_STEP = 2.0**-20
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class ProjectionOptimizer:
                 return Solution(at.states, at.controls[0], at.cost, tuple(history), perf_counter() - started)
             dz, dv = (a.copy() for a in self._forward(model.A, model.B, model.gains, model.feedforward))
             size = 1.0
-            while size >= MIN_STEP_LENGTH:
+            while size >= MIN_LINE_SEARCH_STEP:
                 trial = project(at.states + size * dz, at.controls + size * dv, model.gains)
                 if np.isfinite(trial.cost) and trial.cost <= at.cost + ARMIJO_SHARE * size * model.slope:
                     break

@@ -15,7 +15,7 @@ EFFECT_CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values for which a plan is computed one after another, if it is not found directly."""
 
 
-WALL_ROOF_SLOPE, WALL_ROOF_RADIUS = 1.0, 0.005
+WALL_ROOF_SLOPE, WALL_ROOF_RIDGE_RADIUS_METRES = 1.0, 0.005
 """Slope of a roof over the wall, above which the load must stay, and radius, m, of its ridge. The wall alone is too
 thin: it would push a load inside it to the side, and a fast load passes it between two nodes."""
 
@@ -247,7 +247,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
-    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + WALL_ROOF_RADIUS**2) - WALL_ROOF_RADIUS
+    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + WALL_ROOF_RIDGE_RADIUS_METRES**2) - WALL_ROOF_RIDGE_RADIUS_METRES
     roof = c["wall_z"] + c["clearance"] - WALL_ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)

@@ -13,12 +13,12 @@ from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 from armdyn.recording.channels import FloatArray
 
-MISSING_TORQUE_SHARE = 0.1
+MISSING_TORQUE_SHARE_OF_RMS = 0.1
 """Typical size of a missing torque, as a share of the joint's root mean square torque."""
-COGGING_PERIODS = 28
+COGGING_PERIODS_TRIED = 28
 """Number of periods that are tried for a torque that repeats along the position; neighbours differ by 15 %, so that a
 fit from the nearest one reaches any period between them."""
-MIN_COGGING_PERIOD, MAX_COGGING_PERIOD = 0.03, 1.5
+MIN_COGGING_PERIOD_SHARE_OF_RANGE, MAX_COGGING_PERIOD_SHARE_OF_RANGE = 0.03, 1.5
 """Shortest and longest of these periods, as a share of the range of the joint's position."""
 
 
@@ -49,7 +49,9 @@ def _of_joint(
     yield from shapes.cable_terms(site, position)
     yield shapes.magnet_term(site, position)
     yield from shapes.gear_play_terms(site, speed, position, (0.01 * position.span, 0.05 * position.span))
-    periods = position.span * np.geomspace(MIN_COGGING_PERIOD, MAX_COGGING_PERIOD, COGGING_PERIODS)
+    periods = position.span * np.geomspace(
+        MIN_COGGING_PERIOD_SHARE_OF_RANGE, MAX_COGGING_PERIOD_SHARE_OF_RANGE, COGGING_PERIODS_TRIED
+    )
     yield from shapes.cogging_terms(site, position, periods.tolist())
 
 
@@ -67,7 +69,7 @@ def _joints(fit: Fit) -> Iterator[tuple[TermLocation, dict[str, TermVariable]]]:
         if f"tau.{joint}" not in seen:
             continue
         q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
-        typical = MISSING_TORQUE_SHARE * float(np.sqrt(np.mean(torque**2)))
+        typical = MISSING_TORQUE_SHARE_OF_RMS * float(np.sqrt(np.mean(torque**2)))
         rubs = "joint.with_torque(joint.direction * ({}))"
         dry = TermLocation("joint", "N m", rubs, typical, "", formula_pattern="sign(speed) * ({})", joint=joint)
         site = TermLocation("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)

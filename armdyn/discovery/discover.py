@@ -37,16 +37,16 @@ from armdyn.parameter import Parameter
 from armdyn.threads import one_thread
 
 Terms = Callable[[Fit], Iterator[CandidateTerm]]
-TERMS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
+TERM_FUNCTIONS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
 """Functions that give candidate formulas and candidate curves, by base model; a user's own base has those of
 `discovery.physics`."""
-MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
+MAX_EVALUATED_TERMS_PER_JOINT, MAX_EVALUATED_TERMS_PER_KIND = 12, 3
 """Largest number of terms for one joint, and of one kind for one joint, that are fully evaluated: those with the
 largest predicted contribution."""
-MAX_CURVE_RESIDUAL_SHARE = 0.7
+MAX_CURVE_ERROR_SHARE_OF_FORMULA = 0.7
 """A curve is reported in place of a formula if it leaves less than this share of the squared error (above the noise)
 that the formula leaves."""
 
@@ -73,7 +73,7 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
     given = Search((SearchStep((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return describe_discovery(bare, given, {}, {})
-    formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
+    formulas, curves = TERM_FUNCTIONS_BY_BASE.get(model.base, (physics_terms, physics_curves))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     searched = partial(_searched, study, say)
     terms = named_terms(formulas(first), taken)
@@ -83,7 +83,7 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = searched(smooth)
-        if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
+        if other.squared_error(drawn.last.fit) < MAX_CURVE_ERROR_SHARE_OF_FORMULA * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
     return describe_discovery(study, found, terms, {e.name: e for e in catalogue})
 
@@ -120,7 +120,7 @@ def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: Se
         if term is None:
             continue
         joint, kind = term.location.joint, term.kind
-        if looked_at[joint,] < MAX_TERMS_PER_JOINT and looked_at[joint, kind] < MAX_TERMS_PER_KIND:
+        if looked_at[joint,] < MAX_EVALUATED_TERMS_PER_JOINT and looked_at[joint, kind] < MAX_EVALUATED_TERMS_PER_KIND:
             looked_at.update([(joint,), (joint, kind)])
             found.add(term.name)
     return found

@@ -9,7 +9,7 @@ from armdyn.discovery import shapes
 from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable, recorded_variables
 from armdyn.identify.fit import Fit
 
-MISSING_FORCE_SHARE = 0.02
+MISSING_FORCE_SHARE_OF_WEIGHT = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
 
 
@@ -53,7 +53,7 @@ def _sites(fit: Fit) -> tuple[TermLocation, TermLocation, TermLocation, dict[str
         for name, value in {**found, "position": along - length * np.sin(angle)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
-    torque = MISSING_FORCE_SHARE * mass * gravity * length
+    torque = MISSING_FORCE_SHARE_OF_WEIGHT * mass * gravity * length
     dry = TermLocation("string", "N m", "string.with_dry_torque({})", torque, formula_pattern="-sign(speed) * {}")
     string = TermLocation("string", "N m", "string.with_torque({})", torque, dry_friction_site=dry)
     load = TermLocation("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
@@ -61,7 +61,7 @@ def _sites(fit: Fit) -> tuple[TermLocation, TermLocation, TermLocation, dict[str
         "gripper",
         "m",
         "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))",
-        0.1 * MISSING_FORCE_SHARE * length,
+        0.1 * MISSING_FORCE_SHARE_OF_WEIGHT * length,
     )
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip

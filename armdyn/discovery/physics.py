@@ -16,7 +16,7 @@ from armdyn.physics.definition import RATE_STAGE
 from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 
-MISSING_RATE_SHARE = 0.05
+MISSING_TERM_SHARE_OF_STATE_RATE = 0.05
 """Typical size of a missing term in the rate (time derivative) of a state, as a share of the rate."""
 RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
 """Names that formulas use for their own parameters, so that a state or input gets another name in them."""
@@ -59,7 +59,7 @@ def _states(fit: Fit) -> Iterator[tuple[TermLocation, list[TermVariable]]]:
     variables = [variable for variable in variables if variable.span > 0.0]
     for name, parts in rates.items():
         unit = divide_units(units[name], ("s", 1))
-        size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        size = MISSING_TERM_SHARE_OF_STATE_RATE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         yield (
             TermLocation(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name),
             variables,

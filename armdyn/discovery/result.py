@@ -20,7 +20,7 @@ from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE_STAGE
 
-MIN_LAW_SHARE = 0.5
+MIN_ERROR_SHARE_EXPLAINED_BY_LAWS = 0.5
 """Least share of the squared error that the discovered laws must explain for a good result."""
 
 
@@ -220,7 +220,7 @@ class Discovery(Displayable):
         sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
         level = (
             ResultLevel.CAUTION
-            if self.residual_exceeds_noise and self.explained_share < MIN_LAW_SHARE
+            if self.residual_exceeds_noise and self.explained_share < MIN_ERROR_SHARE_EXPLAINED_BY_LAWS
             else ResultLevel.GOOD
         )
         data = {"missing_force": lambda: missing_force_columns(self.missing_force)}

@@ -7,17 +7,17 @@ import numpy as np
 
 from armdyn.discovery.term import CandidateTerm, TermLocation, TermParameter, TermVariable
 from armdyn.discovery.units import divide_units
-from armdyn.identify.thresholds import THRESHOLD_RANGE_SIZES
+from armdyn.identify.thresholds import THRESHOLD_RANGE_TYPICAL_SIZES
 
-CURVE_VALUES = 7
+VALUES_PER_CURVE = 7
 """Number of values that define a smooth curve: fewer cannot follow the force of a magnet along its way, and each value
 makes the penalty of the term larger."""
-STEP_WIDTHS: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
+FORCE_STEP_WIDTH_BY_UNIT: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 """Width over which a step from one force to another is smoothed, by the unit of the quantity: samples resolve no
 sharper step. It is equal for all recordings, so that compiled equations can be used again."""
-STEP_WIDTH_SHARE = 0.01
-"""Width of a step at zero for a quantity whose unit is not in `STEP_WIDTHS`, as a share of its largest value."""
-MAGNET_WIDTH_SHARE = 1.0 / 7.0
+FORCE_STEP_WIDTH_SHARE_OF_MAX = 0.01
+"""Width of a step at zero for a quantity whose unit is not in `FORCE_STEP_WIDTH_BY_UNIT`, over its largest value."""
+MAGNET_WIDTH_SHARE_OF_RANGE = 1.0 / 7.0
 """Width of a magnet's pull with which its position is searched, as a share of the range of the positions."""
 PLAY_EXPONENT = 8
 """Exponent n with which the force of a gear's play approaches its limit; see `gear_play_terms`. Compared with a spring
@@ -63,7 +63,7 @@ def rate_terms(site: TermLocation, v: TermVariable) -> Shapes:
         yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
                       scale=0.3 * v.span)  # fmt: skip
     if v.low < 0.0 < v.high:
-        narrow = float(f"{STEP_WIDTH_SHARE * v.size:.2g}")
+        narrow = float(f"{FORCE_STEP_WIDTH_SHARE_OF_MAX * v.size:.2g}")
         yield _single(site, "step", f"something that turns round with {spoken}", (v,),
                       f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
 
@@ -114,7 +114,7 @@ def curve_terms(
 
 def position_parameter(v: TermVariable) -> TermParameter:
     """Declare a position that is searched over the whole range of a quantity in the runs; see `identify.thresholds`."""
-    middle, typical = (v.low + v.high) / 2, v.span / (2.0 * THRESHOLD_RANGE_SIZES)
+    middle, typical = (v.low + v.high) / 2, v.span / (2.0 * THRESHOLD_RANGE_TYPICAL_SIZES)
     return TermParameter(v.unit, middle, 0.0, v.low, v.high, typical=typical)
 
 
@@ -132,7 +132,7 @@ def stop_terms(site: TermLocation, v: TermVariable) -> Shapes:
 def one_sided_friction_terms(site: TermLocation, v: TermVariable, speed: TermVariable) -> Shapes:
     """Candidate terms for friction, viscous or dry, on one side only of a position."""
     for side, sign in (("above", "+"), ("below", "-")):
-        step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
+        step = f"(1 {sign} ca.tanh(({v.name} - place) / {FORCE_STEP_WIDTH_BY_UNIT[v.unit]:g})) / 2"
         says = f"friction only {side} a certain {v.name}"
         yield from _frictions(site, "one-sided rub", says, v, speed, step, {"place": position_parameter(v)})
 
@@ -142,7 +142,7 @@ def magnet_term(site: TermLocation, v: TermVariable) -> CandidateTerm:
 
     Where the site's expression contains ``{away}``, the force also has a component across the way.
     """
-    width = MAGNET_WIDTH_SHARE * v.span
+    width = MAGNET_WIDTH_SHARE_OF_RANGE * v.span
     where = {
         "place": position_parameter(v),
         "width": TermParameter(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
@@ -250,8 +250,8 @@ def curve_term(site: TermLocation, v: TermVariable, speed: TermVariable | None =
 
     With `speed`, the spline is the coefficient of a friction in proportion to that speed.
     """
-    step = v.span / (CURVE_VALUES - 3)
-    centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
+    step = v.span / (VALUES_PER_CURVE - 3)
+    centres = v.low + step * (np.arange(VALUES_PER_CURVE) - 1)
     lines = (
         "",
         "def near(centre):  # 2/3 there, nothing from two knots on",

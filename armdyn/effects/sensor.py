@@ -11,12 +11,12 @@ from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.pendulum.physics import Expression, Sensor
 
-CLOCKS = ("gripper_x", "load_force", "swing_angle", "swing_rate")
+CHANNELS_WITH_OWN_CLOCK = ("gripper_x", "load_force", "swing_angle", "swing_rate")
 
 
 def _late(channel: str, typical: float, most: float, summary: str) -> Any:
     """Parameter for the delay [s] of a channel's sensor; one sensor alone cannot show it in a free swing."""
-    others = tuple(name for name in CLOCKS if name != channel)
+    others = tuple(name for name in CHANNELS_WITH_OWN_CLOCK if name != channel)
     return quantity("s", typical=typical, lower=0.0, upper=most, summary=summary, needs=(channel,), beside=others)
 
 

@@ -17,26 +17,26 @@ from armdyn.experiments.limits import MotionLimits, two_sided_excess
 from armdyn.experiments.search import EvaluatedMotion, MotionProblem
 from armdyn.experiments.series import FourierSeries, SeriesBasis
 
-INSTANTS_PER_SECOND = 8.0
+EVALUATED_INSTANTS_PER_SECOND = 8.0
 """Number of instants per second at which information and torques of a motion are computed."""
-KINEMATIC_REFINEMENT = 3
-"""Factor on `INSTANTS_PER_SECOND` for positions, speeds and accelerations, whose peaks cost little to find."""
-ARM_ROUND_STEPS = (20, 40, 40, 30, 20, 15)
+KINEMATIC_INSTANTS_FACTOR = 3
+"""Factor on `EVALUATED_INSTANTS_PER_SECOND` for positions, speeds and accelerations, whose peaks are cheap to find."""
+ARM_LBFGS_STEPS_BY_ROUND = (20, 40, 40, 30, 20, 15)
 """Numbers of L-BFGS steps in the rounds of the search for an arm's motion."""
-ARM_STARTS = 3
+ARM_SEARCH_STARTS = 3
 """Number of random motions of an arm from which the search starts."""
-MAX_CONSTRAINED_MARGIN = 0.3
+MAX_CONSTRAINED_POSTURE_MARGIN = 0.3
 """Margin of a posture below which its distance from obstacles is constrained; see `PostureConstraint.margin`."""
-MIN_MARGIN = -0.4
+MIN_LINEARISABLE_POSTURE_MARGIN = -0.4
 """Margin below which a posture is so deep inside an obstacle that linearised constraints do not lead out of it."""
-MARGIN_DIFFERENCE = 1e-4
+MARGIN_DIFFERENCE_STEP = 1e-4
 """Step of the finite differences of margins, rad or m."""
-FORBIDDEN_POSTURE_EXCESS = 0.03
+FORBIDDEN_POSTURE_EXCESS_SHARE = 0.03
 """Excess over limits that is assigned to a motion with a forbidden posture, as a share: such a motion is made smaller
 by this share."""
-CENTRE_RANGE_SHARE = 0.7
+MOTION_CENTRE_RANGE_SHARE = 0.7
 """Share of the range of positions from which the centre of a random motion is drawn."""
-MAX_CENTRES = 200
+MAX_MOTION_CENTRES_TRIED = 200
 """Number of random centres that are tried before the arm counts as unable to rest anywhere."""
 
 
@@ -73,18 +73,18 @@ class ArmProblem(MotionProblem):
     postures: PostureConstraint
     posture_half_spaces: tuple[np.ndarray, np.ndarray] | None = None
 
-    steps_per_round, start_count = ARM_ROUND_STEPS, ARM_STARTS
+    steps_per_round, start_count = ARM_LBFGS_STEPS_BY_ROUND, ARM_SEARCH_STARTS
 
     @cached_property
     def torque_basis(self) -> SeriesBasis:
         """The Fourier series at the (n,) instants at which information and torques are computed."""
-        count = max(ceil(INSTANTS_PER_SECOND * self.series.period), 4 * self.series.harmonics)
+        count = max(ceil(EVALUATED_INSTANTS_PER_SECOND * self.series.period), 4 * self.series.harmonics)
         return self.series.basis_at(self.series.period * np.arange(count) / count)
 
     @cached_property
     def kinematic_basis(self) -> SeriesBasis:
-        """The Fourier series at `KINEMATIC_REFINEMENT` times as many instants as `torque_basis`."""
-        count = KINEMATIC_REFINEMENT * len(self.torque_basis.time)
+        """The Fourier series at `KINEMATIC_INSTANTS_FACTOR` times as many instants as `torque_basis`."""
+        count = KINEMATIC_INSTANTS_FACTOR * len(self.torque_basis.time)
         return self.series.basis_at(self.series.period * np.arange(count) / count)
 
     @property
@@ -108,21 +108,21 @@ class ArmProblem(MotionProblem):
         return max(self.kinematic_excess(x), float(np.max(np.abs(torque) / self.limits.effort)) - 1.0)
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a motion exceeds a limit; a forbidden posture counts `FORBIDDEN_POSTURE_EXCESS`."""
+        """Largest share by which a motion exceeds a limit; a forbidden posture is `FORBIDDEN_POSTURE_EXCESS_SHARE`."""
         excess = self.grid_excess(x)
         if excess > 0.0:
             return excess
         q = self.torque_basis.motion(x).q
         # Postures far apart are tested first: a motion that is too large mostly fails there at once.
         order = np.argsort(np.arange(len(q)) * 0.6180339887 % 1.0)
-        return excess if all(self.postures.free(posture) for posture in q[order]) else FORBIDDEN_POSTURE_EXCESS
+        return excess if all(self.postures.free(posture) for posture in q[order]) else FORBIDDEN_POSTURE_EXCESS_SHARE
 
     def random_centre(self, rng: np.random.Generator) -> np.ndarray | None:
         """A random posture that is allowed and that the joints' torques can hold; None if none was found."""
         still = np.zeros((len(self.limits.half_range), self.series.coefficient_count))
-        for _ in range(MAX_CENTRES):
+        for _ in range(MAX_MOTION_CENTRES_TRIED):
             away = self.limits.half_range * rng.uniform(-1.0, 1.0, len(still))
-            still[:, 0] = self.limits.middle + CENTRE_RANGE_SHARE * away
+            still[:, 0] = self.limits.middle + MOTION_CENTRE_RANGE_SHARE * away
             if self.postures.free(still[:, 0]) and self.grid_excess(still) <= 0.0:
                 return still[:, 0]
         return None
@@ -133,12 +133,12 @@ class ArmProblem(MotionProblem):
         normal, bound = np.zeros(finer.shape), np.full(len(finer), -np.inf)
         for i, q in enumerate(self.torque_basis.motion(x).q):
             here = margin(q)
-            if here > MAX_CONSTRAINED_MARGIN:
+            if here > MAX_CONSTRAINED_POSTURE_MARGIN:
                 continue
-            steps = MARGIN_DIFFERENCE * np.eye(len(q))
-            slope = np.array([margin(q + step) - here for step in steps]) / MARGIN_DIFFERENCE
-            for away in range(-(KINEMATIC_REFINEMENT // 2), KINEMATIC_REFINEMENT // 2 + 1):
-                k = (KINEMATIC_REFINEMENT * i + away) % len(finer)
+            steps = MARGIN_DIFFERENCE_STEP * np.eye(len(q))
+            slope = np.array([margin(q + step) - here for step in steps]) / MARGIN_DIFFERENCE_STEP
+            for away in range(-(KINEMATIC_INSTANTS_FACTOR // 2), KINEMATIC_INSTANTS_FACTOR // 2 + 1):
+                k = (KINEMATIC_INSTANTS_FACTOR * i + away) % len(finer)
                 normal[k], bound[k] = slope, slope @ finer[k] - (margin(finer[k]) if away else here)
         return replace(self, posture_half_spaces=(normal, bound))
 
@@ -152,7 +152,7 @@ class ArmProblem(MotionProblem):
             touching = (
                 q for q in self.torque_basis.motion(x).q if not self.postures.free(q)
             )  # fast; distances are not
-            if all(self.postures.margin(q) > MIN_MARGIN for q in touching):
+            if all(self.postures.margin(q) > MIN_LINEARISABLE_POSTURE_MARGIN for q in touching):
                 return np.asarray(x)
         return before
 

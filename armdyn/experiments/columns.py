@@ -14,12 +14,12 @@ from armdyn.arm.motion import Motion
 from armdyn.experiments.series import AxisMotion
 from armdyn.parameter import Parameter
 
-TORQUE_NOISE_SHARE = 2e-3
+TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT = 2e-3
 """Standard deviation of a torque sample, as a share of the joint's effort limit, if the noise is not known. Recordings
 of Baxter have 0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
-SLOW_SPEED_SHARE = 0.02
+SLOW_SHARE_OF_SPEED_LIMIT = 0.02
 """Speed below which a joint's direction of motion is uncertain, as a share of its speed limit."""
-REGRESSION_PRIOR_SIZE = 10.0
+REGRESSION_PRIOR_STD_TYPICAL_SIZES = 10.0
 """Prior standard deviation of an unknown before the recording, in typical sizes, as in a repair's fits."""
 RANDOM_STATES_FOR_ACTIVE_PARAMETERS = 50
 """Number of random states at which torques are differentiated to find unknowns that act only through another
@@ -60,13 +60,13 @@ class TorqueRegressor:
     @cached_property
     def prior(self) -> np.ndarray:
         """(P,) prior standard deviations of the unknowns, in typical sizes."""
-        stds = [p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_SIZE for p in self.unknowns]
-        return np.minimum(stds, REGRESSION_PRIOR_SIZE)
+        stds = [p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_STD_TYPICAL_SIZES for p in self.unknowns]
+        return np.minimum(stds, REGRESSION_PRIOR_STD_TYPICAL_SIZES)
 
     @cached_property
     def noise(self) -> np.ndarray:
         """(nj,) standard deviation of a torque sample, N m or N."""
-        return TORQUE_NOISE_SHARE * np.asarray(self.arm.robot.limits.effort)
+        return TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT * np.asarray(self.arm.robot.limits.effort)
 
     def column_indices(self, effect: str, joint: str | None = None) -> np.ndarray:
         """Column indices of an effect's unknowns, on one joint or on all."""
@@ -81,7 +81,7 @@ class TorqueRegressor:
         return self._torque(self._states(motion))
 
     def _states(self, motion: AxisMotion) -> MotionSamples:
-        slow = SLOW_SPEED_SHARE * np.asarray(self.arm.robot.limits.velocity)
+        slow = SLOW_SHARE_OF_SPEED_LIMIT * np.asarray(self.arm.robot.limits.velocity)
         direction = erf(motion.v / (np.sqrt(2.0) * slow))
         apart = np.zeros(len(motion.q))  # no effect here depends on time
         return MotionSamples(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)

@@ -18,7 +18,7 @@ ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its symmetric (P, P) derivative by the information matrix."""
 InformationCriterion: TypeAlias = Callable[[np.ndarray], ValueAndGradient]
 """A function of a (P, P) information matrix that is to be minimised."""
-NEGLIGIBLE_RISE = 1e-4
+NEGLIGIBLE_CHI2_RISE = 1e-4
 """Rise of chi2 that counts as zero; it keeps the criterion finite for effects that a motion does not distinguish."""
 
 
@@ -100,7 +100,7 @@ def log_harmonic_separation(
     for case in cases:
         everything = np.concatenate([case.own, case.fitted])
         L, T = case.information_after_refit(information, prior)
-        inverse = np.linalg.inv(L + NEGLIGIBLE_RISE * np.eye(len(L)))
+        inverse = np.linalg.inv(L + NEGLIGIBLE_CHI2_RISE * np.eye(len(L)))
         total += float(np.trace(inverse))
         # dL = T' dF T, since the best refit does not change in first order.
         slopes[np.ix_(everything, everything)] -= T @ inverse @ inverse @ T.T

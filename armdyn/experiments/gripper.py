@@ -31,41 +31,41 @@ from armdyn.experiments.separation import RefittedRival, linear_separation
 from armdyn.experiments.series import FourierSeries, SeriesBasis
 from armdyn.pendulum.path import GripperPath
 
-GRIPPER_BAND_HZ = 2.5
+GRIPPER_MAX_FREQUENCY_HZ = 2.5
 """Highest frequency of a designed motion of the gripper, Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and
 hardly swings the load."""
-GRIPPER_MAX_PERIOD = 9.6
+GRIPPER_MAX_PERIOD_SECONDS = 9.6
 """Longest period of a gripper's motion, s, which has 24 harmonics; a longer motion repeats a period."""
-MIN_MOTION_SECONDS = 3.0
+MIN_GRIPPER_MOTION_SECONDS = 3.0
 """Shortest designed motion of a gripper, s; a shorter one contains no swing of a load on a usual string."""
-MAX_MOTION_SECONDS = 120.0
+MAX_GRIPPER_MOTION_SECONDS = 120.0
 """Longest designed motion of a gripper, s."""
-NODE_SECONDS = 0.01
+GRIPPER_NODE_INTERVAL_SECONDS = 0.01
 """Time between the nodes of a gripper's motion, s."""
-COARSE_NODE_SECONDS = 0.02
-"""Time between the nodes of a gripper's motion during the search, s; the result has `NODE_SECONDS`."""
-RANDOM_MOTIONS = 24
+COARSE_NODE_INTERVAL_SECONDS = 0.02
+"""Time between the nodes of a gripper's motion during the search, s; the result has `GRIPPER_NODE_INTERVAL_SECONDS`."""
+RANDOM_GRIPPER_MOTIONS_TRIED = 24
 """Number of random motions of a gripper, the best of which are optimised."""
-GRIPPER_ROUND_STEPS = (10, 16, 16)
+GRIPPER_LBFGS_STEPS_BY_ROUND = (10, 16, 16)
 """Numbers of L-BFGS steps in the rounds of the search with two hypotheses; with more hypotheses they are divided."""
-GRIPPER_STARTS = 2
+GRIPPER_SEARCH_STARTS = 2
 """Number of random motions of a gripper from which the search starts."""
-MIN_ROUND_STEPS = 10
+MIN_LBFGS_STEPS_PER_ROUND = 10
 """Least number of L-BFGS steps in a round of the search."""
-MINIMUM_SHARPNESS = 4.0
+SMOOTH_MINIMUM_SHARPNESS = 4.0
 """Sharpness of the smooth minimum of the logarithms of the separations of all pairs of hypotheses."""
-REFIT_STEPS = 2
+RIVAL_REFIT_STEPS_PER_MOTION = 2
 """Number of steps of a rival's refit at each motion; the refit starts from the values at the previous motion."""
-PAIRS_PER_ROUND = 4
+HYPOTHESIS_PAIRS_PER_ROUND = 4
 """Number of pairs of hypotheses that a round of the search optimises: those that are separated least at its start."""
 MAX_INSEPARABLE_CHI2_RISE = 0.05
 """Rise of chi2 by the best random motion up to which no motion separates a pair of hypotheses. Pairs that a motion
 separates have 0.3 or more, and the design increases it by a factor of 10 to 1000."""
-ADDED_CHI2_RISE = 1e-6
+CHI2_RISE_ADDED_FOR_LOGARITHM = 1e-6
 """Number added to a rise of chi2, so that its logarithm exists for a pair that no motion separates."""
-NEGLIGIBLE_PAIR_SHARE = 5e-4
+NEGLIGIBLE_SHARE_OF_SMOOTH_MINIMUM = 5e-4
 """Share of a pair of hypotheses in the smooth minimum below which its gradient is neglected."""
-SLACK_STRING_EXCESS = 0.05
+SLACK_STRING_EXCESS_SHARE = 0.05
 """Excess over limits that is assigned to a motion that slackens the string, as a share: such a motion is made smaller
 by this share."""
 
@@ -79,10 +79,15 @@ def motion_series(seconds: float) -> FourierSeries:
     Raises:
         InputError: no motion can have this duration.
     """
-    if not MIN_MOTION_SECONDS <= seconds <= MAX_MOTION_SECONDS:
-        raise InputError(f"a motion of {seconds:g} s: give {MIN_MOTION_SECONDS:g} to {MAX_MOTION_SECONDS:g} s")
+    if not MIN_GRIPPER_MOTION_SECONDS <= seconds <= MAX_GRIPPER_MOTION_SECONDS:
+        raise InputError(
+            f"a motion of {seconds:g} s: give {MIN_GRIPPER_MOTION_SECONDS:g} to {MAX_GRIPPER_MOTION_SECONDS:g} s"
+        )
     return FourierSeries(
-        NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True
+        GRIPPER_NODE_INTERVAL_SECONDS * round(seconds / GRIPPER_NODE_INTERVAL_SECONDS),
+        GRIPPER_MAX_FREQUENCY_HZ,
+        GRIPPER_MAX_PERIOD_SECONDS,
+        from_start=True,
     )
 
 
@@ -93,7 +98,7 @@ class GripperProblem(MotionProblem):
         pairs: pairs of hypotheses to separate; at first all ordered pairs.
     """
 
-    start_count = GRIPPER_STARTS
+    start_count = GRIPPER_SEARCH_STARTS
 
     def __init__(
         self,
@@ -101,7 +106,7 @@ class GripperProblem(MotionProblem):
         experiment: PlannedExperiment,
         series: FourierSeries,
         limits: GripperLimits,
-        step: float = COARSE_NODE_SECONDS,
+        step: float = COARSE_NODE_INTERVAL_SECONDS,
     ) -> None:
         self.series, self.limits, self.swing = series, limits.along, limits.swing
         self._nodes = round(series.seconds / step) + 1
@@ -118,8 +123,8 @@ class GripperProblem(MotionProblem):
     @property
     def steps_per_round(self) -> tuple[int, ...]:
         """Number of L-BFGS steps of each round, smaller for more pairs of hypotheses."""
-        share = 2.0 / min(len(self.pairs), PAIRS_PER_ROUND)
-        return tuple(max(round(share * count), MIN_ROUND_STEPS) for count in GRIPPER_ROUND_STEPS)
+        share = 2.0 / min(len(self.pairs), HYPOTHESIS_PAIRS_PER_ROUND)
+        return tuple(max(round(share * count), MIN_LBFGS_STEPS_PER_ROUND) for count in GRIPPER_LBFGS_STEPS_BY_ROUND)
 
     def motion(self, x: np.ndarray) -> GripperPath:
         """The gripper's motion with (1, size) Fourier coefficients x."""
@@ -138,12 +143,12 @@ class GripperProblem(MotionProblem):
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the smallest separation, by linearisation."""
-        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_CHI2_RISE))
+        return -float(np.log(max(self.separations(x).min(), 0.0) + CHI2_RISE_ADDED_FOR_LOGARITHM))
 
     def excess(self, x: np.ndarray) -> float:
         """Largest share by which a motion exceeds a limit of gripper or swing.
 
-        It is `SLACK_STRING_EXCESS` where the motion exceeds no limit, but a string goes slack.
+        It is `SLACK_STRING_EXCESS_SHARE` where the motion exceeds no limit, but a string goes slack.
         """
         excess = self.kinematic_excess(x)
         if excess > 0.0:
@@ -153,7 +158,7 @@ class GripperProblem(MotionProblem):
         if not widest <= 0.0:
             return widest
         taut = all(float(p.tension(p.start).min()) > 0.0 for p in here)
-        return max(excess, widest) if taut else SLACK_STRING_EXCESS
+        return max(excess, widest) if taut else SLACK_STRING_EXCESS_SHARE
 
     def random_centre(self, rng: np.random.Generator) -> np.ndarray:
         """(1,) position at which the gripper's motion starts: 0."""
@@ -163,7 +168,7 @@ class GripperProblem(MotionProblem):
     def linearised_around(self, x: np.ndarray) -> "GripperProblem":
         """The problem for those pairs of hypotheses that the motion x separates least, with converged refits."""
         here = self.predictions_along(x)
-        hardest = self.with_pairs(np.argsort(self.separations(x))[:PAIRS_PER_ROUND])
+        hardest = self.with_pairs(np.argsort(self.separations(x))[:HYPOTHESIS_PAIRS_PER_ROUND])
         hardest._values = {
             (i, j): RefittedRival(here[j], here[i].predict(here[i].start)[0]).best_refit()[1] for i, j in hardest.pairs
         }
@@ -181,15 +186,18 @@ class GripperProblem(MotionProblem):
         truths = [p.predict(p.start)[0] for p in here]
         rises, residuals = np.empty(len(self.pairs)), []
         for k, (i, j) in enumerate(self.pairs):
-            rises[k], values = RefittedRival(here[j], truths[i]).best_refit(self._values[i, j], REFIT_STEPS)
+            rises[k], values = RefittedRival(here[j], truths[i]).best_refit(
+                self._values[i, j], RIVAL_REFIT_STEPS_PER_MOTION
+            )
             self._values[i, j] = values
             residuals.append(truths[i] - here[j].predict(values)[0])
-        logs = np.log(rises + ADDED_CHI2_RISE)
-        shares = np.exp(-MINIMUM_SHARPNESS * (logs - logs.min()))
-        smallest = float(logs.min() - np.log(shares.sum()) / MINIMUM_SHARPNESS)
+        logs = np.log(rises + CHI2_RISE_ADDED_FOR_LOGARITHM)
+        shares = np.exp(-SMOOTH_MINIMUM_SHARPNESS * (logs - logs.min()))
+        smallest = float(logs.min() - np.log(shares.sum()) / SMOOTH_MINIMUM_SHARPNESS)
         shares /= shares.sum()
         pulls = [
-            2.0 * share / (rise + ADDED_CHI2_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)
+            2.0 * share / (rise + CHI2_RISE_ADDED_FOR_LOGARITHM) * r
+            for share, rise, r in zip(shares, rises, residuals, strict=True)
         ]
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
@@ -201,7 +209,7 @@ class GripperProblem(MotionProblem):
                 if pull.any() or push.any():
                     total += predicted.coefficient_gradient(predicted.start, self.kinematic_basis, pull, push)
             for share, pull, (i, j) in zip(shares, pulls, self.pairs, strict=True):
-                if share > NEGLIGIBLE_PAIR_SHARE:
+                if share > NEGLIGIBLE_SHARE_OF_SMOOTH_MINIMUM:
                     total += here[j].coefficient_gradient(self._values[i, j], self.kinematic_basis, pull)
             return total[None]
 
@@ -228,7 +236,7 @@ def design_motion(
     """
     series, limits = motion_series(seconds), limits or GripperLimits()
     problem = GripperProblem(hypotheses, experiment, series, limits)
-    starts = random_motions(problem, RANDOM_MOTIONS, np.random.default_rng(seed), say)
+    starts = random_motions(problem, RANDOM_GRIPPER_MOTIONS_TRIED, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError("however little the gripper moves, the load swings too far: allow it a wider --swing")
     rises = np.array([problem.separations(x) for x in starts])
@@ -240,6 +248,6 @@ def design_motion(
     if wanted:
         problem, rises = problem.with_pairs(wanted), rises[:, wanted]
     found = best_motion(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
-    fine = GripperProblem(hypotheses, experiment, series, limits, NODE_SECONDS)
+    fine = GripperProblem(hypotheses, experiment, series, limits, GRIPPER_NODE_INTERVAL_SECONDS)
     inside = shrink_within_limits(fine, found)
     return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

@@ -10,7 +10,7 @@ from armdyn.experiments.series import AxisMotion
 
 FULL_TURN = 2.0 * np.pi
 """A full turn, rad: the farthest that a designed motion turns a joint from its zero."""
-KINEMATIC_LIMIT_SHARE, TORQUE_LIMIT_SHARE = 0.97, 0.93
+USED_KINEMATIC_LIMIT_SHARE, USED_TORQUE_LIMIT_SHARE = 0.97, 0.93
 """Shares of the limits of position, speed and acceleration, and of torque, that an arm's motion uses: an arm does not
 follow its command exactly, and its torques are not exactly those of its description."""
 
@@ -43,9 +43,11 @@ class MotionLimits:
         """The limits of a designed motion of a robot: shares of the robot's own limits."""
         limits = robot.limits
         lower, upper = np.maximum(limits.lower, -FULL_TURN), np.minimum(limits.upper, FULL_TURN)
-        middle, reach = (lower + upper) / 2.0, KINEMATIC_LIMIT_SHARE * (upper - lower) / 2.0
-        velocity, acceleration = (KINEMATIC_LIMIT_SHARE * np.asarray(x) for x in (limits.velocity, limits.acceleration))
-        effort = TORQUE_LIMIT_SHARE * np.asarray(limits.effort)
+        middle, reach = (lower + upper) / 2.0, USED_KINEMATIC_LIMIT_SHARE * (upper - lower) / 2.0
+        velocity, acceleration = (
+            USED_KINEMATIC_LIMIT_SHARE * np.asarray(x) for x in (limits.velocity, limits.acceleration)
+        )
+        effort = USED_TORQUE_LIMIT_SHARE * np.asarray(limits.effort)
         return cls(middle - reach, middle + reach, velocity, acceleration, effort)
 
     @property

@@ -23,29 +23,29 @@ from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-INSEPARABLE_RISE = 1.0
+MIN_CHI2_RISE_OF_SEPARABLE_PAIR = 1.0
 """Rise of chi2 by a motion designed for a pair of hypotheses, below which no motion separates the pair."""
-SAME_ANGLE_SHARE = 0.02
+SAME_REST_ANGLE_RELATIVE_TOLERANCE = 0.02
 """Relative difference up to which two rest angles count as equal."""
-MIN_REPORTED_TURN = 1e-3
+MIN_REPORTED_REST_ANGLE_RADIANS = 1e-3
 """Smallest rest angle of the load that a sentence mentions, rad."""
-MIN_REPORTED_CHANGE = 0.02
+MIN_REPORTED_CHANGE_TYPICAL_SIZES = 0.02
 """Smallest change of an unknown that a sentence mentions, in typical sizes."""
-ANGLE_NOISE = 5e-3
+ADDED_ANGLE_SENSOR_NOISE_RADIANS = 5e-3
 """Noise of an angle sensor that could be added, an encoder or a camera, rad."""
 WEIGHING_ERROR_SHARE = 5e-3
 """Relative accuracy with which a load is weighed."""
-RULER_ERROR = 1e-3
+RULER_ERROR_METRES = 1e-3
 """Accuracy with which a string is measured with a ruler, m."""
-OTHER_MASS_RATIO = 2.0
+OTHER_LOAD_MASS_RATIO = 2.0
 """Ratio of the other load's mass to the present one: the same shape, filled."""
-OTHER_LENGTH_RATIO = 0.7
+OTHER_STRING_LENGTH_RATIO = 0.7
 """Ratio of the other string's length to the present one."""
-REST_SECONDS = 60.0
+RECORDING_AT_REST_SECONDS = 60.0
 """Duration of a recording at rest, s."""
-REST_NODE_SECONDS = 0.02
+REST_NODE_INTERVAL_SECONDS = 0.02
 """Time between the nodes of a simulation at rest, s."""
-MIN_RIGHT_PROBABILITY = 0.05
+MIN_RIGHT_VERDICT_PROBABILITY = 0.05
 """Probability of a right verdict up to which an experiment is not recommended."""
 ROOM_FIXED_EFFECTS = ("wind",)
 """Effects with a direction that is fixed in the room: if the robot is turned by 180 degrees, their sign changes."""
@@ -69,7 +69,7 @@ def inseparable_pairs(
 ) -> tuple[InseparablePair, ...]:
     """Pairs of hypotheses that the motion designed for them does not separate, whichever of the two is true."""
     rises = np.maximum(outlook.chi2_increase, outlook.chi2_increase.T)
-    pairs = [pair for pair in combinations(range(len(hypotheses)), 2) if rises[pair] < INSEPARABLE_RISE]
+    pairs = [pair for pair in combinations(range(len(hypotheses)), 2) if rises[pair] < MIN_CHI2_RISE_OF_SEPARABLE_PAIR]
     both = [(hypotheses[i], hypotheses[j]) for i, j in pairs]
     return tuple(InseparablePair((one.name, other.name), _why(one, other, experiment)) for one, other in both)
 
@@ -86,7 +86,9 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -
     model = second.model
     values = {n: float(v) for n, v in zip(rival.names, best, strict=True) if n not in model.start_names}
     hangs = model.with_values(values).rest_angle()
-    if abs(hangs) > MIN_REPORTED_TURN and abs(hangs - first.rest_angle) < SAME_ANGLE_SHARE * abs(hangs):
+    if abs(hangs) > MIN_REPORTED_REST_ANGLE_RADIANS and abs(
+        hangs - first.rest_angle
+    ) < SAME_REST_ANGLE_RELATIVE_TOLERANCE * abs(hangs):
         said += (
             f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: "
             "a rotation of the frame"
@@ -102,7 +104,7 @@ def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) ->
         p = rival.hypothesis.model.parameters[name]
         if name not in first.model.names and p.effect:
             parts.append(f"{name} = {value:.3g} {p.unit}")
-        elif name in first.model.names and abs(value - base[name]) > MIN_REPORTED_CHANGE * p.typical:
+        elif name in first.model.names and abs(value - base[name]) > MIN_REPORTED_CHANGE_TYPICAL_SIZES * p.typical:
             parts.append(f"{name} off by {value - base[name]:.3g} {p.unit}")
     return " and ".join(parts) or "the same values"
 
@@ -180,7 +182,7 @@ class ExperimentPlan(Displayable):
         """Sentence that names the hypotheses to distinguish and the best experiment."""
         names = [h.name for h in self.rivals.hypotheses]
         said = f"To tell {' from '.join(names) if len(names) == 2 else ', '.join(names) + ' apart'}"
-        best = next((p for p in self.proposals if p.expected.probability > MIN_RIGHT_PROBABILITY), None)
+        best = next((p for p in self.proposals if p.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY), None)
         if best is None:
             return f"{said}: none of these experiments does."
         motion, size = best.experiment.motion, ""
@@ -264,8 +266,8 @@ def designed_motion(
 def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     """Experiments without a designed motion that were not done yet, such as another load or weighing."""
     best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
-    mass, length = best.value("mass"), OTHER_LENGTH_RATIO * best.value("length")
-    weight, weighing = OTHER_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
+    mass, length = best.value("mass"), OTHER_STRING_LENGTH_RATIO * best.value("length")
+    weight, weighing = OTHER_LOAD_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
 
     def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> PlannedExperiment:
         return PlannedExperiment(kind, f"the last motion again, {how}", last, noise, **changes)
@@ -277,17 +279,17 @@ def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]
             changed={"mass": (weight, WEIGHING_ERROR_SHARE * weight)},
         ),
         varied(
-            "length", f"on a string of {length:.3f} m +/- {1e3 * RULER_ERROR:g} mm",
-            changed={"length": (length, RULER_ERROR)},
+            "length", f"on a string of {length:.3f} m +/- {1e3 * RULER_ERROR_METRES:g} mm",
+            changed={"length": (length, RULER_ERROR_METRES)},
         ),
     ]  # fmt: skip
     if not {"swing_angle", "swing_rate"} & noise.keys():
-        what = f"with a sensor of the swing angle (noise {1e3 * ANGLE_NOISE:g} mrad)"
-        found.append(varied("angle_sensor", what, noise={**noise, "swing_angle": ANGLE_NOISE}))
+        what = f"with a sensor of the swing angle (noise {1e3 * ADDED_ANGLE_SENSOR_NOISE_RADIANS:g} mrad)"
+        found.append(varied("angle_sensor", what, noise={**noise, "swing_angle": ADDED_ANGLE_SENSOR_NOISE_RADIANS}))
     for kind, name, std, what in (
         ("weigh", "mass", weighing, f'weigh the load and state it: mass = "... g +/- {1e3 * weighing:.1f} g"'),
-        ("measure", "length", RULER_ERROR,
-         f'measure the string and state it: length = "... m +/- {1e3 * RULER_ERROR:g} mm"'),
+        ("measure", "length", RULER_ERROR_METRES,
+         f'measure the string and state it: length = "... m +/- {1e3 * RULER_ERROR_METRES:g} mm"'),
     ):  # fmt: skip
         known = rivals.last.known.get(name)
         if known is None or (known.std or 0.0) > 2.0 * std:
@@ -298,8 +300,12 @@ def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]
         what += "belongs to the robot does not"
         found.append(varied("turn", what, sign_reversed=tuple(dict.fromkeys(turned))))
     if "load_force" in noise:
-        still = GripperPath(0.0, REST_NODE_SECONDS, *np.zeros((3, round(REST_SECONDS / REST_NODE_SECONDS) + 1)))
-        what = f"record the load cell for {REST_SECONDS:g} s while all hangs at rest"
+        still = GripperPath(
+            0.0,
+            REST_NODE_INTERVAL_SECONDS,
+            *np.zeros((3, round(RECORDING_AT_REST_SECONDS / REST_NODE_INTERVAL_SECONDS) + 1)),
+        )
+        what = f"record the load cell for {RECORDING_AT_REST_SECONDS:g} s while all hangs at rest"
         found.append(PlannedExperiment("rest", what, still, noise))
     return found
 

@@ -23,11 +23,11 @@ from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-UNSEEN_EFFECT_DEVIATES = 2.0
+UNSEEN_EFFECT_SIZE_IN_STDS = 2.0
 """Size of an effect that the runs may not reveal, in standard deviations of its parameter."""
 MAX_RIVALS = 5
 """Largest number of rival hypotheses in a plan; the most plausible ones are used."""
-WELL_KNOWN_STD_SIZES = 0.05
+WELL_KNOWN_STD_TYPICAL_SIZES = 0.05
 """Ratio of standard deviation to typical size up to which a parameter counts as well known."""
 NO_EFFECT_NAME = "nothing"
 """Name of the hypothesis without an added effect."""
@@ -180,13 +180,13 @@ def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | 
     stds = np.sqrt(np.diag(covariance))
     shares = stds / [p.typical for p in parameters]
     worst = int(np.argmax(shares))
-    if shares[worst] < WELL_KNOWN_STD_SIZES:
+    if shares[worst] < WELL_KNOWN_STD_TYPICAL_SIZES:
         return None
     p, std = parameters[worst], float(stds[worst])
     away = (
-        UNSEEN_EFFECT_DEVIATES * std
-        if p.value + UNSEEN_EFFECT_DEVIATES * std <= p.upper
-        else -UNSEEN_EFFECT_DEVIATES * std
+        UNSEEN_EFFECT_SIZE_IN_STDS * std
+        if p.value + UNSEEN_EFFECT_SIZE_IN_STDS * std <= p.upper
+        else -UNSEEN_EFFECT_SIZE_IN_STDS * std
     )
     rest = [i for i in range(len(best.free)) if i != worst]
     # With the parameter at the other value, the others change with it, as the runs correlate them.
@@ -197,7 +197,7 @@ def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | 
         information=best.information[np.ix_(rest, rest)],
     )  # fmt: skip
     name = f"{p.name} = {p.value + away:.4g} {p.unit}"
-    second = replace(first, name=name, model=best.model.with_values(values), misfit=UNSEEN_EFFECT_DEVIATES**2)
+    second = replace(first, name=name, model=best.model.with_values(values), misfit=UNSEEN_EFFECT_SIZE_IN_STDS**2)
     return Rivals((first, second), noise, study.runs[-1])
 
 
@@ -253,7 +253,7 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     if abs(value - p.null) >= std:
         return value
     side = -1.0 if value < p.null or p.upper <= p.null else 1.0
-    return float(np.clip(p.null + side * min(p.typical, UNSEEN_EFFECT_DEVIATES * std), p.lower, p.upper))
+    return float(np.clip(p.null + side * min(p.typical, UNSEEN_EFFECT_SIZE_IN_STDS * std), p.lower, p.upper))
 
 
 def last_motion(run: Run, seconds: float) -> GripperPath:

@@ -18,12 +18,12 @@ from scipy.optimize import minimize
 from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.series import MIN_HARMONICS, FourierSeries, SeriesBasis
 
-FIRST_PENALTY = 0.5
+FIRST_ROUND_PENALTY_FACTOR = 0.5
 """Penalty factor of the first round: an excess of 5 % at 20 instants costs as much as a standard deviation 1 %
 larger."""
 PENALTY_GROWTH = 3.0
 """Factor by which the penalty grows from round to round."""
-COMPARED_EXCESS = 0.02
+MAX_COMPARED_LIMIT_EXCESS_SHARE = 0.02
 """Share by which a motion may exceed its limits when motions are compared during the search."""
 DIVERGED_COST = 1e6
 """Cost that is assigned to a motion along which the simulation diverges; it is larger than any other cost."""
@@ -187,7 +187,7 @@ def best_motion(
     tried = []
     for k, i in enumerate(np.argsort(costs)[: problem.start_count]):
         x = optimise_motion(problem, starts[i], last=1, done=one_more)
-        inside = shrink_within_limits(problem, x, COMPARED_EXCESS)
+        inside = shrink_within_limits(problem, x, MAX_COMPARED_LIMIT_EXCESS_SHARE)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
     _, _, x = min(tried)
     return optimise_motion(problem, x, first=1, done=one_more)
@@ -213,7 +213,9 @@ def optimise_motion(
     multipliers: list[np.ndarray] | None = None
     unit, x = problem.coefficient_scale[:, None], start
     for k in range(first, len(problem.steps_per_round) if last is None else last):
-        lagrangian = AugmentedLagrangian(problem.linearised_around(x), FIRST_PENALTY * PENALTY_GROWTH**k, multipliers)
+        lagrangian = AugmentedLagrangian(
+            problem.linearised_around(x), FIRST_ROUND_PENALTY_FACTOR * PENALTY_GROWTH**k, multipliers
+        )
         found = minimize(
             lambda point, cost=lagrangian: cost(point.reshape(start.shape)), (x / unit).ravel(), jac=True,
             method="L-BFGS-B", options={"maxiter": problem.steps_per_round[k], "maxcor": 20},

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-JOINT_BAND_HZ = 1.0
+JOINT_MAX_FREQUENCY_HZ = 1.0
 """Highest frequency of a joint in a designed motion, Hz: arms follow it, and it is far below the 10 Hz at which their
 links bend."""
 MIN_HARMONICS = 4
 """Least number of harmonics of a designed motion, so that two free coefficients remain for the sines and for the
 cosines. A very short motion then exceeds the highest frequency."""
-JOINT_MAX_PERIOD = 20.0
+JOINT_MAX_PERIOD_SECONDS = 20.0
 """Longest period of a joint's motion, s; a longer motion repeats a period, which limits the number of coefficients."""
 
 
@@ -74,8 +74,8 @@ class FourierSeries:
     """
 
     seconds: float
-    max_frequency: float = JOINT_BAND_HZ
-    longest_period: float = JOINT_MAX_PERIOD
+    max_frequency: float = JOINT_MAX_FREQUENCY_HZ
+    longest_period: float = JOINT_MAX_PERIOD_SECONDS
     from_start: bool = False
 
     @property

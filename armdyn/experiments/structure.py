@@ -7,17 +7,17 @@ from armdyn.experiments.columns import TorqueRegressor, random_joint_states
 
 RANDOM_STATE_COUNT = 300
 """Number of random states of an arm at which linear dependence of regressor columns is decided."""
-MAX_SPANNED_SHARE = 1e-6
+MIN_INDEPENDENT_COLUMN_SHARE = 1e-6
 """Independent share of a regressor column's length below which it is a linear combination of others; rounding leaves
 1e-12, and a motion reveals 1e-3."""
 
-MIN_VISIBLE_CHANGE = 0.5
+MIN_VISIBLE_TORQUE_CHANGE_PER_NOISE = 0.5
 """Least change of torques that a motion can reveal, in units of the noise: root mean square over random states, all
 joints together. A designed motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out
 by 5 standard deviations."""
-ROUNDING_TORQUE_DEVIATES = 1e-6
+ROUNDING_TORQUE_CHANGE_PER_NOISE = 1e-6
 """Change of a torque, in units of its noise, below which it is only rounding."""
-MIN_CHANGE_SHARE = 1e-3
+MIN_UNIDENTIFIABLE_COMPONENT = 1e-3
 """Least component of an unknown in a unit change of all unknowns that no motion reveals, for the unknown to be
 unidentifiable."""
 
@@ -26,7 +26,7 @@ def regressor_at_random_states(columns: TorqueRegressor) -> np.ndarray:
     """(N, P) regressor at random states within the arm's limits, for changes of typical size; a row is one torque."""
     found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATE_COUNT))
     rows = found.reshape(-1, found.shape[2])
-    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_DEVIATES] = 0.0
+    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_CHANGE_PER_NOISE] = 0.0
     return rows
 
 
@@ -46,7 +46,9 @@ def distinguishable_changes(rows: np.ndarray, own: np.ndarray, others: np.ndarra
     X, span = rows[:, own], _span(rows[:, others])
     _, sizes, directions = np.linalg.svd(X - span @ (span.T @ X), full_matrices=False)
     whole = np.linalg.norm(X @ directions.T, axis=0)
-    shows = sizes > np.maximum(MAX_SPANNED_SHARE * whole, MIN_VISIBLE_CHANGE * np.sqrt(RANDOM_STATE_COUNT))
+    shows = sizes > np.maximum(
+        MIN_INDEPENDENT_COLUMN_SHARE * whole, MIN_VISIBLE_TORQUE_CHANGE_PER_NOISE * np.sqrt(RANDOM_STATE_COUNT)
+    )
     return np.asarray(directions[shows].T)
 
 
@@ -55,8 +57,10 @@ def unidentifiable_unknowns(rows: np.ndarray, own: np.ndarray, others: np.ndarra
     X = rows[:, np.concatenate([own, others])]
     lengths = np.linalg.norm(X, axis=0)
     _, sizes, directions = np.linalg.svd(X / np.maximum(lengths, np.finfo(float).tiny), full_matrices=False)
-    nothing = directions[sizes <= MAX_SPANNED_SHARE * sizes[0]]  # changes of the unknowns that change no torque
-    return np.asarray(own[np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_CHANGE_SHARE])
+    nothing = directions[
+        sizes <= MIN_INDEPENDENT_COLUMN_SHARE * sizes[0]
+    ]  # changes of the unknowns that change no torque
+    return np.asarray(own[np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_UNIDENTIFIABLE_COMPONENT])
 
 
 def independent_columns(rows: np.ndarray) -> np.ndarray:
@@ -67,7 +71,7 @@ def independent_columns(rows: np.ndarray) -> np.ndarray:
     lengths = np.linalg.norm(rows, axis=0)
     acting = np.flatnonzero(lengths > 0.0)
     _, R, order = qr(rows[:, acting] / lengths[acting], mode="economic", pivoting=True)
-    rank = int(np.count_nonzero(np.abs(np.diag(R)) > MAX_SPANNED_SHARE))
+    rank = int(np.count_nonzero(np.abs(np.diag(R)) > MIN_INDEPENDENT_COLUMN_SHARE))
     return np.sort(acting[order[:rank]])
 
 
@@ -75,4 +79,4 @@ def _span(X: np.ndarray) -> np.ndarray:
     """(N, r) orthonormal basis of (N, k) columns."""
     lengths = np.linalg.norm(X, axis=0)
     unit = X[:, lengths > 0.0] / lengths[lengths > 0.0]
-    return np.asarray(orth(unit, MAX_SPANNED_SHARE)) if unit.shape[1] else unit
+    return np.asarray(orth(unit, MIN_INDEPENDENT_COLUMN_SHARE)) if unit.shape[1] else unit

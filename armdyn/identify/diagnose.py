@@ -13,7 +13,7 @@ from armdyn.identify.problem import blocks_by_channel, chi2_z_value
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.noise_tests import MAX_Z
+from armdyn.identify.residual.noise_tests import MAX_RESIDUAL_CHI2_Z
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect
@@ -29,7 +29,7 @@ MIN_EXPLAINED_AT_NOISE = 0.97
 """Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
 the catalogue are idealised and may be wrong by a sixth of their size; if more remains, the missing effect is another
 one, which the nearest effect of the catalogue imitates."""
-MIN_LEADING_SHARE = 0.5
+MIN_FIRST_EFFECT_EXPLAINED_SHARE = 0.5
 """Share of the squared error that the first effect must explain; otherwise the missing effect counts as unknown."""
 MIN_EXPLAINED_ABOVE_NOISE = 0.8
 """Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
@@ -190,7 +190,7 @@ def decide_verdict(study: Study, found: Search, unknown: ResidualCharacter | Non
         needed = MIN_EXPLAINED_AT_NOISE + weight * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
         if (
             study.explained_share(start.fit, last.fit) < needed
-            or study.explained_share(start.fit, found.steps[1].fit) < MIN_LEADING_SHARE
+            or study.explained_share(start.fit, found.steps[1].fit) < MIN_FIRST_EFFECT_EXPLAINED_SHARE
         ):
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
@@ -205,7 +205,7 @@ def _above_stated_noise(study: Study, last: SearchStep) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
     for blocks in blocks_by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > MAX_Z:
+        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > MAX_RESIDUAL_CHI2_Z:
             return True
     return False
 

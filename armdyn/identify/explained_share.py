@@ -17,7 +17,7 @@ import numpy as np
 
 from armdyn.identify.problem import ResidualBlock, blocks_by_channel
 
-ERROR_RATIO_TO_EXPLAIN = 2.0
+MIN_COMPARED_ERROR_TO_NOISE_RATIO = 2.0
 """Ratio of error to noise above which a channel is compared with others for how little of its error is explained."""
 
 
@@ -115,7 +115,7 @@ def least_explained_channel(
     seen = [
         channel
         for channel in before
-        if channel in after and before[channel] > ERROR_RATIO_TO_EXPLAIN * scale.noise[channel]
+        if channel in after and before[channel] > MIN_COMPARED_ERROR_TO_NOISE_RATIO * scale.noise[channel]
     ]
     shares = {c: explained_error_share({c: before[c]}, {c: after[c]}, scale) for c in seen}
     return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None

@@ -11,19 +11,19 @@ from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel, c
 from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 
-MIN_INDEPENDENT_SHARE = 1e-5
+MIN_INDEPENDENT_DERIVATIVE_SHARE = 1e-5
 """An unknown is not identifiable if less than this share of its derivatives (root of squares) is independent of those
 of other unknowns."""
-MAX_CHI2_OF_STATED_NOISE = 2.0
+MAX_CHI2_PER_SAMPLE_STATED_NOISE = 2.0
 """Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
-MAX_CHI2_NEAR_NOISE = 1.5
+MAX_CHI2_PER_SAMPLE_NEAR_NOISE = 1.5
 """Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 
-MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8
+MAX_CONTINUATIONS, STEPS_PER_FIT_CONTINUATION = 16, 8
 """Largest number of times that a fit which ran out of steps is continued, and number of further steps each time. Where
 parameters compensate each other, the cost is a bent valley, and a step goes down only a hundredth of it."""
-NEGLIGIBLE_CHI2_FALL = 1.0
-"""Fall of chi2 over `CONTINUATION_STEPS`, in units of chi2 per sample, that changes no ranking."""
+NEGLIGIBLE_CHI2_FALL_PER_SAMPLE = 1.0
+"""Fall of chi2 over `STEPS_PER_FIT_CONTINUATION`, in units of chi2 per sample, that changes no ranking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +131,10 @@ def continue_fit(found: Fit) -> Fit:
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
-        again = fit(found.problem, found.free, found.values, most_steps=CONTINUATION_STEPS)
+        again = fit(found.problem, found.free, found.values, most_steps=STEPS_PER_FIT_CONTINUATION)
         before, found = found, replace(again, process_noise_values=found.process_noise_values)
         # Where the residual is far above the noise, it takes the noise's place.
-        if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL * max(1.0, found.chi2_per_sample):
+        if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL_PER_SAMPLE * max(1.0, found.chi2_per_sample):
             break
     return found
 
@@ -176,7 +176,7 @@ def independent_columns(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     factor = np.empty((0, len(index)))  # rows of the Cholesky factor of the unknowns kept so far
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
         rest = gram[j] - factor[:, j] @ factor
-        if rest[j] > (MIN_INDEPENDENT_SHARE * norms[j]) ** 2:
+        if rest[j] > (MIN_INDEPENDENT_DERIVATIVE_SHARE * norms[j]) ** 2:
             factor = np.vstack([factor, rest / np.sqrt(rest[j])])
             kept[index[j]] = True
     return kept

@@ -14,7 +14,7 @@ from armdyn.identify.fit import Fit, fit, identifiable
 from armdyn.identify.problem import Problem, ResidualBlock, transfer_mask, transfer_values
 from armdyn.run import Run
 
-MAX_ERROR_INCREASE = 0.02
+MAX_HELD_OUT_ERROR_INCREASE_SHARE = 0.02
 """Relative increase of the error on held-out runs up to which an added effect is accepted."""
 
 FitRunUnknowns = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]

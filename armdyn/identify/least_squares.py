@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-GROSS_ERROR_RATIO = 20.0
+GROSS_ERROR_TO_NOISE_VARIANCE = 20.0
 """Squared error per sample, over the noise variance, above which an error is gross: derivatives then do not lead to a
 distant minimum."""
 MAX_STALLED_STEPS = 2
@@ -96,7 +96,7 @@ def descend(
             if damping > 1e9:
                 return Descent(values, at, evaluations, Outcome.STALLED)
             step, _ = newton_step(at, free, damping)
-        gross = 2.0 * after.cost > GROSS_ERROR_RATIO * samples > 0.0
+        gross = 2.0 * after.cost > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after
         if creeping == MAX_STALLED_STEPS:

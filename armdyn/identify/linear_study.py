@@ -14,7 +14,7 @@ from armdyn.identify.selection.linear_scorer import LinearScorer, max_noise_rati
 from armdyn.identify.selection.sums import sums, with_thresholds
 from armdyn.identify.study import Study
 
-MAX_QUICK_STEPS = 8
+MAX_ADDED_EFFECT_FIT_STEPS = 8
 """Largest number of steps of a fit with added effects."""
 CACHED_SCORERS = 3
 """Number of scorers that are cached, the most recently used ones."""
@@ -53,7 +53,7 @@ class LinearStudy(Study):
         fixed = problem.unknowns_of(self.present_names) & ~problem.fitted
         free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
         free = identifiable(problem, free, values) | (free & self.first().free)
-        return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
+        return fit(problem, free, values, most_steps=MAX_ADDED_EFFECT_FIT_STEPS)
 
     def with_thresholds(self, at: Fit) -> Fit:
         """A copy of a fit with the likeliest value of every threshold of absent effects; predictions do not change."""

@@ -18,8 +18,8 @@ from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.rollout import (
-    COARSE_STEP,
-    ROLLOUT_STEP,
+    MAX_COARSE_ROLLOUT_STEP_SECONDS,
+    MAX_ROLLOUT_STEP_SECONDS,
     can_simulate_motion,
     encoder_step,
     has_all_position_commands,
@@ -31,32 +31,32 @@ from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
-WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
+CLOSED_LOOP_WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
 """Lengths of the windows of successive fits, s; the second list is for drives without a position command, whose
 simulation drifts away."""
-MAX_WINDOW_STEPS, MAX_COARSE_STEPS = 30, 6
+MAX_LAST_WINDOW_FIT_STEPS, MAX_EARLIER_WINDOW_FIT_STEPS = 30, 6
 """Largest number of steps of the last fit, and of the earlier ones, which only lead near its solution."""
-MIN_DECREASE_NATS = 0.1
+MIN_LIKELIHOOD_GAIN_PER_STEP_NATS = 0.1
 """Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
-DIFFERENCE_SHARE = 0.02
+DIFFERENCE_STEP_TYPICAL_SIZES = 0.02
 """Change of a value in a difference quotient, as a share of its typical size; smaller changes are lost in the steps of
 friction."""
 TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
 """Typical change of the logarithm of a drive's gain, and of its delay, s."""
-MAX_DELAY_SECONDS = 0.2
+MAX_DRIVE_DELAY_SECONDS = 0.2
 """Largest delay of a drive, s; known drives are well below."""
-START_STD_FACTOR = 3.0
+WINDOW_START_PRIOR_STD_FACTOR = 3.0
 """Prior standard deviation of a window's start state, in standard deviations of the smoothed measured motion."""
-START_DIFFERENCES = (1e-3, 1e-2)
+WINDOW_START_DIFFERENCE_STEPS = (1e-3, 1e-2)
 """Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
-INDEPENDENT_SECONDS = 2.0
+INDEPENDENT_ERROR_STRETCH_SECONDS = 2.0
 """Length of a stretch of a recording, s, whose errors are independent of the next one's: servos react far faster."""
-ROBUST_ERROR_RATIO, OPEN_LOOP_ERROR_RATIO = 0.5, 20.0
+CLOSED_LOOP_ROBUST_ERROR_RATIO, OPEN_LOOP_ROBUST_ERROR_RATIO = 0.5, 20.0
 """Ratio of an error to the median error above which it counts with its size, not its square (in closed and open loop):
 after a collision a simulation of a whole recording diverges; the short windows of an open loop do not. Errors up to an
 encoder's step always count with their square: otherwise they would shift torque offsets by eleven standard deviations.
 """
-MIN_MOTION_CORRELATION = 0.05
+MIN_POSITION_ERROR_AUTOCORRELATION = 0.05
 """Autocorrelation below which the sum for the correlation time of the position errors ends."""
 
 LINK_EFFECTS = ("payload", "link_inertia")
@@ -100,12 +100,17 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
     if not usable:
         return model
     lengths = (
-        WINDOW_SECONDS if all(has_all_position_commands(model, run) for run in usable) else OPEN_LOOP_WINDOW_SECONDS
+        CLOSED_LOOP_WINDOW_SECONDS
+        if all(has_all_position_commands(model, run) for run in usable)
+        else OPEN_LOOP_WINDOW_SECONDS
     )
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
-    for length, step in (*((length, COARSE_STEP) for length in lengths), (lengths[-1], ROLLOUT_STEP)):
+    for length, step in (
+        *((length, MAX_COARSE_ROLLOUT_STEP_SECONDS) for length in lengths),
+        (lengths[-1], MAX_ROLLOUT_STEP_SECONDS),
+    ):
         values, spread = _Descent(model, usable, unknowns, length, step).down(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
@@ -132,7 +137,9 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
             found.append(_Unknown(name, "gain", joints, TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
             found.append(
-                _Unknown(name, "delay", joints, TYPICAL_DRIVE_CHANGE["delay"], 0.0, MAX_DELAY_SECONDS, (0.0, np.inf))
+                _Unknown(
+                    name, "delay", joints, TYPICAL_DRIVE_CHANGE["delay"], 0.0, MAX_DRIVE_DELAY_SECONDS, (0.0, np.inf)
+                )
             )
     return found
 
@@ -202,7 +209,9 @@ class _Descent:
         self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float, longest: float
     ) -> None:
         self._model, self._unknowns, self._longest = model, unknowns, longest
-        self._robust = OPEN_LOOP_ERROR_RATIO if length in OPEN_LOOP_WINDOW_SECONDS else ROBUST_ERROR_RATIO
+        self._robust = (
+            OPEN_LOOP_ROBUST_ERROR_RATIO if length in OPEN_LOOP_WINDOW_SECONDS else CLOSED_LOOP_ROBUST_ERROR_RATIO
+        )
         joints = model.arm.joints
         self._windows = [w for run in runs for w in simulation_windows(run, joints, length)]
         self._groups = _apart(unknowns)
@@ -210,7 +219,7 @@ class _Descent:
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
         noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
-        self._known = np.maximum(START_STD_FACTOR * np.array(noise), 1e-9)
+        self._known = np.maximum(WINDOW_START_PRIOR_STD_FACTOR * np.array(noise), 1e-9)
         steps = [[encoder_step(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
         self._step = np.maximum(np.max(steps, axis=0), 1e-9)
 
@@ -239,7 +248,9 @@ class _Descent:
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(MAX_WINDOW_STEPS if self._longest == ROLLOUT_STEP else MAX_COARSE_STEPS):
+        for _ in range(
+            MAX_LAST_WINDOW_FIT_STEPS if self._longest == MAX_ROLLOUT_STEP_SECONDS else MAX_EARLIER_WINDOW_FIT_STEPS
+        ):
             size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
             independent = max(len(errors) / _correlation_time(errors / size), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
@@ -265,7 +276,7 @@ class _Descent:
                     values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
                 damping *= 8.0
-            if 0.5 * independent * errors.shape[1] * (1.0 - now / before) < MIN_DECREASE_NATS:
+            if 0.5 * independent * errors.shape[1] * (1.0 - now / before) < MIN_LIKELIHOOD_GAIN_PER_STEP_NATS:
                 break
         curved = share / (1.0 + (errors / size) ** 2)  # a full step would overestimate the curvature of the robust cost
         H, own, inner = self._eliminated(slopes, of_starts, curved, held)
@@ -296,7 +307,7 @@ class _Descent:
         Scores are (u, N) of the samples and (u, w) of the states in which windows begin.
         """
         times = [w.time - w.begin for w in self._windows]
-        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_SECONDS, prepend=-1.0))
+        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_ERROR_STRETCH_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
         sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])[free] * typical[free, None]
         scaled = H * np.outer(typical, typical)
@@ -322,7 +333,7 @@ class _Descent:
         slopes = np.zeros((len(values), *errors.shape))
         for group in self._groups:
             changed = values.copy()
-            steps = DIFFERENCE_SHARE * typical[group]
+            steps = DIFFERENCE_STEP_TYPICAL_SIZES * typical[group]
             steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
             changed[group] += steps
             found = self._errors(changed, starts) - errors
@@ -332,8 +343,8 @@ class _Descent:
         of_starts = np.zeros((starts.shape[1], *errors.shape))
         for k in range(starts.shape[1]):
             moved = starts.copy()
-            moved[:, k] += START_DIFFERENCES[k >= errors.shape[1]]
-            of_starts[k] = (self._errors(values, moved) - errors) / START_DIFFERENCES[k >= errors.shape[1]]
+            moved[:, k] += WINDOW_START_DIFFERENCE_STEPS[k >= errors.shape[1]]
+            of_starts[k] = (self._errors(values, moved) - errors) / WINDOW_START_DIFFERENCE_STEPS[k >= errors.shape[1]]
         return slopes, of_starts
 
 
@@ -354,4 +365,4 @@ def _correlation_time(errors: np.ndarray) -> float:
     """Correlation time, in samples, of (n, nj) errors, from the autocorrelation of all joints together."""
     lags = max(len(errors) // 4, 1)
     centred = errors - errors.mean(axis=0)
-    return correlation_time(list(centred.T), lags, MIN_MOTION_CORRELATION, max(1, lags // 400))
+    return correlation_time(list(centred.T), lags, MIN_POSITION_ERROR_AUTOCORRELATION, max(1, lags // 400))

@@ -13,7 +13,7 @@ WHITENESS_LAGS = 20
 """Number of lags, in samples, that the whiteness test uses."""
 MAX_AUTOREGRESSION_ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
-MAX_CORRELATION_LAGS = 50
+MAX_LAGS_IN_VARIANCE_OF_MEAN = 50
 """Largest number of lags, in samples, whose autocorrelation counts in the variance of a mean."""
 
 
@@ -42,7 +42,7 @@ def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
     samples = sum(len(residual) for residual in residuals)
     if power == 0.0 or samples == 0:
         return 0.0
-    return power / samples * correlation_time(residuals, MAX_CORRELATION_LAGS)
+    return power / samples * correlation_time(residuals, MAX_LAGS_IN_VARIANCE_OF_MEAN)
 
 
 def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESSION_ORDER) -> np.ndarray:

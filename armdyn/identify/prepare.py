@@ -12,9 +12,9 @@ from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-MAX_SAMPLES = 5_000_000
+MAX_SAMPLES_PER_CHANNEL = 5_000_000
 """Largest number of samples in a channel of a run."""
-ASSUMED_NOISE_SHARE = 1e-6
+MIN_ASSUMED_NOISE_SHARE_OF_RANGE = 1e-6
 """Smallest standard deviation of the noise that is assumed for a channel, as a share of its range."""
 
 
@@ -75,7 +75,10 @@ def run_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]
         jumps = model.jump_times(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
-            floor = max(ASSUMED_NOISE_SHARE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
+            floor = max(
+                MIN_ASSUMED_NOISE_SHARE_OF_RANGE * float(np.ptp(channel.value)),
+                resolution(channel.value) / np.sqrt(12.0),
+            )
             stated = run.noise.get(name)
             estimate = white_noise_std(channel.time, channel.value, jumps) if stated is None else stated
             noise[run.name, name] = max(estimate, floor, 1e-12)
@@ -101,7 +104,7 @@ def split_at_gaps(model: Model, run: Run) -> tuple[Run, ...]:
             predicts.
     """
     longest = max((len(channel) for channel in run.channels.values()), default=0)
-    if longest > MAX_SAMPLES:
+    if longest > MAX_SAMPLES_PER_CHANNEL:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
     parts = model.split_at_gaps(run)
     for part in parts:

@@ -19,10 +19,10 @@ from armdyn.run import Channel, Run
 
 CACHED_POINTS = 3
 """Number of points whose residuals and derivatives are cached."""
-WEAK_PRIOR_SIZE = 0.1
+WEAK_PRIOR_STD_TYPICAL_SIZES = 0.1
 """Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter shared by all
 runs: a stretch of motion determines a length ten times better, and a stretch at rest must not change it."""
-EFFECT_PRIOR_SIZE = 10.0
+EFFECT_PRIOR_STD_TYPICAL_SIZES = 10.0
 """Standard deviation, in typical sizes, of the wide prior of an effect's parameter about its null value: a parameter
 that few samples determine stays small, and a mass of typical size 1 kg can still become 95 kg."""
 NoiseByChannel = Mapping[tuple[str, str], float]
@@ -116,7 +116,7 @@ def chi2_z_value(chi2: float, samples: int) -> float:
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
-GUESS_PRIOR_SIZE = 3.0
+GUESS_PRIOR_STD_TYPICAL_SIZES = 3.0
 """Standard deviation of a first guess, in typical sizes. The guess acts as a weak prior: it keeps values that the runs
 do not identify in the range where the equations are valid, and hardly changes the others."""
 
@@ -168,7 +168,7 @@ class Problem:
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         guessed = self.unknowns_of(model.guessed_parameters) & (self.prior_weight == 0.0)
         self.guess_mean = self.start_values()
-        self.guess_weight = np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0)
+        self.guess_weight = np.where(guessed, 1.0 / (GUESS_PRIOR_STD_TYPICAL_SIZES * self.typical), 0.0)
         self.jumps: dict[int, float] = {}
         self._whole: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
@@ -217,7 +217,7 @@ class Problem:
         """
         held = copy(self)
         unknown = self.prior_weight == 0.0
-        width = np.where(self.per_run, 1.0, WEAK_PRIOR_SIZE) * self.typical
+        width = np.where(self.per_run, 1.0, WEAK_PRIOR_STD_TYPICAL_SIZES) * self.typical
         held.prior_mean = np.where(unknown, values, self.prior_mean)
         held.prior_weight = np.where(unknown, 1.0 / width, self.prior_weight)
         return held
@@ -234,7 +234,9 @@ class Problem:
         held = copy(self)
         unknown = self.is_effect & (self.prior_weight == 0.0)
         held.prior_mean = np.where(unknown, self.null, self.prior_mean)
-        held.prior_weight = np.where(unknown, max(1.0, left) / (EFFECT_PRIOR_SIZE * self.typical), self.prior_weight)
+        held.prior_weight = np.where(
+            unknown, max(1.0, left) / (EFFECT_PRIOR_STD_TYPICAL_SIZES * self.typical), self.prior_weight
+        )
         return held
 
     def unknown_key(self, unknown: int) -> tuple[str, str | None]:
@@ -314,7 +316,7 @@ class Problem:
         Args:
             values: (P,) values of the unknowns.
             free: (P,) bool, unknowns with respect to which the cost is expanded.
-            guesses: whether first guesses act as weak priors; see `GUESS_PRIOR_SIZE`.
+            guesses: whether first guesses act as weak priors; see `GUESS_PRIOR_STD_TYPICAL_SIZES`.
         """
         prior = self.prior_weight * (self.prior_mean - values)
         guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))

@@ -16,8 +16,8 @@ from armdyn.identify.compare import Comparison, channel_qualities, comparison, f
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
 from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
-from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
-from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
+from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE, HoldoutKind
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.failing_ranges import find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence
@@ -49,7 +49,7 @@ BACKGROUND_STEP = "background"
 NO_BACKGROUND_SENTENCE = (
     " Small values beside that, on every joint, would predict other runs no better: there is no background."
 )
-MIN_IMPROVED_SHARE = 0.5
+MIN_IMPROVEMENT_EXPLAINED_SHARE = 0.5
 """Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
 
 
@@ -119,7 +119,7 @@ class Repair(Displayable):
             return ResultLevel.GOOD
         if self.explained < 0.0 or self.verdict is Verdict.LOST:
             return ResultLevel.BAD
-        return ResultLevel.IMPROVED if self.explained > MIN_IMPROVED_SHARE else ResultLevel.CAUTION
+        return ResultLevel.IMPROVED if self.explained > MIN_IMPROVEMENT_EXPLAINED_SHARE else ResultLevel.CAUTION
 
 
 @one_thread
@@ -183,7 +183,7 @@ def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
 def _harms(before: RepairStep, after: RepairStep, scale: ChannelScale) -> bool:
     """Whether other runs are predicted worse, counting all channels of one unit together."""
     old, new = (total_errors(step.held_out_rmse, scale.units) for step in (before, after))
-    return any(new[unit] > (1.0 + MAX_ERROR_INCREASE) * old[unit] for unit in old)
+    return any(new[unit] > (1.0 + MAX_HELD_OUT_ERROR_INCREASE_SHARE) * old[unit] for unit in old)
 
 
 @one_thread
@@ -295,7 +295,7 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
     if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
-    near = found.last.fit.chi2_per_sample < MAX_CHI2_OF_STATED_NOISE
+    near = found.last.fit.chi2_per_sample < MAX_CHI2_PER_SAMPLE_STATED_NOISE
     little = len(found.steps) > 1 and study.explained_share(found.steps[0].fit, found.last.fit) > MIN_EXPLAINED_AT_NOISE
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 

@@ -40,16 +40,16 @@ HOLDOUT_KIND_TEXT = {
     HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
-NOTICEABLE_CHANGE = 0.01
+MIN_NOTICEABLE_ERROR_CHANGE_SHARE = 0.01
 """Smallest relative change of an error that a sentence calls a change."""
 MAX_NAMED_JOINTS = 3
 """Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
 MAX_NAMED_EFFECTS = 4
 """Largest number of effects that a sentence names; of more effects only the number is given."""
-LAGGING_SHARE = 0.2
+MIN_EXPLAINED_SHARE_DEFICIT = 0.2
 """A channel is reported separately if the share of its squared error that is explained is smaller by this much than the
 share for all channels."""
-NOISE_ERROR_RATIO = 1.1
+MAX_ERROR_TO_NOISE_CALLED_NOISE = 1.1
 """Ratio of error to noise up to which a sentence calls an error noise."""
 
 
@@ -163,7 +163,7 @@ def _found(
             if 0.5 < alone < share:
                 text += f", {steps[1].added[0]} alone {percent_text(alone)}"
         worst = least_explained_channel(steps[0].independent_errors(scale), steps[-1].independent_errors(scale), scale)
-        if worst is not None and worst[1] < share - LAGGING_SHARE:
+        if worst is not None and worst[1] < share - MIN_EXPLAINED_SHARE_DEFICIT:
             of = worst[0].partition(".")[2] or worst[0]
             text += f" but only {percent_text(max(worst[1], 0.0))} of that of {of}"
     return f"{text}; the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
@@ -173,12 +173,15 @@ def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], lef
     warned = "".join(f"; but {warning}" for warning in left.warnings)
     noise = total_errors({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
-    size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > NOISE_ERROR_RATIO else "What is left"
+    size = (
+        f"What is left, {_number(ratio, 2)} times the noise,"
+        if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE
+        else "What is left"
+    )
     if not left.exceeds_noise:
-        return (
-            f"{size} {'shows no structure that armdyn looks for' if ratio > NOISE_ERROR_RATIO else 'is noise'}{warned}."
-        )
-    text = f"{size} {'is more than noise' if ratio > NOISE_ERROR_RATIO else 'is not white noise'}"
+        far = ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE
+        return f"{size} {'shows no structure that armdyn looks for' if far else 'is noise'}{warned}."
+    text = f"{size} {'is more than noise' if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE else 'is not white noise'}"
     text += f" ({left.description})" if left.description else ""
     if not left.searched:
         text += ": run `armdyn diagnose` to look for more"
@@ -194,7 +197,11 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
     for unit, old in before.items():
         new = after.get(unit, math.nan)
         verb = (
-            "falls" if new < (1 - NOTICEABLE_CHANGE) * old else "rises" if new > (1 + NOTICEABLE_CHANGE) * old else ""
+            "falls"
+            if new < (1 - MIN_NOTICEABLE_ERROR_CHANGE_SHARE) * old
+            else "rises"
+            if new > (1 + MIN_NOTICEABLE_ERROR_CHANGE_SHARE) * old
+            else ""
         )
         if verb:
             parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")

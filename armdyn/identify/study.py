@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind, all_blocks, leave_one_out_predictions, predict_runs
 from armdyn.identify.prepare import prepare_runs, run_noise, stated_noise
 from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
@@ -21,7 +21,7 @@ from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-CHANCE_DEVIATES, SURE_DEVIATES = 0.5, 3.0
+MIN_RESIDUAL_EXCESS_STDS, MAX_NOISE_RESIDUAL_EXCESS_STDS = 0.5, 3.0
 """Excess of a mean squared residual over that of noise, in standard deviations of the latter: the smallest one that is
 used in comparisons, and the largest one that may be noise alone."""
 
@@ -162,7 +162,7 @@ class Study(ABC):
 
     def model_error_weight(self, fit: Fit) -> float:
         """Weight of the model's own error in a residual, from 0 (only noise) to 1 (the noise does not matter)."""
-        return 1.0 - MAX_CHI2_OF_STATED_NOISE / max(MAX_CHI2_OF_STATED_NOISE, fit.chi2_per_sample)
+        return 1.0 - MAX_CHI2_PER_SAMPLE_STATED_NOISE / max(MAX_CHI2_PER_SAMPLE_STATED_NOISE, fit.chi2_per_sample)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer | None:
         """Scorer of sets of effects, linearised at a fit; None for models that are not linear in most parameters.
@@ -218,7 +218,7 @@ class Study(ABC):
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([sample_count(kind) for kind in kinds if kind])
         means = np.array([chi2_sum(kind) for kind in kinds if kind]) / samples
-        return means - 1.0, CHANCE_DEVIATES * float(np.sqrt(2.0 / samples.min()))
+        return means - 1.0, MIN_RESIDUAL_EXCESS_STDS * float(np.sqrt(2.0 / samples.min()))
 
     def model_with(self, effects: Collection[Candidate]) -> Model:
         """The base model with some effects of the catalogue and no others."""

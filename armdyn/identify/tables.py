@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from armdyn.arm.rollout import SimulatedPositionError
     from armdyn.identify.bands import PredictionBands
 
-MAX_LISTED_RANGES = 6
+MAX_LISTED_FAILING_RANGES = 6
 """Largest number of ranges in a table of where a model fails."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
 """Quantity of a link in words, by the first part of the quantity's name."""
@@ -64,7 +64,7 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
 
 def failing_range_section(title: str, places: Sequence[FailingRange]) -> Section:
     """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
-    worst = places[:MAX_LISTED_RANGES]
+    worst = places[:MAX_LISTED_FAILING_RANGES]
     columns = [
         *attribute_columns(worst, channel="", run="", against=""),
         Column("from", [place.start for place in worst], ".3g"),

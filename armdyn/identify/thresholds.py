@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-THRESHOLD_RANGE_SIZES, TRIED_THRESHOLDS = 10.0, 21
+THRESHOLD_RANGE_TYPICAL_SIZES, TRIED_THRESHOLD_COUNT = 10.0, 21
 """Largest distance of a tried threshold from the declared one, in typical sizes, and number of thresholds tried."""
 THRESHOLD_HALVINGS = 3
 """Number of times that the distance between tried thresholds is halved around the best one, before a fit starts from
@@ -38,7 +38,7 @@ def likeliest_thresholds(
     Returns:
         (n,) thresholds, NaN where they have no influence.
     """
-    step = 2.0 * THRESHOLD_RANGE_SIZES / (TRIED_THRESHOLDS - 1) * typical
+    step = 2.0 * THRESHOLD_RANGE_TYPICAL_SIZES / (TRIED_THRESHOLD_COUNT - 1) * typical
     tried, found = list[np.ndarray](), list[np.ndarray]()
 
     def attempt(at: np.ndarray) -> None:
@@ -50,7 +50,7 @@ def likeliest_thresholds(
         away = np.where(worth == worth.max(axis=0), np.abs(at - declared), np.inf)
         return np.take_along_axis(at, away.argmin(axis=0)[None], axis=0)[0]
 
-    for k in np.arange(TRIED_THRESHOLDS) - TRIED_THRESHOLDS // 2:
+    for k in np.arange(TRIED_THRESHOLD_COUNT) - TRIED_THRESHOLD_COUNT // 2:
         attempt(declared + k * step)
     worth = np.array(found)
     with np.errstate(invalid="ignore"):

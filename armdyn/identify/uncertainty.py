@@ -25,12 +25,12 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import MAX_CHI2_OF_STATED_NOISE, Fit
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.noise import Whitening, variance_inflation, whitening_filters
 from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
-MAX_CHI2_OF_ESTIMATED_NOISE = 10.0
+MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE = 10.0
 """Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
 differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
 REDUCED_PRIOR_WEIGHT = 1e-4
@@ -136,9 +136,9 @@ def model_error_dominates(study: Study, fit: Fit) -> bool:
     """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
     for blocks in blocks_by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        far, whole = MAX_CHI2_OF_STATED_NOISE, sample_count(blocks)
+        far, whole = MAX_CHI2_PER_SAMPLE_STATED_NOISE, sample_count(blocks)
         if samples < whole:
-            chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_OF_ESTIMATED_NOISE
+            chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
         if chi2 > far * samples:
             return True
     return False

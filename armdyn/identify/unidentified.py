@@ -25,9 +25,9 @@ from armdyn.object_cache import cached_with_first_argument
 from armdyn.physics.simulated import as_simulated_model
 from armdyn.threads import one_thread
 
-MAX_IDENTIFIED_STD_SIZES = 1.0
+MAX_IDENTIFIED_STD_TYPICAL_SIZES = 1.0
 """Standard deviation along a direction of the parameters, in typical sizes, above which it is not identified."""
-MIN_COMBINATION_SHARE = 0.02
+MIN_DIRECTION_COMPONENT_SHARE = 0.02
 """Change of a parameter, as a share of the largest change in a direction, up to which it is not part of it."""
 
 
@@ -74,11 +74,11 @@ def find_unidentified_combinations(fit: Fit) -> tuple[UnidentifiedCombination, .
     if not np.isfinite(J).all():
         return ()
     alone = np.linalg.norm(J, axis=0)
-    told = np.flatnonzero(alone > MAX_IDENTIFIED_STD_SIZES)
+    told = np.flatnonzero(alone > MAX_IDENTIFIED_STD_TYPICAL_SIZES)
     if not len(told):
         return ()
     _, singular, rows = np.linalg.svd(J[:, told])
-    weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < MAX_IDENTIFIED_STD_SIZES]
+    weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < MAX_IDENTIFIED_STD_TYPICAL_SIZES]
     return tuple(_described(fit, asked[told], direction, alone[told]) for direction in _sparse(weak))
 
 
@@ -98,7 +98,7 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
     relative = np.where(
         values[columns] != 0.0, 100.0 * change / np.where(values[columns] != 0.0, values[columns], 1.0), 0.0
     )
-    part = np.abs(direction) > MIN_COMBINATION_SHARE * np.abs(direction).max()
+    part = np.abs(direction) > MIN_DIRECTION_COMPONENT_SHARE * np.abs(direction).max()
     first = int(np.argmax(part & (np.abs(relative) > 0.0)))
     scale = relative[first] if relative[first] else change[first]
     changes, units = dict[str, float](), dict[str, str]()

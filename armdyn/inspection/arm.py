@@ -17,7 +17,7 @@ from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import (
-    MODEL_ERROR_FLOOR,
+    MIN_MODEL_ERROR_SHARE_OF_RMS,
     ChannelReadings,
     Evidence,
     best_evidence,
@@ -29,49 +29,49 @@ from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import first_order_lag
 from armdyn.run import Run
 
-ARM_MOMENTS = 120
+ARM_EVALUATION_TIMES = 120
 """Number of moments at which a recording is evaluated: enough to distinguish a hundred effects of an arm."""
-COARSE_MOMENT_STRIDE = 2
+COARSE_EVALUATION_TIME_STRIDE = 2
 """Stride of the moments that the coarse evaluation of hypotheses uses."""
-TORQUE_AVERAGE_SECONDS = 0.03
+TORQUE_AVERAGE_HALF_WIDTH_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
-SEPARATE_EFFECTS = frozenset(
+SEPARATELY_HANDLED_EFFECTS = frozenset(
     {"torque_delay", "base_tilt", "payload", "joint_asymmetric_friction", "joint_stribeck_friction", "joint_coupling"}
 )
 """Effects whose columns are made here in another form (a delay, a tilt, a payload), or are close to those of others."""
-LARGE_EFFECT_SIZES = {
+LARGE_EFFECTS_IN_TYPICAL_SIZES = {
     "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
 }  # fmt: skip
 """Sizes of effects that are often larger than their typical size, in typical sizes, by effect; Baxter's spring is 3.5
 times as large as a spring typically is."""
 SIGN_ESTIMATION_ROUNDS = 3
 """Number of iterations that estimate the signs of torques that were recorded without sign."""
-SLIGHT_TORQUE_SHARE = 0.02
+NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
-USUAL_TORQUE_DELAY = 0.03
+USUAL_TORQUE_DELAY_SECONDS = 0.03
 """Usual delay of recorded torques, s."""
-USUAL_TILT = 0.1
+USUAL_BASE_TILT_RADIANS = 0.1
 """Usual tilt of an arm's base, rad."""
-USUAL_PAYLOAD_SHARE, USUAL_PAYLOAD_DISTANCE = 0.15, 0.2
+USUAL_PAYLOAD_SHARE_OF_ARM_MASS, USUAL_PAYLOAD_DISTANCE_METRES = 0.15, 0.2
 """Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
 INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 """Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
-USUAL_DRIVE_SHARES = np.array([0.05, 0.1, 0.1, 0.01])
+USUAL_DRIVE_TORQUES_PER_EFFORT = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
-MAX_LIMITED_EFFORT = 1e4
+MIN_EFFORT_LIMIT_MEANING_NONE = 1e4
 """Effort limit, N m or N, from which a description is taken to state no limit."""
-LIMIT_PRICE_NATS = 10.0
+LIMIT_VIOLATION_PRICE_NATS = 10.0
 """Log odds, in nats, against a hypothesis, for each joint that would leave its limits."""
-IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
+IMPOSSIBLE_POSITION_LIMIT_EXCESS, IMPOSSIBLE_POSITION_PRICE_NATS = 4.0 * np.pi, 20.0
 """Excess over a position limit, rad or m, that is impossible for every joint, and the log odds against it, in nats."""
-JOINT_LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
+JOINT_POSITION_LIMIT_TOLERANCE, MAX_TORQUE_TO_EFFORT_LIMIT_RATIO = 0.3, 2.0
 """Excess over a position limit, rad or m, that is tolerated, and largest possible ratio of a torque to the effort
 limit."""
 DRIVE_PRIOR_INFORMATION = 0.05
 """Prior information on a joint's offset and frictions, in typical sizes, where gravity is fitted with them: the torques
 then count over their mean square."""
-IGNORED_MOMENTS_SHARE = 0.05
+IGNORED_LIMIT_EXCESS_TIME_SHARE = 0.05
 """Share of the moments beyond a limit up to which the limit does not count as exceeded."""
 
 
@@ -181,7 +181,7 @@ class ArmRun:
         first = self.run.channels[self.channels[0]]
         inside = first.time[samples_inside_motion(first, whole)]
         inside = inside if len(inside) > 1 else first.time
-        return whole.at(np.linspace(inside[0], inside[-1], ARM_MOMENTS))
+        return whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
 
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
         """(n,) averages of a recorded torque around the moments, N m or N.
@@ -192,7 +192,7 @@ class ArmRun:
         stamps = CorrectedReading(channel, delay=late, clock_rate_error=pace).stamps_at(
             self.motion.time, float(recorded.time[0])
         )
-        return local_averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
+        return local_averages(recorded, stamps, TORQUE_AVERAGE_HALF_WIDTH_SECONDS)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -215,7 +215,9 @@ class ArmRun:
     def weights(self) -> np.ndarray:
         """(J,) number of independent samples per recorded sample of each torque."""
         residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
-        return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices])
+        return independent_sample_share(
+            self.measured, residual, NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices]
+        )
 
     def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques after a correction, (J,) logarithms of its factors, (J,) indices of its source channels."""
@@ -248,13 +250,16 @@ class ArmRun:
         """Price in nats of positions beyond the joints' limits."""
         described = self.model.arm.model
         excess = np.maximum(described.lowerPositionLimit - motion.q, motion.q - described.upperPositionLimit)
-        tolerances = (JOINT_LIMIT_TOLERANCE, LIMIT_PRICE_NATS), (IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS)
+        tolerances = (
+            (JOINT_POSITION_LIMIT_TOLERANCE, LIMIT_VIOLATION_PRICE_NATS),
+            (IMPOSSIBLE_POSITION_LIMIT_EXCESS, IMPOSSIBLE_POSITION_PRICE_NATS),
+        )
         return sum(price * float(np.count_nonzero(_mostly(excused < excess.T))) for excused, price in tolerances)
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
         """(...) price in nats of (..., J, n) torques that no drive of this arm has."""
-        limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.joint_indices, None]
-        return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
+        limit = MAX_TORQUE_TO_EFFORT_LIMIT_RATIO * self.model.arm.model.effortLimit[self.joint_indices, None]
+        return LIMIT_VIOLATION_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
     def coarse_log_evidence(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
         """(h,) approximate log evidence of hypotheses, nats, in a hundredth of the time of `log_evidence`.
@@ -267,7 +272,10 @@ class ArmRun:
             self._coarse(tuple(sorted((n, r) for n, r in c.readings.items() if n.startswith("q."))), description)
             for c, description in meanings
         ]
-        y, log_factor = np.array([r[0][:, ::COARSE_MOMENT_STRIDE] for r in read]), np.array([r[1] for r in read])
+        y, log_factor = (
+            np.array([r[0][:, ::COARSE_EVALUATION_TIME_STRIDE] for r in read]),
+            np.array([r[1] for r in read]),
+        )
         weight = np.array([self.weights[r[2]] for r in read])
         described, X, cost = (np.array(part) for part in zip(*coarse, strict=True))
         scale = np.maximum(np.mean(y**2, axis=2), self._min_rms(log_factor) ** 2)
@@ -279,7 +287,7 @@ class ArmRun:
             A = G / variance[..., None, None] + np.eye(X.shape[3])
             theta = solve_bounded(A, slope / variance[..., None], lower, np.inf).x
             residual = gap - (X @ theta[..., None])[..., 0]
-            variance = np.mean(residual**2, axis=2) + MODEL_ERROR_FLOOR**2 * scale
+            variance = np.mean(residual**2, axis=2) + MIN_MODEL_ERROR_SHARE_OF_RMS**2 * scale
         total = len(self.motion.time) * np.sum(weight * (log_factor - 0.5 * np.log(variance)), axis=1)
         return np.asarray(total - cost - self._too_strong(y))
 
@@ -289,18 +297,18 @@ class ArmRun:
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
         m = self.corrected_motion(Correction(dict(positions)))
-        m = Motion(*(x[::COARSE_MOMENT_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
+        m = Motion(*(x[::COARSE_EVALUATION_TIME_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
         described, columns = description.as_recorded(m.time, self.described_torques(m, description), self._of_drives(m))
         return described, columns, self._beyond(m)
 
     def _of_drives(self, m: Motion) -> np.ndarray:
         """(J, n, 4) torques of offset, viscous and dry friction, and rotor, of typical size."""
         columns = np.stack([np.ones(m.q.shape), m.v, m.direction, m.a], axis=2).transpose(1, 0, 2)
-        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.joint_indices]
+        return (columns * self._effort[:, None, None] * USUAL_DRIVE_TORQUES_PER_EFFORT)[self.joint_indices]
 
     def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices] * np.exp(log_factor))
+        return np.asarray(NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices] * np.exp(log_factor))
 
     def log_evidence(
         self,
@@ -356,7 +364,7 @@ class ArmRun:
         """(nj,) effort limits of the joints, N m or N, or, where none is given, the torques that hold the arm."""
         limits = np.array(self.model.arm.model.effortLimit)
         held = np.abs(inverse_dynamics(self.model.arm.model, self.motion.q, self.motion.v, self.motion.a)).max(axis=0)
-        return np.where(limits < MAX_LIMITED_EFFORT, limits, 2.0 * held + 1e-6)
+        return np.where(limits < MIN_EFFORT_LIMIT_MEANING_NONE, limits, 2.0 * held + 1e-6)
 
     @cached_property
     def _own(self) -> ArmModel:
@@ -367,9 +375,9 @@ class ArmRun:
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
         """The model with all effects at null; (p,) typical sizes; (p,) bool, True for sizes that are at least 0."""
         model = self._own.with_candidates(
-            [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_past(e))]
+            [e for e in self.effects if not (e.name in SEPARATELY_HANDLED_EFFECTS or depends_on_past(e))]
         )
-        size = [p.typical * LARGE_EFFECT_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
+        size = [p.typical * LARGE_EFFECTS_IN_TYPICAL_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
         positive = [
             name not in self._own.parameters and p.lower == p.null == 0.0 for name, p in model.parameters.items()
         ]
@@ -388,11 +396,11 @@ class ArmRun:
         # A link changes by shares of its mass and extent, which the description may have wrong.
         size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
         own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
-        load = max(1.0, USUAL_PAYLOAD_SHARE * heavier * float(self.model.arm.described[:, 0].sum()))
-        carried = load * USUAL_PAYLOAD_DISTANCE**INERTIAL_POWERS
+        load = max(1.0, USUAL_PAYLOAD_SHARE_OF_ARM_MASS * heavier * float(self.model.arm.described[:, 0].sum()))
+        carried = load * USUAL_PAYLOAD_DISTANCE_METRES**INERTIAL_POWERS
         payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.joint_indices]
-        tilt = self._per_gravity(m) * (USUAL_TILT * float(np.linalg.norm(self.model.gravity())))
-        late = USUAL_TORQUE_DELAY * np.gradient(described, m.time, axis=1)
+        tilt = self._per_gravity(m) * (USUAL_BASE_TILT_RADIANS * float(np.linalg.norm(self.model.gravity())))
+        late = USUAL_TORQUE_DELAY_SECONDS * np.gradient(described, m.time, axis=1)
         delays = late[:, :, None] * np.eye(len(late))[:, None]
         columns = np.concatenate([own, payload, tilt, delays], axis=2)
         of_mass = np.arange(columns.shape[2]) == len(positive)
@@ -401,4 +409,4 @@ class ArmRun:
 
 def _mostly(beyond: np.ndarray) -> np.ndarray:
     """(...) whether more than a few of (..., n) moments are beyond a limit."""
-    return np.asarray(beyond.mean(axis=-1) > IGNORED_MOMENTS_SHARE)
+    return np.asarray(beyond.mean(axis=-1) > IGNORED_LIMIT_EXCESS_TIME_SHARE)

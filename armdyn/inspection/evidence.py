@@ -21,9 +21,9 @@ import numpy as np
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import log_det, solve_bounded
 
-MISSING_EFFECT_SIZES = (0.1, 0.3, 1.0, 3.0)
+MISSING_EFFECT_TYPICAL_SIZES_TRIED = (0.1, 0.3, 1.0, 3.0)
 """Sizes of missing effects that are tried, in their typical sizes."""
-MODEL_ERROR_FLOOR = 0.1
+MIN_MODEL_ERROR_SHARE_OF_RMS = 0.1
 """Model error that every model may have, as a share of a channel's root mean square. A mistake makes a larger one; with
 0.03 a real arm whose joints move one at a time (six at rest, whose torques contain no information) seems to have
 exchanged joints."""
@@ -55,7 +55,7 @@ class ChannelReadings:
     weight: np.ndarray
     log_factor: np.ndarray
     min_rms: np.ndarray
-    model_error_floor: float = MODEL_ERROR_FLOOR
+    model_error_floor: float = MIN_MODEL_ERROR_SHARE_OF_RMS
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +76,16 @@ class Evidence:
 
 
 def best_evidence(given: ChannelReadings) -> Evidence:
-    """Evidence of readings, for the most probable of `MISSING_EFFECT_SIZES`."""
+    """Evidence of readings, for the most probable of `MISSING_EFFECT_TYPICAL_SIZES_TRIED`."""
     gap = given.measured - given.described
     scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
-    size = np.array(MISSING_EFFECT_SIZES)[:, None]
+    size = np.array(MISSING_EFFECT_TYPICAL_SIZES_TRIED)[:, None]
     lower = np.where(given.positive, 0.0, -np.inf)
-    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(MISSING_EFFECT_SIZES), 1))
+    variance = np.tile(
+        np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(MISSING_EFFECT_TYPICAL_SIZES_TRIED), 1)
+    )
 
     def spread() -> np.ndarray:
         """(s, p, p) information of the readings on the sizes, with their prior."""
@@ -123,7 +125,7 @@ def independent_sample_share(
         (centred[:, :-1], centred[:, 1:]) if after is None else (centred, after - after.mean(axis=1, keepdims=True))
     )
     moves = np.maximum(np.mean(before * then, axis=1), 0.0)
-    floor = MODEL_ERROR_FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), min_rms**2)
+    floor = MIN_MODEL_ERROR_SHARE_OF_RMS**2 * np.maximum(np.mean(measured**2, axis=1), min_rms**2)
     return np.asarray(
         1.0 / measured.shape[1] + np.maximum(alone, MIN_INDEPENDENT_SHARE_OF_SAMPLES) * (moves / (moves + floor)) ** 2
     )

@@ -18,30 +18,30 @@ from armdyn.recording.noise import DIFFERENCE_ORDERS, noise_std_from_differences
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-MIN_STUCK_SHARE = 0.02
+MIN_STUCK_REPEATED_SAMPLE_SHARE = 0.02
 """Least share of successive samples with the same value from which a sensor may be stuck; also `MIN_STUCK_SAMPLES`."""
 MIN_STUCK_SAMPLES = 12
-MIN_STUCK_HOLDS = 8.0
+MIN_STUCK_LENGTH_IN_MEDIAN_HOLDS = 8.0
 """Least length of a stretch with one value of a stuck sensor, in median lengths of such stretches."""
-MIN_JUMP_STEPS = 6.0
+MIN_STUCK_END_JUMP_USUAL_STEPS = 6.0
 """Least jump at the end of a stuck sensor's stretch, in usual steps of the signal: a motion from rest starts gently."""
-MIN_JUMP_SHARE = 0.03
+MIN_STUCK_END_JUMP_RANGE_SHARE = 0.03
 """Least jump at the end of a stuck sensor's stretch, as a share of the signal's range."""
-NOISE_ONLY_SHARE, NOISE_ONLY_QUANTILE = 0.3, 0.3853
+NOISE_ONLY_DIFFERENCE_SHARE, NOISE_ONLY_ABS_NORMAL_QUANTILE = 0.3, 0.3853
 """Share of a signal's differences that contain only noise, and this quantile of |x| over the standard deviation, for
 normally distributed x."""
-MAX_STOP_DISTANCE_SHARE = 0.02
+MAX_SAME_STOP_DISTANCE_RANGE_SHARE = 0.02
 """Largest distance of stops that count as stops at one position, as a share of the joint's range."""
-MAX_CHANCE_OF_STOPS = 0.01
+MAX_SAME_STOP_PROBABILITY = 0.01
 """Probability below which stops at one position cannot be lost connections, which occur anywhere."""
-STOP_WIDTH_SHARE = 1e-3
+MIN_STOP_SPACING_RANGE_SHARE = 1e-3
 """Least distance of stops in the estimate of their probability, as a share of the joint's range."""
-MIN_ARRIVAL_SPEED_SHARE = 0.75
+MIN_SPEED_SHARE_BEFORE_STICKING = 0.75
 """Least speed of a joint just before it sticks, as a share of its earlier speed: a joint that its drive stops slows
 down before."""
-MIN_MOVING_SPEED_SHARE = 0.5
+MIN_SPEED_SHARE_BESIDE_STICKING = 0.5
 """Least speed of a joint before or after it sticks, as a share of its usual speed; a reversing joint is slower."""
-MIN_STOP_CROSSINGS = 8.0
+MIN_STOP_IN_NOISE_CROSSING_TIMES = 8.0
 """Shortest stop, as a multiple of the time in which a joint usually crosses its own noise."""
 
 
@@ -86,8 +86,14 @@ def longest_constant_stretch(channel: Channel) -> tuple[int, int] | None:
     edges = np.concatenate([[-1], change, [len(value) - 1]])
     lengths = np.diff(edges)
     steps = np.abs(np.diff(value)[change])
-    step = max(MIN_JUMP_STEPS * float(np.median(steps)), MIN_JUMP_SHARE * float(np.ptp(value)))
-    shortest = max(MIN_STUCK_SAMPLES, MIN_STUCK_SHARE * len(value), MIN_STUCK_HOLDS * float(np.median(lengths)))
+    step = max(
+        MIN_STUCK_END_JUMP_USUAL_STEPS * float(np.median(steps)), MIN_STUCK_END_JUMP_RANGE_SHARE * float(np.ptp(value))
+    )
+    shortest = max(
+        MIN_STUCK_SAMPLES,
+        MIN_STUCK_REPEATED_SAMPLE_SHARE * len(value),
+        MIN_STUCK_LENGTH_IN_MEDIAN_HOLDS * float(np.median(lengths)),
+    )
     longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= shortest]
     shown = 2.0 * resolution(value)
     noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
@@ -127,21 +133,23 @@ def repeated_stops(channel: Channel) -> list[list[Stop]]:
     low, high = float(channel.value.min()), float(channel.value.max())
     whole = high - low
     found = [
-        s for s in abrupt_stops(channel) if min(s.position - low, high - s.position) > MAX_STOP_DISTANCE_SHARE * whole
+        s
+        for s in abrupt_stops(channel)
+        if min(s.position - low, high - s.position) > MAX_SAME_STOP_DISTANCE_RANGE_SHARE * whole
     ]
     places: list[list[Stop]] = []
     for stand in sorted(found, key=lambda stand: stand.position):
-        if places and stand.position - places[-1][0].position < MAX_STOP_DISTANCE_SHARE * whole:
+        if places and stand.position - places[-1][0].position < MAX_SAME_STOP_DISTANCE_RANGE_SHARE * whole:
             places[-1].append(stand)
         else:
             places.append([stand])
-    surely = (stands for stands in places if _chance(stands, len(found), whole) < MAX_CHANCE_OF_STOPS)
+    surely = (stands for stands in places if _chance(stands, len(found), whole) < MAX_SAME_STOP_PROBABILITY)
     return [sorted(stands, key=lambda stand: stand.start) for stands in surely]
 
 
 def _chance(stands: list[Stop], of: int, whole: float) -> float:
     """Expected number of groups as large and as narrow among so many stops at random positions in a range."""
-    apart = max(stands[-1].position - stands[0].position, STOP_WIDTH_SHARE * whole)
+    apart = max(stands[-1].position - stands[0].position, MIN_STOP_SPACING_RANGE_SHARE * whole)
     return float(comb(of, len(stands)) * len(stands) * (apart / whole) ** (len(stands) - 1))
 
 
@@ -153,7 +161,7 @@ def abrupt_stops(channel: Channel) -> list[Stop]:
     usual = float(np.median(step[step > noise])) if np.any(step > noise) else float(np.median(step))
     if usual <= 0.0:
         return []
-    length = 2 * (max(MIN_STUCK_SAMPLES, int(np.ceil(MIN_STOP_CROSSINGS * 2.0 * noise / usual))) // 2) + 1
+    length = 2 * (max(MIN_STUCK_SAMPLES, int(np.ceil(MIN_STOP_IN_NOISE_CROSSING_TIMES * 2.0 * noise / usual))) // 2) + 1
     if len(value) < 4 * length:
         return []
     quiet = maximum_filter1d(value, length) - minimum_filter1d(value, length) <= 2.0 * noise
@@ -167,7 +175,9 @@ def abrupt_stops(channel: Channel) -> list[Stop]:
         if places.min() < 0 or places.max() >= len(value):
             return False
         beside, before = np.diff(value[places]) / (near - 1, far)
-        return bool(abs(before) > MIN_MOVING_SPEED_SHARE * usual and beside / before > MIN_ARRIVAL_SPEED_SHARE)
+        return bool(
+            abs(before) > MIN_SPEED_SHARE_BESIDE_STICKING * usual and beside / before > MIN_SPEED_SHARE_BEFORE_STICKING
+        )
 
     return [
         Stop(float(channel.time[first]), float(channel.time[end - 1]), float(np.median(value[first:end])))
@@ -212,5 +222,9 @@ def least_noise(channel: Channel) -> float:
         if len(channel) > 4 * order:
             size = np.abs(normalised_differences(channel.time, channel.value, order))
             size = size[np.isfinite(size)]
-            found.append(float(np.quantile(size, NOISE_ONLY_SHARE) / NOISE_ONLY_QUANTILE) if len(size) else 0.0)
+            found.append(
+                float(np.quantile(size, NOISE_ONLY_DIFFERENCE_SHARE) / NOISE_ONLY_ABS_NORMAL_QUANTILE)
+                if len(size)
+                else 0.0
+            )
     return min(found, default=0.0)

@@ -36,7 +36,7 @@ from armdyn.inspection.signals import (
 )
 from armdyn.inspection.swing import SwingRun, pendulum_mistakes
 from armdyn.model import Model
-from armdyn.recording.channels import MIN_SAMPLES, channel_kind
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
 from armdyn.recording.gaps import channels_between, gaps_of
 from armdyn.recording.spikes import without_saturation, without_spikes
@@ -191,4 +191,4 @@ def longest_piece(run: Run, seconds: float) -> Run:
     if last - first > seconds:
         middle = 0.5 * (first + last)
         first, last = middle - 0.5 * seconds, middle + 0.5 * seconds
-    return replace(run, channels=channels_between(run, first, last, MIN_SAMPLES))
+    return replace(run, channels=channels_between(run, first, last, MIN_COMPARED_CHANNEL_SAMPLES))

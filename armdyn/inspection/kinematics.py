@@ -13,27 +13,27 @@ from armdyn.recording.channels import Channel
 from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 
-RATE_MOMENTS = 400
+RATE_COMPARISON_TIMES = 400
 """Number of moments at which recorded rates are compared with slopes of positions."""
-SLOPE_SECONDS = 0.025
+SLOPE_FIT_HALF_WIDTH_SECONDS = 0.025
 """Half the time, s, over which the slope of a position is fitted and a rate is averaged; at least three samples."""
 MIN_RATE_CORRELATION = 0.9
 """Least correlation of a recorded rate with the slope of its position; filtered rates reach 0.95."""
-MIN_SPEED_DEVIATES = 5.0
+MIN_CHECKED_SPEED_NOISE_STDS = 5.0
 """Least speed of a joint, in standard deviations of the slopes' noise, for which its rate is checked."""
 CERTAIN_RATE_CORRELATION = 0.99
 """Correlation of a rate with the slope of its position from which no other position or clock is tried."""
-RATE_RATIO_RANGE = (0.75, 1.35)
+RATE_TO_SLOPE_RATIO_RANGE = (0.75, 1.35)
 """Smallest and largest ratio of a rate to the slope of its position that a filter or backlash may cause."""
-RATE_CLOCK_SHIFTS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
+RATE_CLOCK_SHIFTS_TRIED_SECONDS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
 """Shifts of a rate's clock that are tried, s."""
-MAX_RATE_DELAY = 0.06
+MAX_RATE_FILTER_DELAY_SECONDS = 0.06
 """Largest delay of a rate, s, that its own filter may cause."""
-MIN_EXPLAINED_REST = 0.4
+MIN_EXPLAINED_RATE_RESIDUAL_SHARE = 0.4
 """Least share of the unexplained part of a rate that another position or clock must explain."""
 MAX_UNRELATED_CORRELATION = 0.5
 """Correlation up to which a rate is not the derivative of its position."""
-RATE_FACTORS: tuple[tuple[float, CheckKind, str], ...] = (
+RATE_MISTAKE_FACTORS: tuple[tuple[float, CheckKind, str], ...] = (
     (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
     (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
@@ -121,18 +121,20 @@ def rates_and_slopes(run: Run) -> tuple[list[RateAndSlope], np.ndarray]:
     channels = [run.channels[name] for pair in named for name in pair]
     begin = max((float(c.time[0]) for c in channels), default=0.0)
     end = min((float(c.time[-1]) for c in channels), default=0.0)
-    moments = np.linspace(begin, end, RATE_MOMENTS)
+    moments = np.linspace(begin, end, RATE_COMPARISON_TIMES)
     found = []
     for q, v in named if begin < end else ():
         slope, noise = local_slopes(run.channels[q], moments)
-        if float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.changes_beyond_noise(run.channels[q]):
+        if float(np.std(slope)) > MIN_CHECKED_SPEED_NOISE_STDS * noise and signals.changes_beyond_noise(
+            run.channels[q]
+        ):
             found.append(RateAndSlope(q, v, slope, local_averages(run.channels[v], moments)))
     return found, moments
 
 
 def local_slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     """(n,) slopes of lines that are fitted to a channel around moments (n,), s, and their standard deviation."""
-    near = max(SLOPE_SECONDS, 1.6 * float(np.median(np.diff(channel.time))))
+    near = max(SLOPE_FIT_HALF_WIDTH_SECONDS, 1.6 * float(np.median(np.diff(channel.time))))
     time, value = channel.time - channel.time[0], channel.value - channel.value.mean()
     sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (np.ones(len(time)), time, value, time**2, time * value)]
     first = np.searchsorted(channel.time, moments - near)
@@ -143,7 +145,7 @@ def local_slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, flo
     return (one * tx - t * x) / spread, noise
 
 
-def local_averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS) -> np.ndarray:
+def local_averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_FIT_HALF_WIDTH_SECONDS) -> np.ndarray:
     """(n,) averages of a channel from `near` s before to `near` s after each of (n,) moments, s."""
     near = max(near, 1.6 * float(np.median(np.diff(channel.time))))
     total = np.concatenate([[0.0], np.cumsum(channel.value)])
@@ -159,7 +161,7 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 def _is_one(ratio: float) -> bool:
     """Whether a ratio of rate to slope is one, but for a filter or backlash."""
-    return RATE_RATIO_RANGE[0] < ratio < RATE_RATIO_RANGE[1]
+    return RATE_TO_SLOPE_RATIO_RANGE[0] < ratio < RATE_TO_SLOPE_RATIO_RANGE[1]
 
 
 def _nats(pair: RateAndSlope, reading: CorrectedReading) -> float:
@@ -175,7 +177,7 @@ def _in_another_unit(pair: RateAndSlope) -> RateMistake | None:
     """The unit or sign that a rate has; None for its own."""
     meant = (
         (kind, said, CorrectedReading(pair.rate, 1.0 / factor))
-        for factor, kind, said in RATE_FACTORS
+        for factor, kind, said in RATE_MISTAKE_FACTORS
         if pair.correlation > MIN_RATE_CORRELATION and _is_one(pair.factor / factor)
     )
     return next(meant, None)
@@ -185,7 +187,9 @@ def _elsewhere(run: Run, pair: RateAndSlope, pairs: list[RateAndSlope], moments:
     """Another position, or another clock, that a rate fits; None where there is none."""
     if pair.correlation >= CERTAIN_RATE_CORRELATION:
         return None
-    least = max(pair.correlation + MIN_EXPLAINED_REST * (1.0 - pair.correlation**2), MIN_RATE_CORRELATION)
+    least = max(
+        pair.correlation + MIN_EXPLAINED_RATE_RESIDUAL_SHARE * (1.0 - pair.correlation**2), MIN_RATE_CORRELATION
+    )
     others = [p for p in pairs if p is not pair]
     owners = {p.rate: _correlation(pair.slope, p.value) for p in others}
     best = max(owners, key=lambda name: owners[name], default="")
@@ -194,10 +198,10 @@ def _elsewhere(run: Run, pair: RateAndSlope, pairs: list[RateAndSlope], moments:
     channel = run.channels[pair.rate]
     shifted = {
         s: _correlation(pair.slope, local_averages(Channel(channel.time - s, channel.value, channel.unit), moments))
-        for s in RATE_CLOCK_SHIFTS.tolist()
+        for s in RATE_CLOCK_SHIFTS_TRIED_SECONDS.tolist()
     }
     late = max(shifted, key=lambda s: shifted[s])
-    if shifted[late] > least and abs(late) >= MAX_RATE_DELAY:
+    if shifted[late] > least and abs(late) >= MAX_RATE_FILTER_DELAY_SECONDS:
         said = f"stamped {abs(late):g} s too {'late' if late > 0.0 else 'early'} against the positions"
         return "clock_shift", said, CorrectedReading(pair.rate, delay=float(late))
     return None

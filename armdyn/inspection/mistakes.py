@@ -6,11 +6,11 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, DescriptionCorrection
+from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_LIMIT_EXCESS_TIME_SHARE, ArmRun, DescriptionCorrection
 from armdyn.inspection.check import MODEL_PLACEHOLDER, CheckKind
 from armdyn.inspection.correction import CorrectedReading, Correction
 
-ANGLE_UNITS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
+WRONG_ANGLE_UNIT_FACTORS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
 """Factors that correct a wrong unit of angles, each with the mistake in words."""
 TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
     "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
@@ -21,26 +21,26 @@ SINGLE_JOINT_UNITS = ("mN m", "N cm")
 """Units of torque that the column of a single joint may have."""
 TORQUE_CONSTANT_RANGE = (2.0, 400.0)
 """Range of torque constants with gears, N m/A: a smaller one is probably a gain, a larger one another unit."""
-UNIT_TOLERANCE_FACTOR = 1.5
+MAX_KNOWN_UNIT_TORQUE_RATIO = 1.5
 """Largest factor between torques in a known unit and the model's torques, which gains and loads may cause."""
-MIN_OWN_FACTOR, OWN_FACTOR_PRICE_NATS = 3.0, 8.0
+MIN_UNEXPLAINED_TORQUE_FACTOR, UNEXPLAINED_FACTOR_PRICE_NATS = 3.0, 8.0
 """Least factor on all torques that no gain explains, and the log odds against it, in nats, compared with a known
 unit."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """SI values of the units of mass and of length in which a description may have been written by mistake."""
-ZERO_OFFSETS: Mapping[str, float] = {
+ANGLE_ZERO_OFFSETS_TRIED: Mapping[str, float] = {
     "a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi,
 }  # fmt: skip
-TORQUE_CLOCK_SHIFTS = (0.1, 0.15, 0.2, 0.3, 0.5)
+TORQUE_CLOCK_SHIFTS_TRIED_SECONDS = (0.1, 0.15, 0.2, 0.3, 0.5)
 """Clock shifts of torques that are tried in both directions, s; a smaller delay is an effect of the torque sensor."""
-SENSOR_LAGS = (0.03, 0.06, 0.09)
+TRIED_SENSOR_LAGS_SECONDS = (0.03, 0.06, 0.09)
 """Lags of a gripper or a sensor that are tried, s; they are effects rather than mistakes."""
-CLOCK_RATE_ERRORS = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
+TRIED_CLOCK_RATE_ERRORS = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
 """Relative errors of a clock's rate that are tried, as of two computers or of a wrong sampling rate."""
-MIN_CLOCK_SHIFT = 5e-3
+MIN_CLOCK_SHIFT_SECONDS = 5e-3
 """Clock shift, s, below which time stamps count as right."""
-TIME_CONSTANTS = (0.1, 0.2, 0.4)
+TRIED_TORQUE_LOW_PASS_SECONDS = (0.1, 0.2, 0.4)
 """Time constants of low-passed torques that are tried, s."""
 SINGLE_JOINT_PRICE_NATS = 2.0
 """Log odds, in nats, against a mistake on one joint alone."""
@@ -96,7 +96,7 @@ def clock_error_in_words(late: float, pace: float) -> str:
     """Describe a clock error in words: a delay `late`, s, and a relative rate error `pace`."""
     shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
     drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
-    return drift if pace and abs(late) < MIN_CLOCK_SHIFT else f"{shift} and {drift}" if pace else shift
+    return drift if pace and abs(late) < MIN_CLOCK_SHIFT_SECONDS else f"{shift} and {drift}" if pace else shift
 
 
 def scaled_channels_mistake(
@@ -110,10 +110,10 @@ def scaled_channels_mistake(
 def shifted_clock_mistakes(
     channels: Iterable[str], said: str, price: float, shifts: Iterable[float], rates: Iterable[float] = ()
 ) -> Iterator[Mistake]:
-    """Mistakes of the clock of some channels: shifts, s, and relative rate errors; `SENSOR_LAGS` are effects."""
+    """Clock mistakes of some channels: shifts, s, and relative rate errors; `TRIED_SENSOR_LAGS_SECONDS` are effects."""
     of_channels = replace(scaled_channels_mistake("clock_shift", channels, said, price=price), clock=said)
     for late, pace in (*((late, 0.0) for late in shifts), *((0.0, pace) for pace in rates)):
-        yield replace(of_channels.with_clock(late, pace), is_effect=late in SENSOR_LAGS)
+        yield replace(of_channels.with_clock(late, pace), is_effect=late in TRIED_SENSOR_LAGS_SECONDS)
 
 
 def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
@@ -123,7 +123,7 @@ def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
 def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Mistakes of angle units: degrees that are declared as rad, or the reverse."""
     turning = [joint for joint in run.model.arm.joints if not run.is_prismatic(joint)]
-    for factor, said in ANGLE_UNITS:
+    for factor, said in WRONG_ANGLE_UNIT_FACTORS:
         yield scaled_channels_mistake("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
         for joint in run.joints if len(run.joints) > 1 else ():
             if not run.is_prismatic(joint) and (own := _recorded(run, "qva", (joint,))):
@@ -151,13 +151,14 @@ def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
     whole = float(np.sum(products) / max(float(np.sum(squares)), 1e-300))
     listed = any(
-        1.0 / UNIT_TOLERANCE_FACTOR < whole / factor < UNIT_TOLERANCE_FACTOR for factor, _ in TORQUE_UNITS.values()
+        1.0 / MAX_KNOWN_UNIT_TORQUE_RATIO < whole / factor < MAX_KNOWN_UNIT_TORQUE_RATIO
+        for factor, _ in TORQUE_UNITS.values()
     )
-    if not listed and (whole > MIN_OWN_FACTOR or 0.0 < whole < 1.0 / MIN_OWN_FACTOR):
+    if not listed and (whole > MIN_UNEXPLAINED_TORQUE_FACTOR or 0.0 < whole < 1.0 / MIN_UNEXPLAINED_TORQUE_FACTOR):
         size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
         said = f"torques are about {size}: those of the motors before their gears, or in a unit of their own"
         yield replace(
-            scaled_channels_mistake("torque_unit", every, said, whole, price=OWN_FACTOR_PRICE_NATS),
+            scaled_channels_mistake("torque_unit", every, said, whole, price=UNEXPLAINED_FACTOR_PRICE_NATS),
             remedy="give gear_ratio, or scale, in the map of 'armdyn import'", correctable=False,
         )  # fmt: skip
     if TORQUE_CONSTANT_RANGE[0] < likely < TORQUE_CONSTANT_RANGE[1]:
@@ -218,7 +219,7 @@ def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
 def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Mistakes of a joint's zero position by a quarter or half a turn."""
     for joint in run.joints:
-        for said, offset in () if run.is_prismatic(joint) else ZERO_OFFSETS.items():
+        for said, offset in () if run.is_prismatic(joint) else ANGLE_ZERO_OFFSETS_TRIED.items():
             name = f"q.{joint}"
             yield scaled_channels_mistake(
                 "position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset
@@ -229,10 +230,16 @@ def clock_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Mistakes of the clock of torques against that of positions; early torques may be commands."""
     said, price = "torques are stamped {} against the positions", LATE_CLOCK_PRICE_NATS
     yield from shifted_clock_mistakes(
-        run.channels, said, price, (*SENSOR_LAGS, *TORQUE_CLOCK_SHIFTS), CLOCK_RATE_ERRORS
+        run.channels,
+        said,
+        price,
+        (*TRIED_SENSOR_LAGS_SECONDS, *TORQUE_CLOCK_SHIFTS_TRIED_SECONDS),
+        TRIED_CLOCK_RATE_ERRORS,
     )
     commands = f"{said}, or are commands, which the drive follows later"
-    yield from shifted_clock_mistakes(run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS))
+    yield from shifted_clock_mistakes(
+        run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS_TRIED_SECONDS)
+    )
 
 
 def gravity_mistakes(run: ArmRun) -> Iterator[Mistake]:
@@ -277,14 +284,17 @@ def roll_and_pitch(gravity: np.ndarray) -> tuple[float, float]:
 
 def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Mistakes of recorded torques that cannot be corrected: low-passed, or without sign."""
-    for lag in TIME_CONSTANTS:
+    for lag in TRIED_TORQUE_LOW_PASS_SECONDS:
         yield Mistake(
             "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
             description=DescriptionCorrection(lag=lag), prior_odds_nats=LATE_CLOCK_PRICE_NATS,
         )  # fmt: skip
-    lowest, largest = np.quantile(run.measured, IGNORED_MOMENTS_SHARE, axis=1), np.max(np.abs(run.measured), axis=1)
-    if np.all(lowest >= -IGNORED_MOMENTS_SHARE * largest):
+    lowest, largest = (
+        np.quantile(run.measured, IGNORED_LIMIT_EXCESS_TIME_SHARE, axis=1),
+        np.max(np.abs(run.measured), axis=1),
+    )
+    if np.all(lowest >= -IGNORED_LIMIT_EXCESS_TIME_SHARE * largest):
         yield Mistake(
             "sign_missing", run.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=DescriptionCorrection(magnitudes=True),

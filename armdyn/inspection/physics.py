@@ -23,23 +23,23 @@ POSSIBLE_MISTAKE_NATS = 8.0
 """Log odds, in nats, over an unchanged recording from which a mistake is reported as possible."""
 MISTAKE_TIE_NATS = 6.0
 """Log odds, in nats, up to which two mistakes explain a recording equally well, so that neither is corrected."""
-MAX_RESIDUAL_SHARE = 0.35
+MAX_CORRECTED_RESIDUAL_SHARE = 0.35
 """Largest residual after a mistake's correction, as a share of the channels' mean square. With a larger one the
 description is of another arm, and no mistake is reported."""
-FULLY_EVALUATED, FULLY_EVALUATED_PER_KIND = 8, 3
+FULLY_EVALUATED_HYPOTHESES, FULLY_EVALUATED_HYPOTHESES_PER_KIND = 8, 3
 """Number of hypotheses that are evaluated fully after a coarse evaluation, and largest number of one kind."""
-MIN_UNEXPLAINED_SHARE = 0.2
+MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES = 0.2
 """Residual, as a share of a channel's mean square, from which two mistakes at once are tried, if one mistake explains
 nothing; the median of recordings without a mistake is below 0.14."""
 MAX_MISTAKES = 3
 """Largest number of mistakes that are searched in one recording."""
-MAX_FIRST_DEFICIT_NATS = 10.0
+MAX_COARSE_DEFICIT_NATS = 10.0
 """Log odds, in nats, by which a hypothesis may be worse than an unchanged recording in the coarse evaluation."""
-FIRST_SHIFT_STEP, FIRST_RATE_STEP = 0.03, 5e-3
+FIRST_CLOCK_SHIFT_STEP_SECONDS, FIRST_CLOCK_RATE_ERROR_STEP = 0.03, 5e-3
 """First steps of the search for a clock's error: its shift, s, and its relative rate error."""
-CLOCK_SEARCH_RANGE = 4.0
+CLOCK_SEARCH_RANGE_IN_FIRST_STEPS = 4.0
 """Range of the search for a clock's error to either side of its start, in first steps."""
-MAX_CLOCKS_TRIED = 80
+MAX_CLOCK_ERRORS_TRIED = 80
 """Largest number of clock errors that the search for a clock's error tries."""
 ComparedRun = TypeVar("ComparedRun", ArmRun, SwingRun)
 
@@ -95,13 +95,13 @@ def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tup
     screened = run.coarse_log_evidence(
         [(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)]
     )
-    least, values = float(screened[0]) - MAX_FIRST_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
+    least, values = float(screened[0]) - MAX_COARSE_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
     near = _foremost(mistakes, values, least)
     if not near:
         return ()
     as_is = run.log_evidence(Correction(), AS_DESCRIBED)
     found = _best(run, [(mistakes[i],) for i in near], as_is.value)
-    if found or float(np.median(as_is.share)) < MIN_UNEXPLAINED_SHARE:
+    if found or float(np.median(as_is.share)) < MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES:
         return found
     pairs = [
         (mistakes[i], second)
@@ -114,7 +114,7 @@ def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tup
     values = run.coarse_log_evidence([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [
         _price(pair) for pair in pairs
     ]
-    best = [i for i in np.argsort(values)[::-1][:FULLY_EVALUATED].tolist() if values[i] > least]
+    best = [i for i in np.argsort(values)[::-1][:FULLY_EVALUATED_HYPOTHESES].tolist() if values[i] > least]
     return _best(run, [pairs[i] for i in best], as_is.value)
 
 
@@ -133,7 +133,7 @@ def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> 
     near: list[int] = []
     for i in np.argsort(values)[::-1].tolist():
         alike = sum(mistakes[k].kind == mistakes[i].kind for k in near)
-        if len(near) < FULLY_EVALUATED and alike < FULLY_EVALUATED_PER_KIND and values[i] > least:
+        if len(near) < FULLY_EVALUATED_HYPOTHESES and alike < FULLY_EVALUATED_HYPOTHESES_PER_KIND and values[i] > least:
             near.append(i)
     return near
 
@@ -147,7 +147,7 @@ def _best(run: ComparedRun, sets: Sequence[tuple[Mistake, ...]], as_is: float) -
     best = int(np.argmax(values))
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in m.channels for m in chosen)] or slice(None)
-    explained = float(np.mean(found[best].share[concerned])) <= MAX_RESIDUAL_SHARE
+    explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
     least = max(as_is, run.log_evidence_of_no_model())
     of_description = any(m.description.mass != 1.0 or m.description.length != 1.0 for m in chosen)
     # A description belongs to all its recordings, so a mistake in it must be certain.
@@ -171,22 +171,24 @@ def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int
     (reading, *_) = m.correction.readings.values()
 
     def cost(clock: np.ndarray) -> float:
-        tried = m.with_clock(FIRST_SHIFT_STEP * clock[0], FIRST_RATE_STEP * clock[1])
+        tried = m.with_clock(FIRST_CLOCK_SHIFT_STEP_SECONDS * clock[0], FIRST_CLOCK_RATE_ERROR_STEP * clock[1])
         return -run.log_evidence(_corrected([*chosen[:which], tried, *chosen[which + 1 :]]), AS_DESCRIBED).value
 
-    start = np.array([reading.delay / FIRST_SHIFT_STEP, reading.clock_rate_error / FIRST_RATE_STEP])
-    bounds = [(x - CLOCK_SEARCH_RANGE, x + CLOCK_SEARCH_RANGE) for x in start]
+    start = np.array(
+        [reading.delay / FIRST_CLOCK_SHIFT_STEP_SECONDS, reading.clock_rate_error / FIRST_CLOCK_RATE_ERROR_STEP]
+    )
+    bounds = [(x - CLOCK_SEARCH_RANGE_IN_FIRST_STEPS, x + CLOCK_SEARCH_RANGE_IN_FIRST_STEPS) for x in start]
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     both = minimize(
         cost, start, method="Nelder-Mead", bounds=bounds,
-        options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.05, "maxfev": MAX_CLOCKS_TRIED},
+        options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.05, "maxfev": MAX_CLOCK_ERRORS_TRIED},
     )  # fmt: skip
     alone = minimize_scalar(
         lambda late: cost(np.array([late, 0.0])), bounds=bounds[0], method="bounded",
-        options={"xatol": 1e-3, "maxiter": MAX_CLOCKS_TRIED // 2},
+        options={"xatol": 1e-3, "maxiter": MAX_CLOCK_ERRORS_TRIED // 2},
     )  # fmt: skip
     late, pace = (float(alone.x), 0.0) if alone.fun <= both.fun + MISTAKE_PRICE_NATS else both.x.tolist()
-    return m.with_clock(FIRST_SHIFT_STEP * late, FIRST_RATE_STEP * pace)
+    return m.with_clock(FIRST_CLOCK_SHIFT_STEP_SECONDS * late, FIRST_CLOCK_RATE_ERROR_STEP * pace)
 
 
 def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[Check]:

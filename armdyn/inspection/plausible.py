@@ -8,28 +8,28 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.identify.compare import Comparison
-from armdyn.inspection.arm import MAX_LIMITED_EFFORT
+from armdyn.inspection.arm import MIN_EFFORT_LIMIT_MEANING_NONE
 from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, rounded
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.run import Run
 
-MAX_TIME_CONSTANT = 10.0
+MAX_TIME_CONSTANT_SECONDS = 10.0
 """Longest possible time constant of a sensor, gripper or string, s."""
-MAX_BASE_TILT = np.deg2rad(60.0)
+MAX_BASE_TILT_RADIANS = np.deg2rad(60.0)
 """Largest possible tilt of a base against its description, rad."""
-MAX_PERMANENT_TORQUE_SHARE = 1.0
+MAX_PERMANENT_SHARE_OF_EFFORT_LIMIT = 1.0
 """Largest possible permanent torque on a joint, as a share of its effort limit."""
 CHECK_REMEDY = "check your recording: armdyn inspect M.toml RUN..., with --report a page of every channel"
 
 
-MIN_EXCESS_DEVIATES = 2.0
+MIN_REPORTED_EXCESS_STDS = 2.0
 """Standard deviations by which a fitted value must exceed its possible range to be reported."""
 
 
 def least_absolute_value(p: Parameter) -> float:
     """Absolute value of a parameter less two standard deviations: its least probable size."""
-    return abs(p.value) - MIN_EXCESS_DEVIATES * (p.std or 0.0)
+    return abs(p.value) - MIN_REPORTED_EXCESS_STDS * (p.std or 0.0)
 
 
 def implausible_values(model: Model) -> list[Check]:
@@ -80,7 +80,7 @@ def _sizes(model: Model) -> Iterator[tuple[str, str]]:
         pushes = ("friction" in effect or "drag" in effect) and p.lower >= 0.0
         if pushes and p.value < 0.0 < least_absolute_value(p):
             yield name, f"{name} = {rounded(p.value)} {p.unit} is a friction that pushes"
-        if effect and p.unit == "s" and least_absolute_value(p) > MAX_TIME_CONSTANT:
+        if effect and p.unit == "s" and least_absolute_value(p) > MAX_TIME_CONSTANT_SECONDS:
             yield name, f"{name} = {rounded(p.value)} s is a time that nothing of a robot takes"
 
 
@@ -94,19 +94,22 @@ def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
                 f"{name} = {rounded(p.value)} kg is a payload heavier than the arm of {rounded(whole)} kg",
             )
         limit = limits.get(p.joint, 0.0) if p.effect and p.unit in ("N m", "N") and "spring" not in p.effect else 0.0
-        if 0.0 < limit < MAX_LIMITED_EFFORT and least_absolute_value(p) > MAX_PERMANENT_TORQUE_SHARE * limit:
+        if (
+            0.0 < limit < MIN_EFFORT_LIMIT_MEANING_NONE
+            and least_absolute_value(p) > MAX_PERMANENT_SHARE_OF_EFFORT_LIMIT * limit
+        ):
             said = f"{name} = {rounded(p.value)} {p.unit} is more than the joint's limit of {rounded(limit)} {p.unit}"
             yield name, said
     links = model.link_parameters() if any(p.effect == "link_inertia" for p in model.parameters.values()) else {}
     for joint, (mass, *_) in links.items():
         own = model.parameters.get(f"link_inertia.mass[{joint}]")
-        if mass - MIN_EXCESS_DEVIATES * ((own.std if own is not None else 0.0) or 0.0) > max(whole, 1.0):
+        if mass - MIN_REPORTED_EXCESS_STDS * ((own.std if own is not None else 0.0) or 0.0) > max(whole, 1.0):
             said = f"the link of {joint} would weigh {rounded(mass)} kg, more than the arm of {rounded(whole)} kg"
             yield f"link_inertia.mass[{joint}]", said
     described, found = np.array(model.arm.model.gravity.linear), model.gravity()
     size = float(np.linalg.norm(described) * np.linalg.norm(found))
     lean = np.arccos(np.clip(described @ found / size, -1.0, 1.0)) if size > 0.0 else 0.0
-    if lean > MAX_BASE_TILT:
+    if lean > MAX_BASE_TILT_RADIANS:
         yield "base_tilt", f"the base would lean by {np.rad2deg(lean):.0f} degrees against its description"
 
 

@@ -7,43 +7,43 @@ import numpy as np
 from armdyn.inspection.check import Check, CheckKind, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import encoder_channels, least_noise, sticking_joint_checks, stuck_sensor_checks
-from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, longest_interval_without_gap
-from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, noise_std_from_differences, normalised_differences
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel, channel_kind
+from armdyn.recording.gaps import MIN_GAP_USUAL_INTERVALS, gaps_of, longest_interval_without_gap
+from armdyn.recording.noise import MAX_DIFFERENCE_SPAN_RATIO, noise_std_from_differences, normalised_differences
 from armdyn.recording.spikes import ALLOWED_FAULTS, saturated_samples, spikes_of
 from armdyn.recording.tracks import samples_of_second_series
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-MIN_FINE_STEPS = 3.0
+MIN_FINE_STEP_IN_RESOLUTIONS = 3.0
 """Least usual step of a signal, in steps of its resolution, for which repeated values are not those of a coarse
 encoder."""
 MIN_CLIPPED_SHARE = 0.01
 """Share of samples at the end of the range from which a sensor counts as saturated."""
-LOST_COUNT_DEVIATES = 12.0
+MIN_LOST_COUNT_STEP_STDS = 12.0
 """Least permanent step of an encoder's position that means lost counts, in standard deviations of the noise."""
-MIN_LOST_STEP = 0.01
+MIN_LOST_COUNT_STEP = 0.01
 """Least permanent step of an encoder's position that means lost counts, rad or m."""
-SAMPLES_BESIDE_STEP, MAX_STEPPED_DIFFERENCES = 10, 8
+SAMPLES_BESIDE_STEP, MAX_DIFFERENCES_AS_LARGE_AS_STEP = 10, 8
 """Number of samples to either side of a step that are fitted, and largest number of differences as large as a step."""
 MIN_JITTER_RATIO = 0.15
 """Ratio of the standard deviation of sampling intervals to their median from which jitter is reported."""
-INTERVAL_TOLERANCE, MIN_REGULAR_SHARE = 0.2, 0.98
+INTERVAL_MULTIPLE_TOLERANCE, MIN_REGULAR_INTERVAL_SHARE = 0.2, 0.98
 """Tolerance for intervals that are multiples of the usual interval, and least share of them for a regular clock."""
-MIN_NOISE_RATIO = 5.0
+MIN_REPORTED_TO_STATED_NOISE = 5.0
 """Ratio of the noise in the smallest third of a signal's differences to the stated noise from which it is reported."""
-MIN_MOTION_DEVIATES = 20.0
-"""Least range of a position that counts as motion, in standard deviations of the noise; also `MIN_MOTION_SIZE`."""
-MIN_MOTION_SIZE = 2e-3
-PLAUSIBLE_RANGES: Mapping[str, tuple[float, CheckKind, str]] = {
+MIN_MOTION_RANGE_STDS = 20.0
+"""Least range of a position that counts as motion, in standard deviations of the noise; also `MIN_MOTION_RANGE`."""
+MIN_MOTION_RANGE = 2e-3
+MAX_PLAUSIBLE_VALUE_BY_UNIT: Mapping[str, tuple[float, CheckKind, str]] = {
     "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
     "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
 }  # fmt: skip
 """Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
 kind of mistake, and the unit that it may be in."""
-FULL_TURNS = (2.0 * np.pi, 360.0)
+FULL_TURN_IN_RAD_AND_DEG = (2.0 * np.pi, 360.0)
 """A full turn in rad, and in degrees, for angles in degrees that are declared as rad."""
-MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
+MAX_MOTION_PER_SAMPLE_TURNS, MAX_WRAPPED_SAMPLE_SHARE = 0.2, 0.05
 """Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
@@ -63,7 +63,7 @@ def _clocks(run: Run) -> Iterator[tuple[str, Channel, np.ndarray, float]]:
     seen: set[bytes] = set()
     for name, channel in run.channels.items():
         steps = np.diff(channel.time)
-        if len(steps) >= MIN_SAMPLES and channel.time.tobytes() not in seen:
+        if len(steps) >= MIN_COMPARED_CHANNEL_SAMPLES and channel.time.tobytes() not in seen:
             yield name, channel, steps, float(np.median(steps))
             seen.add(channel.time.tobytes())
 
@@ -72,7 +72,7 @@ def dropped_sample_checks(run: Run) -> Iterator[Check]:
     """Findings on single missing samples of a regular clock."""
     for name, channel, steps, usual in _clocks(run):
         counts = np.round(steps / usual)
-        if np.mean(np.abs(steps / usual - counts) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
+        if np.mean(np.abs(steps / usual - counts) < INTERVAL_MULTIPLE_TOLERANCE) < MIN_REGULAR_INTERVAL_SHARE:
             continue
         missing = int(np.sum(counts[steps <= longest_interval_without_gap(channel.time)] - 1.0))
         if missing > 0:
@@ -86,7 +86,7 @@ def dropped_sample_checks(run: Run) -> Iterator[Check]:
 def jitter_checks(run: Run) -> Iterator[Check]:
     """Findings on time stamps with jitter."""
     for name, _, steps, usual in _clocks(run):
-        spread = float(np.std(steps[steps < GAP_INTERVALS * usual])) / usual
+        spread = float(np.std(steps[steps < MIN_GAP_USUAL_INTERVALS * usual])) / usual
         if spread > MIN_JITTER_RATIO:
             yield Check(
                 "rate", Severity.NOTE, run.name, (name,),
@@ -143,13 +143,13 @@ def repetition_checks(run: Run) -> Iterator[Check]:
 def repetitions_per_value(channel: Channel) -> int:
     """Number of times that each measured value of a channel was recorded; 1 without repetitions."""
     change = np.flatnonzero(np.diff(channel.value) != 0.0)
-    if len(change) < MIN_SAMPLES:
+    if len(change) < MIN_COMPARED_CHANNEL_SAMPLES:
         return 1
     lengths = np.diff(change)
     held = int(np.median(lengths))
     steps = np.abs(np.diff(channel.value)[change])
     regular = float(np.mean(np.abs(lengths % held) == 0)) if held else 0.0
-    coarse = float(np.median(steps)) < MIN_FINE_STEPS * resolution(channel.value)
+    coarse = float(np.median(steps)) < MIN_FINE_STEP_IN_RESOLUTIONS * resolution(channel.value)
     return held if held > 1 and regular > 0.8 and not coarse else 1
 
 
@@ -202,15 +202,15 @@ def largest_step(channel: Channel) -> tuple[int, float] | None:
     usual = noise_std_from_differences(time, value) + resolution(value) / np.sqrt(12.0)
     at = int(np.clip(np.argmax(third) + 1, beside, n - beside - 2))
     longest = np.diff(time[at - beside + 1 : at + beside + 1]).max()
-    steps_often = np.sum(third > 0.5 * LOST_COUNT_DEVIATES * usual) > MAX_STEPPED_DIFFERENCES
-    if steps_often or longest > MAX_DIFFERENCE_SPAN * float(np.median(np.diff(time))):
+    steps_often = np.sum(third > 0.5 * MIN_LOST_COUNT_STEP_STDS * usual) > MAX_DIFFERENCES_AS_LARGE_AS_STEP
+    if steps_often or longest > MAX_DIFFERENCE_SPAN_RATIO * float(np.median(np.diff(time))):
         return None
     places = range(max(beside, at - 2), min(n - beside - 1, at + 3))
     rough, after, size = min((_jump(time, value, k)[1], k + 1, _jump(time, value, k)[0]) for k in places)
     # Where a single sample makes the step, the sample is wrong.
     for k, i in enumerate((after - 1, after)):
         size = min(size, _jump(np.delete(time, i), np.delete(value, i), after - 2 + k)[0], key=abs)
-    return (after, size) if abs(size) > max(LOST_COUNT_DEVIATES * max(usual, rough), MIN_LOST_STEP) else None
+    return (after, size) if abs(size) > max(MIN_LOST_COUNT_STEP_STDS * max(usual, rough), MIN_LOST_COUNT_STEP) else None
 
 
 def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
@@ -232,7 +232,7 @@ def stated_noise_checks(run: Run) -> Iterator[Check]:
             continue
         channel = run.channels[name]
         shown = least_noise(channel)
-        if shown > MIN_NOISE_RATIO * max(stated, resolution(channel.value) / np.sqrt(12.0)):
+        if shown > MIN_REPORTED_TO_STATED_NOISE * max(stated, resolution(channel.value) / np.sqrt(12.0)):
             yield Check(
                 "noise_misstated", Severity.SUSPECT, run.name, (name,),
                 f"the noise of {name} is stated as {stated:.3g} {channel.unit}, and its samples show {shown:.3g}",
@@ -257,14 +257,14 @@ def changes_beyond_noise(channel: Channel) -> bool:
     last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
     low, high = np.sort(value)[[last, -1 - last]]
     return bool(
-        high - low > max(MIN_MOTION_DEVIATES * noise_std_from_differences(channel.time, value), MIN_MOTION_SIZE)
+        high - low > max(MIN_MOTION_RANGE_STDS * noise_std_from_differences(channel.time, value), MIN_MOTION_RANGE)
     )
 
 
 def range_checks(run: Run) -> Iterator[Check]:
     """Findings on values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
-        most, kind, unit = PLAUSIBLE_RANGES.get(channel.unit, (np.inf, "scale", ""))
+        most, kind, unit = MAX_PLAUSIBLE_VALUE_BY_UNIT.get(channel.unit, (np.inf, "scale", ""))
         top = float(np.quantile(np.abs(channel.value), 0.99))
         if top > most:
             yield Check(
@@ -280,8 +280,12 @@ def wrapped_angle_checks(run: Run) -> Iterator[Check]:
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
             continue
         step = np.diff(channel.value)
-        usual = float(np.quantile(np.abs(step), 1.0 - MAX_WRAPPED_SHARE)) if len(step) else 0.0
-        turns = ((turn, _round(step, turn)) for turn in FULL_TURNS if usual < MAX_STEP_TURNS * turn)
+        usual = float(np.quantile(np.abs(step), 1.0 - MAX_WRAPPED_SAMPLE_SHARE)) if len(step) else 0.0
+        turns = (
+            (turn, _round(step, turn))
+            for turn in FULL_TURN_IN_RAD_AND_DEG
+            if usual < MAX_MOTION_PER_SAMPLE_TURNS * turn
+        )
         turn, wrapped = next(((turn, at) for turn, at in turns if at.any()), (0.0, None))
         if wrapped is None:
             continue
@@ -297,8 +301,8 @@ def wrapped_angle_checks(run: Run) -> Iterator[Check]:
 
 def _round(step: np.ndarray, turn: float) -> np.ndarray:
     """(n,) bool: steps of a whole turn, up to the motion, with the same motion before and after."""
-    once = np.abs(np.abs(step) - turn) < MAX_STEP_TURNS * turn
-    small = np.abs(step) < MAX_STEP_TURNS * turn
+    once = np.abs(np.abs(step) - turn) < MAX_MOTION_PER_SAMPLE_TURNS * turn
+    small = np.abs(step) < MAX_MOTION_PER_SAMPLE_TURNS * turn
     beside = np.concatenate([[True], small[:-1]]) & np.concatenate([small[1:], [True]])
     return np.asarray(once & beside)
 

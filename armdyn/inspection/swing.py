@@ -17,7 +17,7 @@ from scipy.signal import detrend
 
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import (
-    MODEL_ERROR_FLOOR,
+    MIN_MODEL_ERROR_SHARE_OF_RMS,
     ChannelReadings,
     Evidence,
     best_evidence,
@@ -25,11 +25,11 @@ from armdyn.inspection.evidence import (
 )
 from armdyn.inspection.kinematics import local_averages
 from armdyn.inspection.mistakes import (
-    ANGLE_UNITS,
-    CLOCK_RATE_ERRORS,
+    ANGLE_ZERO_OFFSETS_TRIED,
     LENGTH_UNITS,
-    SENSOR_LAGS,
-    ZERO_OFFSETS,
+    TRIED_CLOCK_RATE_ERRORS,
+    TRIED_SENSOR_LAGS_SECONDS,
+    WRONG_ANGLE_UNIT_FACTORS,
     Mistake,
     scaled_channels_mistake,
     shifted_clock_mistakes,
@@ -41,9 +41,9 @@ from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smooth_curve
 from armdyn.smoothing.spline import SplineCurve
 
-SWING_MOMENTS = 240
+SWING_EVALUATION_TIMES = 240
 """Number of moments at which a recording is evaluated."""
-EDGE_SHARE = 0.03
+OMITTED_EDGE_SHARE_OF_RECORDING = 0.03
 """Share of a recording at either end that is left out, where a smoothed motion is uncertain."""
 GUESS_RELATIVE_STD = {"length": 3.0, "mass": 30.0}
 """Relative standard deviation of a guessed value: few pendulums are longer than a metre, and loads have any size."""
@@ -51,23 +51,23 @@ MEASURED_RELATIVE_STD = 0.1
 """Relative standard deviation of a value measured by hand, where other effects may be present."""
 MAX_SMOOTHED_SAMPLES = 3000
 """Largest number of samples of a channel from which a motion is smoothed."""
-WRONG_LOAD_PRICE_NATS, WRONG_LOAD_SHARE = 30.0, 0.3
+WRONG_LOAD_PRICE_NATS, WRONG_LOAD_SHARE_OF_WEIGHT = 30.0, 0.3
 """Price in nats, and share of the load's weight, of an error of the load cell or of another load."""
 FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
 """Force units in N."""
-SWING_CLOCK_SHIFTS = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+SWING_CLOCK_SHIFTS_TRIED_SECONDS = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """Clock shifts that are tried, s; a smaller delay is an effect, that of a sensor."""
 SWING_CLOCK_PRICE_NATS = 2.0
 """Price, in nats, of a wrong clock."""
-GRIPPER_SCALE_ERROR = 0.05
+GRIPPER_SCALE_ERROR_SHARE = 0.05
 """Typical error of a gripper's scale, as a share of its acceleration. With 0.15 it could as well be reversed."""
-PENDULUM_MODEL_ERROR = 0.03
+PENDULUM_MODEL_ERROR_SHARE_OF_RMS = 0.03
 """Model error of a pendulum's equations, as a share of a channel's root mean square: they are known better than an
 arm's. A gripper's motion is identified where it causes a tenth of the swing's acceleration, which 0.1 would hide."""
-LENGTH_FACTORS, DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
+TRIED_STRING_LENGTH_FACTORS, TRIED_SWING_DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
 """Lengths, over the model's, half a percent apart, and decay rates, 1/s, for which a swing that no sensor measures is
 simulated. In 30 s the phases of neighbouring lengths differ by half a radian."""
-SWING_STEP_SECONDS = 0.02
+SWING_SIMULATION_STEP_SECONDS = 0.02
 """Step of that simulation, s."""
 CORRELATION_LAG_PERIODS = 0.5
 """Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
@@ -128,8 +128,8 @@ class SwingRun:
         """(n,) moments at which the recording is compared, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
-        edge = EDGE_SHARE * (end - begin)
-        return np.linspace(begin + edge, end - edge, SWING_MOMENTS)
+        edge = OMITTED_EDGE_SHARE_OF_RECORDING * (end - begin)
+        return np.linspace(begin + edge, end - edge, SWING_EVALUATION_TIMES)
 
     @cached_property
     def _curves(self) -> dict[str, SplineCurve]:
@@ -158,14 +158,14 @@ class SwingRun:
         )
         if third:
             return first, second, third[0]
-        fine = np.linspace(time[0], time[-1], 8 * SWING_MOMENTS)
+        fine = np.linspace(time[0], time[-1], 8 * SWING_EVALUATION_TIMES)
         angle = detrend(cumulative_trapezoid(curve(fine, 0)[:, 0], fine, initial=0.0)) / (1.0 + pace)
         return np.interp(time, fine, angle), first, second
 
     def _pull(self, r: CorrectedReading) -> np.ndarray:
         """(n,) acceleration of the pivot, m/s^2."""
         if "gripper_x" not in self._curves:
-            return np.zeros(SWING_MOMENTS)
+            return np.zeros(SWING_EVALUATION_TIMES)
         return np.asarray(
             r.factor * (1.0 + r.clock_rate_error) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0]
         )
@@ -180,18 +180,22 @@ class SwingRun:
 
         The gripper moves as recorded, times `factor`.
         """
-        gravity, begin, h = self._known("gravity")[0], self.run.channels["gripper_x"].time[0], SWING_STEP_SECONDS
-        lengths = self._known("length")[0] * LENGTH_FACTORS
+        gravity, begin, h = (
+            self._known("gravity")[0],
+            self.run.channels["gripper_x"].time[0],
+            SWING_SIMULATION_STEP_SECONDS,
+        )
+        lengths = self._known("length")[0] * TRIED_STRING_LENGTH_FACTORS
         steps = int((self.times[-1] - begin) / h) + 2
         time = np.minimum(begin + 0.5 * h * np.arange(2 * steps + 1), self.run.channels["gripper_x"].time[-1])
         pull = factor * self._curves["gripper_x"](time, 2)[:, 0]
 
         def rates(state: np.ndarray, u: float) -> np.ndarray:
             angle, rate = state
-            bend = (u * np.cos(angle) - gravity * np.sin(angle)) / lengths - DECAY_RATES[:, None] * rate
+            bend = (u * np.cos(angle) - gravity * np.sin(angle)) / lengths - TRIED_SWING_DECAY_RATES[:, None] * rate
             return np.array([rate, bend])
 
-        states = [np.zeros((2, len(DECAY_RATES), len(lengths)))]
+        states = [np.zeros((2, len(TRIED_SWING_DECAY_RATES), len(lengths)))]
         for before, middle, after in zip(pull[:-1:2], pull[1::2], pull[2::2], strict=True):
             state = states[-1]  # Runge-Kutta of order four: a step that adapts takes long where units are wrong
             first = rates(state, before)
@@ -228,7 +232,7 @@ class SwingRun:
         mass, weighed = self._known("mass")
         mean = correction.reading("load_force").factor * float(np.mean(self.run.channels["load_force"].value))
         share = mean / (mass * self._known("gravity")[0])
-        other = weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE
+        other = weighed and not WRONG_LOAD_SHARE_OF_WEIGHT < abs(share) < 1.0 / WRONG_LOAD_SHARE_OF_WEIGHT
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
     def log_evidence_of_no_model(self) -> float:
@@ -247,8 +251,8 @@ class SwingRun:
     def _given(self, correction: Correction, weight: np.ndarray) -> ChannelReadings:
         u = self._pull(correction.reading("gripper_x"))
         if self.swing is None and "gripper_x" in self._curves:
-            return ChannelPart.joined([self._force_alone(correction, u)], weight, MODEL_ERROR_FLOOR)
-        parts, motion = [], (np.zeros(SWING_MOMENTS),) * 3
+            return ChannelPart.joined([self._force_alone(correction, u)], weight, MIN_MODEL_ERROR_SHARE_OF_RMS)
+        parts, motion = [], (np.zeros(SWING_EVALUATION_TIMES),) * 3
         if self.swing is not None:
             r = correction.reading(self.swing)
             angle, rate, bend = (r.factor * x for x in self._motion(r.delay, r.clock_rate_error))
@@ -256,7 +260,7 @@ class SwingRun:
             parts.append(self._swing_part(motion, u, r.factor))
         if "load_force" in self.channels:
             parts.append(self._force_part(motion, u, correction.reading("load_force")))
-        return ChannelPart.joined(parts, weight, PENDULUM_MODEL_ERROR)
+        return ChannelPart.joined(parts, weight, PENDULUM_MODEL_ERROR_SHARE_OF_RMS)
 
     def _swing_part(self, motion: SwingMotion, u: np.ndarray, factor: float) -> ChannelPart:
         """The angular acceleration, with the effects of a pendulum in their typical sizes."""
@@ -264,7 +268,7 @@ class SwingRun:
         drive, pace = u * np.cos(angle) / length, gravity / length
         whole = drive - pace * np.sin(angle)
         columns = [
-            self._width("length") * whole, GRIPPER_SCALE_ERROR * drive, -0.5 * rate, -np.tanh(20.0 * rate),
+            self._width("length") * whole, GRIPPER_SCALE_ERROR_SHARE * drive, -0.5 * rate, -np.tanh(20.0 * rate),
             -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
             0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, len(angle)),
         ]  # fmt: skip
@@ -297,8 +301,8 @@ class SwingRun:
         j, i = np.unravel_index(np.argmax(fitting), fitting.shape)
         shape, aside = shapes[j, i], np.sin(angle[j, i])
         size = mass if weighed else float(shape @ y) / max(float(shape @ shape), 1e-300)
-        longer = shapes[j, min(i + 1, len(LENGTH_FACTORS) - 1)] - shapes[j, max(i - 1, 0)]
-        fading = shapes[min(j + 1, len(DECAY_RATES) - 1), i] - shapes[max(j - 1, 0), i]
+        longer = shapes[j, min(i + 1, len(TRIED_STRING_LENGTH_FACTORS) - 1)] - shapes[j, max(i - 1, 0)]
+        fading = shapes[min(j + 1, len(TRIED_SWING_DECAY_RATES) - 1), i] - shapes[max(j - 1, 0), i]
         columns = [
             self._width("mass") * mass * shape, 0.03 * mass * gravity * (aside - aside.mean()),
             0.02 * mass * gravity * np.linspace(-1.0, 1.0, len(y)), size * longer, size * fading,
@@ -313,10 +317,10 @@ def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
     """All possible mistakes in a recording of a pendulum."""
     has, force = run.run.channels, ("load_force",)
     angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)
-    both, shifts = " and ".join(angular), (*SENSOR_LAGS, *SWING_CLOCK_SHIFTS)
-    for factor, said in ANGLE_UNITS if angular else ():
+    both, shifts = " and ".join(angular), (*TRIED_SENSOR_LAGS_SECONDS, *SWING_CLOCK_SHIFTS_TRIED_SECONDS)
+    for factor, said in WRONG_ANGLE_UNIT_FACTORS if angular else ():
         yield scaled_channels_mistake("angle_unit", angular, f"{both} is in {said}", factor)
-    for said, offset in ZERO_OFFSETS.items() if run.swing == "swing_angle" else ():
+    for said, offset in ANGLE_ZERO_OFFSETS_TRIED.items() if run.swing == "swing_angle" else ():
         zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
         yield scaled_channels_mistake("position_offset", ("swing_angle",), zero, offset=-offset)
     if "gripper_x" in has:
@@ -330,7 +334,7 @@ def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
             yield scaled_channels_mistake("scale", ("gripper_x",), said, factor)
         others = tuple(name for name in has if name != "gripper_x")
         said = "what swings is stamped {} against gripper_x"
-        yield from shifted_clock_mistakes(others, said, SWING_CLOCK_PRICE_NATS, shifts, CLOCK_RATE_ERRORS)
+        yield from shifted_clock_mistakes(others, said, SWING_CLOCK_PRICE_NATS, shifts, TRIED_CLOCK_RATE_ERRORS)
     if "load_force" in has:
         for unit, factor in FORCE_UNITS.items():
             yield scaled_channels_mistake("torque_unit", force, f"load_force is in {unit} and called N", factor)

@@ -17,7 +17,7 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.pendulum.composition import PENDULUM_STAGES, PendulumComposition
 from armdyn.pendulum.dynamics import PendulumDynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, gripper_path, lagged_path
-from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
+from armdyn.pendulum.physics import GRAVITY_STD, STANDARD_GRAVITY
 from armdyn.pendulum.start import (
     cut_at_gripper_gaps,
     free_swing_part,
@@ -29,7 +29,7 @@ from armdyn.pendulum.start import (
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulated import (
-    LOCAL_FIT_PERIODS,
+    LOCAL_FIT_HALF_WIDTH_PERIODS,
     SimulatedModel,
     dominant_period,
     first_value_and_rate,
@@ -42,9 +42,9 @@ KEYS = ()
 """Keys of a model file that belong to the base `pendulum`: none."""
 START_PARAMETERS = ("initial_angle", "initial_rate")
 GRIPPER_CHANNELS = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
-MAX_SWING_PERIODS = 1.5
+MAX_MEASURED_TO_MODEL_PERIOD_RATIO = 1.5
 """Largest period of a measured swing, in periods of small swings of the model, whose length may be a guess."""
-MAX_REST_ANGLE = 1.5
+MAX_REST_SWING_ANGLE_RADIANS = 1.5
 """Largest swing angle at which a load can hang at rest, rad."""
 
 
@@ -66,9 +66,9 @@ class PendulumModel(SimulatedModel):
         """(J, 2) angles and rates at (J,) times, s, from the measured angle or rate; None if neither was measured."""
         length = float(theta[self.names.index("length")])
         if "swing_angle" in run.channels:
-            motion = local_values_and_rates(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
+            motion = local_values_and_rates(run.channels["swing_angle"], times, LOCAL_FIT_HALF_WIDTH_PERIODS * swing)
         elif "swing_rate" in run.channels:
-            rate = local_values_and_rates(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
+            rate = local_values_and_rates(run.channels["swing_rate"], times, LOCAL_FIT_HALF_WIDTH_PERIODS * swing)
             mean = float(np.mean(run.channels["swing_rate"].value))
             pace = 2.0 * np.pi / swing
             motion = np.column_stack([np.arcsin(np.clip(-rate[:, 1] / pace**2, -1.0, 1.0)), rate[:, 0] - mean])
@@ -113,7 +113,11 @@ class PendulumModel(SimulatedModel):
     def oscillation_period(self, run: Run, theta: np.ndarray) -> float:
         """Period of the swing, s; the period of small swings if neither angle nor rate was measured."""
         name, small = swing_channel(run), self.start_window(theta)
-        return small if name is None else min(dominant_period(run.channels[name]), MAX_SWING_PERIODS * small)
+        return (
+            small
+            if name is None
+            else min(dominant_period(run.channels[name]), MAX_MEASURED_TO_MODEL_PERIOD_RATIO * small)
+        )
 
     def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the start angle and rate, from a measured angle; empty without one."""
@@ -172,9 +176,9 @@ class PendulumModel(SimulatedModel):
         def moment(angle: float) -> float:
             return float(dynamics.derivative(np.array([angle, 0.0]), still, theta)[1])
 
-        if not moment(-MAX_REST_ANGLE) > 0.0 > moment(MAX_REST_ANGLE):
+        if not moment(-MAX_REST_SWING_ANGLE_RADIANS) > 0.0 > moment(MAX_REST_SWING_ANGLE_RADIANS):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
-        return float(brentq(moment, -MAX_REST_ANGLE, MAX_REST_ANGLE, xtol=1e-12))
+        return float(brentq(moment, -MAX_REST_SWING_ANGLE_RADIANS, MAX_REST_SWING_ANGLE_RADIANS, xtol=1e-12))
 
     def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """Path of the string's upper end: the recorded path of the gripper, after the gripper's lag."""
@@ -265,8 +269,8 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
         Parameter("length", "m", length, 0.3, null=length, lower=0.02, upper=5.0, source="pivot to the load's centre"),
         Parameter("mass", "kg", mass, 0.1, null=mass, lower=1e-4, upper=50.0, source="of the load"),
         Parameter(
-            "gravity", "m/s^2", STANDARD_GRAVITY, GRAVITY_SPREAD, null=STANDARD_GRAVITY, lower=1.0, upper=30.0,
-            prior=Prior(STANDARD_GRAVITY, GRAVITY_SPREAD), fitted=False, source="of free fall, where it stands",
+            "gravity", "m/s^2", STANDARD_GRAVITY, GRAVITY_STD, null=STANDARD_GRAVITY, lower=1.0, upper=30.0,
+            prior=Prior(STANDARD_GRAVITY, GRAVITY_STD), fitted=False, source="of free fall, where it stands",
         ),
         Parameter("initial_angle", "rad", 0.0, 0.1, lower=-3.2, upper=3.2, scope="per_run"),
         Parameter(

@@ -7,7 +7,13 @@ import numpy as np
 
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
-from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, smoothed_input, time_since_recording_began
+from armdyn.physics.recorded import (
+    MAX_GRID_STEP_SECONDS,
+    MIN_GRID_STEP_SECONDS,
+    InputPath,
+    smoothed_input,
+    time_since_recording_began,
+)
 from armdyn.readout import first_order_lag
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import (
@@ -20,7 +26,7 @@ from armdyn.smoothing.even import (
     penalised_least_squares,
 )  # fmt: skip
 
-STRENGTH_INTERVAL_SAMPLES, STRENGTH_WINDOW_SAMPLES = 100, 300
+SMOOTHING_CHOICE_INTERVAL_SAMPLES, SMOOTHING_CHOICE_WINDOW_SAMPLES = 100, 300
 """Number of samples after which the smoothing strength of a path in progress is chosen again, and number of the latest
 samples that are used for this choice."""
 SMOOTHING_DELAY_SAMPLES = 60
@@ -167,8 +173,8 @@ class OnlinePathSmoother:
         n = len(self._raw)
         if n < 2 * WHITTAKER_ORDER:
             return np.vstack([self._raw, np.zeros((2, n))])
-        if n >= 2 * self._chosen_at or n >= self._chosen_at + STRENGTH_INTERVAL_SAMPLES:
-            self._strength, self._chosen_at = best_strength(self._raw[-STRENGTH_WINDOW_SAMPLES:]), n
+        if n >= 2 * self._chosen_at or n >= self._chosen_at + SMOOTHING_CHOICE_INTERVAL_SAMPLES:
+            self._strength, self._chosen_at = best_strength(self._raw[-SMOOTHING_CHOICE_WINDOW_SAMPLES:]), n
         first = max(0, kept - SMOOTHING_DELAY_SAMPLES)
         smooth = penalised_least_squares(self._raw[first:], self._strength)
         fresh = np.vstack([smooth, *first_and_second_derivatives(smooth, self._dt)])
@@ -198,7 +204,10 @@ def _recorded_path(run: Run) -> GripperPath:
     timed = [x] if x is not None else [c for name, c in run.channels.items() if name in PENDULUM_OUTPUTS]
     start, end = float(min(c.time[0] for c in timed)), float(max(c.time[-1] for c in timed))
     interval = min(float(np.median(np.diff(c.time))) for c in timed)
-    dt, since = float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), time_since_recording_began(run, start)
+    dt, since = (
+        float(np.clip(interval, MIN_GRID_STEP_SECONDS, MAX_GRID_STEP_SECONDS)),
+        time_since_recording_began(run, start),
+    )
     if x is None:
         return fixed_pivot_path(start, end, dt, since, run.extra)
     grid = start + dt * np.arange(grid_size(start, end, dt))

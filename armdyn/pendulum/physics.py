@@ -19,12 +19,12 @@ __all__ = [
 ZERO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """Default gravity of a pendulum, m/s^2."""
-GRAVITY_SPREAD = 0.02
+GRAVITY_STD = 0.02
 """Standard deviation of gravity on Earth about `STANDARD_GRAVITY`, m/s^2: 9.780 at the equator and 9.832 at the poles,
 less 0.003 for every kilometre of height."""
-STANDSTILL_SWING_RATE = 0.02
+DRY_FRICTION_SMOOTHING_SWING_RATE = 0.02
 """Swing rate, rad/s, over which a smooth approximation of dry friction changes its sign."""
-SPEED_FLOOR = 1e-9
+LOAD_SPEED_ADDED_IN_QUADRATURE = 1e-9
 """Speed, m/s, whose square is added to the squared speed of a load, so that the derivative exists at rest."""
 
 
@@ -35,7 +35,7 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
 
 def torque_with_smooth_friction(torque: Expression, dry: Expression, rate: Expression) -> Expression:
     """A torque, N m, less a smooth approximation of dry friction of size `dry`, N m, at a swing rate, rad/s."""
-    return torque - dry * smooth_sign(rate, STANDSTILL_SWING_RATE)
+    return torque - dry * smooth_sign(rate, DRY_FRICTION_SMOOTHING_SWING_RATE)
 
 
 @dataclass(frozen=True)
@@ -257,4 +257,4 @@ class Sensor(Stage):
 
 def smooth_speed(velocity: Expression) -> Expression:
     """Size of a velocity, m/s, smoothed at rest so that its derivative exists there."""
-    return ca.sqrt(ca.sumsqr(velocity) + SPEED_FLOOR**2)
+    return ca.sqrt(ca.sumsqr(velocity) + LOAD_SPEED_ADDED_IN_QUADRATURE**2)

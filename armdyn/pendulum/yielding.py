@@ -28,7 +28,7 @@ from armdyn.pendulum.composition import PendulumComposition
 from armdyn.pendulum.physics import Expression
 from armdyn.physics.definition import Moment
 
-MIN_BOUNCE_TIME = 1e-4
+BOUNCE_TIME_ADDED_IN_QUADRATURE = 1e-4
 """Time, s, added in quadrature to the period of the load's bounce on the string over 2 pi, so that derivatives exist
 for a rigid string."""
 
@@ -67,7 +67,7 @@ def compliant_displacement(
     late = ca.SX(0)
     if composition.bounce_vibration is not None:
         square, damping = ca.vertsplit(composition.bounce_vibration)
-        late = 2 * damping * ca.sqrt(square + MIN_BOUNCE_TIME**2)
+        late = 2 * damping * ca.sqrt(square + BOUNCE_TIME_ADDED_IN_QUADRATURE**2)
     return CompliantDisplacement(
         stretch=string * (tension - late * tension_rate),
         stretch_rate=stretching,

@@ -313,10 +313,13 @@ def physics(
     for channel in held:
         if channel not in inputs:
             raise UnknownNameError(f"held input of '{name}'", channel, inputs)
-    if not MIN_PERIOD <= period <= MAX_PERIOD or not MIN_PERIOD / 100 <= step <= period:
+    if (
+        not MIN_DECLARED_PERIOD_SECONDS <= period <= MAX_DECLARED_PERIOD_SECONDS
+        or not MIN_DECLARED_PERIOD_SECONDS / 100 <= step <= period
+    ):
         raise InputError(
-            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {MIN_PERIOD:g} "
-            f"to {MAX_PERIOD:g} s, and a step that is no longer"
+            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from "
+            f"{MIN_DECLARED_PERIOD_SECONDS:g} to {MAX_DECLARED_PERIOD_SECONDS:g} s, and a step that is no longer"
         )
     names = [p.name for p in (*parameters, *states)]
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:
@@ -335,7 +338,7 @@ def physics(
 _START = "initial_"
 DEFAULT_STEP_PERIODS = 0.01
 """Default step of the integration, in periods of the motion: a Runge-Kutta step of this length is exact to 1e-7."""
-MIN_PERIOD, MAX_PERIOD = 1e-6, 1e7
+MIN_DECLARED_PERIOD_SECONDS, MAX_DECLARED_PERIOD_SECONDS = 1e-6, 1e7
 """Shortest and longest period that a physics may declare, s; no recording contains a faster motion."""
 
 

@@ -22,7 +22,7 @@ from armdyn.physics.definition import Expression
 
 COORDINATE_ROW, MOMENTUM_ROW = 0, 1
 """Rows of the state vector with the sliding coordinate and with its momentum."""
-REST_MOMENTUM_SHARE = 1e-6
+REST_MOMENTUM_SHARE_OF_IMPULSE = 1e-6
 """Momentum that counts as zero, as a share of the friction's impulse in one step: it is far above rounding errors, and
 friction stops such a motion within a millionth of a step."""
 FIXED_POINT_STEPS = 3
@@ -107,7 +107,7 @@ class DryFriction:
         return self._with_sliding(p, state, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.friction_force(s, w, theta)
+        return ca.fabs(p) <= REST_MOMENTUM_SHARE_OF_IMPULSE * dt * self.friction_force(s, w, theta)
 
     def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
         state = ca.SX(s)

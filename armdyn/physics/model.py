@@ -20,23 +20,23 @@ from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulate
 from armdyn.physics.recorded import InputPath, is_piecewise_constant, recorded_inputs
 from armdyn.physics.simulated import (
-    LOCAL_FIT_PERIODS,
-    START_FIT_SECONDS,
+    LOCAL_FIT_HALF_WIDTH_PERIODS,
+    START_PARABOLA_SECONDS,
     SimulatedModel,
     first_value_and_rate,
     local_values_and_rates,
 )
 from armdyn.physics.stiff import stable_step, stable_step_divisions
-from armdyn.recording.channels import MIN_SAMPLES
-from armdyn.recording.spikes import MAX_COMPARED_RATE, without_faulty_samples
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES
+from armdyn.recording.spikes import MAX_UNAVERAGED_RATE_HZ, without_faulty_samples
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-START_VALUES_TRIED = {1: 9, 2: 7, 3: 5, 4: 3}
+START_VALUES_TRIED_BY_STATE_COUNT = {1: 9, 2: 7, 3: 5, 4: 3}
 """Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
-VALUE_CHANGE_SIZES = 0.01
+PARAMETER_CHANGE_TYPICAL_SIZES = 0.01
 """Change of parameters along a direction, in their typical sizes, that shows which states depend on it."""
-MAX_VALUE_CHANGE_SIZES = 2.0
+MAX_START_DISTANCE_TYPICAL_SIZES = 2.0
 """Largest distance of tried start values from the first guess, in typical sizes."""
 
 
@@ -113,7 +113,9 @@ class PhysicsModel(SimulatedModel):
     def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the state at the start of a run, from measured states and their measured rates."""
         states = self.physics.states
-        guess = self._shown(run, lambda channel: first_value_and_rate(channel, START_FIT_SECONDS * self.physics.period))
+        guess = self._shown(
+            run, lambda channel: first_value_and_rate(channel, START_PARABOLA_SECONDS * self.physics.period)
+        )
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
@@ -131,9 +133,13 @@ class PhysicsModel(SimulatedModel):
         del theta
         guess = self.guess_start_state(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in START_VALUES_TRIED:
+        if len(unknown) not in START_VALUES_TRIED_BY_STATE_COUNT:
             return []
-        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_VALUES_TRIED[len(unknown)])
+        levels = np.linspace(
+            -MAX_START_DISTANCE_TYPICAL_SIZES,
+            MAX_START_DISTANCE_TYPICAL_SIZES,
+            START_VALUES_TRIED_BY_STATE_COUNT[len(unknown)],
+        )
         values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
@@ -213,7 +219,7 @@ class PhysicsModel(SimulatedModel):
         if driving:
             start, end = max(t[0] for t in driving), min(t[-1] for t in driving)
             cut = {n: c.selected((c.time >= start) & (c.time <= end)) for n, c in ((n, run.channels[n]) for n in names)}
-            if min(len(channel) for channel in cut.values()) < MIN_SAMPLES:
+            if min(len(channel) for channel in cut.values()) < MIN_COMPARED_CHANNEL_SAMPLES:
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
@@ -222,7 +228,7 @@ class PhysicsModel(SimulatedModel):
             names,
             self.physics.inputs,
             self._held(run),
-            MAX_COMPARED_RATE * DEFAULT_STEP_PERIODS / self.physics.step,
+            MAX_UNAVERAGED_RATE_HZ * DEFAULT_STEP_PERIODS / self.physics.step,
         )
 
     def jump_times(self, run: Run) -> np.ndarray:
@@ -261,7 +267,9 @@ class PhysicsModel(SimulatedModel):
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, n) measured states at (J,) times, s; None where neither a state nor its integral has a channel."""
         del theta
-        found = self._shown(run, lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_PERIODS * swing).T)
+        found = self._shown(
+            run, lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_HALF_WIDTH_PERIODS * swing).T
+        )
         if not all(name in found for name in self.physics.states):
             return None
         return np.array([found[name] for name in self.physics.states]).reshape(-1, len(times)).T
@@ -282,9 +290,9 @@ class PhysicsModel(SimulatedModel):
         shown = {name for name, channel in _bare(self.physics).measuring_channels.items() if channel in channels}
         here, there = (
             self.rollout(self.input_path(run), theta + step * direction, channels).states[:, :starts]
-            for step in (0.0, VALUE_CHANGE_SIZES)
+            for step in (0.0, PARAMETER_CHANGE_TYPICAL_SIZES)
         )
-        moved = np.abs(there - here).max(axis=0) > 0.1 * VALUE_CHANGE_SIZES * np.ptp(here, axis=0)
+        moved = np.abs(there - here).max(axis=0) > 0.1 * PARAMETER_CHANGE_TYPICAL_SIZES * np.ptp(here, axis=0)
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 

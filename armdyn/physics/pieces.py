@@ -21,12 +21,12 @@ from armdyn.run import Run
 
 INVERSION_STEPS = 3
 """Number of Newton steps with which start values of a motion are computed from a state."""
-PIECES_PER_SAMPLE = 3
+MAX_PIECES_PER_SAMPLE = 3
 """Number of pieces on which one sample may depend: its own, the previous one (by a sensor's memory) and the next one
 (by interpolation)."""
 SAMPLES_AT_ONCE = 2**13
 """Number of samples whose derivatives are computed at once; they take a few MB."""
-MIN_PIECE_NODES = 4
+MIN_STEPS_PER_PIECE = 4
 """Number of steps of the shortest piece, so that samples can be interpolated between its nodes."""
 
 
@@ -95,7 +95,7 @@ class MotionPieces:
         first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, most - 1))
         last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, most))
         count = max(1, round((last - first) * path.dt / length))
-        count = min(count, max(1, (last - first) // MIN_PIECE_NODES))
+        count = min(count, max(1, (last - first) // MIN_STEPS_PER_PIECE))
         self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
 
     def _cut(self, edges: np.ndarray) -> None:
@@ -109,7 +109,7 @@ class MotionPieces:
 
     def cut_in_two(self, which: np.ndarray) -> bool:
         """Cut the pieces that `which` (J,) marks into halves, if long enough; return whether any piece was cut."""
-        long = which & (np.diff(self.edges) >= 2 * MIN_PIECE_NODES)
+        long = which & (np.diff(self.edges) >= 2 * MIN_STEPS_PER_PIECE)
         if long.any():
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
@@ -245,11 +245,11 @@ class MotionPieces:
         n, q, J = system.state_count, len(physics), len(self)
         shot = simulate_pieces(simulator, path, self.edges, physics, states)
         transition, ends = shot.transition, shot.end_states
-        signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
+        signal = np.zeros((*shot.outputs.shape, 1 + q + MAX_PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
         piece = np.minimum(np.searchsorted(self.edges, self.edges[0] + np.arange(len(signal)), side="right") - 1, J - 1)
-        for k in range(PIECES_PER_SAMPLE):
-            own = piece % PIECES_PER_SAMPLE == k
+        for k in range(MAX_PIECES_PER_SAMPLE):
+            own = piece % MAX_PIECES_PER_SAMPLE == k
             signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
         outputs, slopes = simulator.with_impulse_force(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
         count = len(self.channels)
@@ -292,7 +292,7 @@ class MotionPieces:
         for some in (slice(first, first + SAMPLES_AT_ONCE) for first in range(0, N, SAMPLES_AT_ONCE)):
             these = self._matrices[channel][some] @ signal if read is None else read[some][:, kept]
             by_theta[some, own] = these[:, 1 : 1 + len(own)]
-            around = these[:, 1 + len(own) :].reshape(len(these), PIECES_PER_SAMPLE, n)
+            around = these[:, 1 + len(own) :].reshape(len(these), MAX_PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
         return ChannelSamples(self._of[channel], given.time, given.value, value, by_state, by_theta)
@@ -334,7 +334,7 @@ class _Join:
             (N,) predicted values; (N, n) derivatives by the own beginning; (N, q) additions to those by the parameters.
         """
         rows = np.arange(len(piece))
-        own, before, after = (around[rows, (piece + k) % PIECES_PER_SAMPLE] for k in (0, -1, 1))
+        own, before, after = (around[rows, (piece + k) % MAX_PIECES_PER_SAMPLE] for k in (0, -1, 1))
         last = np.maximum(piece - 1, 0)
         before = np.einsum("Ni,Nij->Nj", np.where(piece[:, None] > 0, before, 0.0), back[last])
         after = np.where(piece[:, None] < len(self.gap) - 1, after, 0.0)

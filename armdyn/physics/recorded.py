@@ -11,10 +11,10 @@ from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import grid_size, motion_at_midpoints, smoothed_motion
 
-MAX_STEP_RATIO = 1.5
+MAX_JUMP_SIZE_RATIO = 1.5
 """Largest ratio of the largest to the smallest jump of a signal that may be a slowly moving sensor with a coarse
 resolution; a signal with unequal jumps is piecewise constant."""
-MIN_GRID_STEP, MAX_GRID_STEP = 0.005, 0.01
+MIN_GRID_STEP_SECONDS, MAX_GRID_STEP_SECONDS = 0.005, 0.01
 """Shortest and longest step of the grid, s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
 
@@ -141,7 +141,7 @@ def recorded_inputs(
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
-    dt = min(step, max(interval, MIN_GRID_STEP / MAX_GRID_STEP * step))
+    dt = min(step, max(interval, MIN_GRID_STEP_SECONDS / MAX_GRID_STEP_SECONDS * step))
     steady = [name for name, channel in driving.items() if name in held or is_piecewise_constant(channel)]
     for every in (float(np.median(np.diff(driving[name].time))) for name in steady):
         dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # the motion has a kink where a command steps
@@ -188,4 +188,6 @@ def is_piecewise_constant(channel: Channel) -> bool:
     jumps = np.diff(channel.value)
     there = jumps != 0.0
     sizes = np.abs(jumps[there])
-    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_STEP_RATIO * sizes.min())
+    return bool(
+        len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_JUMP_SIZE_RATIO * sizes.min()
+    )

@@ -14,22 +14,22 @@ from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import InterpolatingSampler
 from armdyn.recording.channels import Channel
-from armdyn.recording.noise import NORMAL_MEDIAN, noise_std_from_differences
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD, noise_std_from_differences
 from armdyn.recording.spikes import without_faulty_samples
 from armdyn.run import Run
 
-MIN_SAVED_STEPS = 70_000
+MIN_SAVED_STEPS_TIMES_DERIVATIVES = 70_000
 """Least saving by a smaller model, in simulation steps times derivatives, for which its compilation of 0.2 s pays off
 in the thirty predictions of a fit."""
-START_FIT_SECONDS, MIN_START_SAMPLES = 0.1, 5
+START_PARABOLA_SECONDS, MIN_START_PARABOLA_SAMPLES = 0.1, 5
 """Length of the first part of a run, s, and its least number of samples, to which a parabola is fitted for the value
 and rate of a channel at the start."""
-LOCAL_FIT_PERIODS = 0.125
+LOCAL_FIT_HALF_WIDTH_PERIODS = 0.125
 """Half the time over which a polynomial is fitted to a channel for its value and rate, in periods of the
 oscillation."""
 REST_AMPLITUDE_SHARE = 0.04
 """Amplitude of an oscillation that counts as rest, as a share of its largest amplitude."""
-MIN_AMPLITUDE_DEVIATES = 4.0
+MIN_MEDIAN_SQUARE_EXCESS_STDS = 4.0
 """Standard deviations by which the median of n squares must exceed that of noise alone; its standard deviation is
 nearly the noise's variance over the root of n."""
 ZERO_PADDING_FACTOR = 8
@@ -68,7 +68,7 @@ class SimulatedModel(Model):
     def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """A smaller model with at least the `needed` effects, if it saves more time than its compilation takes."""
         lean, steps = self.with_only_effects(needed), sum(self.input_path(run).nodes.shape[1] for run in runs)
-        if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS:
+        if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS_TIMES_DERIVATIVES:
             return lean
         return self.with_only_effects(
             {effect.name for effect in self.effects}.difference(self.slow_effects).union(needed)
@@ -252,16 +252,16 @@ def rest_time(channel: Channel, swing: float) -> float:
     squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
     count = np.diff(begins, append=len(left))
     noise = noise_std_from_differences(channel.time, channel.value) ** 2 * (
-        NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count)
+        ABS_NORMAL_MEDIAN_OVER_STD**2 + MIN_MEDIAN_SQUARE_EXCESS_STDS / np.sqrt(count)
     )
     moving = np.flatnonzero(squares > noise + REST_AMPLITUDE_SHARE**2 * squares.max())
     last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
     return float(channel.time[last])
 
 
-def first_value_and_rate(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
+def first_value_and_rate(channel: Channel, stretch: float = START_PARABOLA_SECONDS) -> tuple[float, float]:
     """Value and rate of a channel at its first sample, from a parabola through the first `stretch` s."""
     since = channel.time - channel.time[0]
-    near = max(MIN_START_SAMPLES, int(np.searchsorted(since, stretch)))
+    near = max(MIN_START_PARABOLA_SAMPLES, int(np.searchsorted(since, stretch)))
     curve = np.polyfit(since[:near], channel.value[:near], 2)
     return float(curve[2]), float(curve[1])

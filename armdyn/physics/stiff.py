@@ -16,15 +16,15 @@ from armdyn.effects.effect import Effect
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulate
 
-STABLE_STEP_RATE = 1.4
+TYPICAL_STEP_TIMES_DECAY_RATE = 1.4
 """Product of the step and the fastest decay rate for typical effects: half the stability limit, since an effect may
 have twice its typical size."""
-MAX_STEP_RATE = 2.1
+MAX_STEP_TIMES_DECAY_RATE = 2.1
 """Largest product of the step and the fastest decay rate at fitted values: three quarters of the stability limit. Above
 it the step is divided."""
 EIGENVALUE_BOUND_SQUARINGS = 4
 """Number of squarings of a matrix in the bound of its largest eigenvalue; the bound is rarely 1.5 times too large."""
-MAX_STEP_DIVISION = 50.0
+MAX_STEP_SHORTENING_FACTOR = 50.0
 """Largest factor by which integration steps are shortened; a faster motion needs smoother equations."""
 MAX_STATE_COMBINATIONS = 729
 """Largest number of combinations of states at which decay rates are computed; with more states only one state at a time
@@ -36,7 +36,8 @@ def stable_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Step of the integration, s: the declared step of the physics, or a shorter one that all effects need."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
     return max(
-        min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION
+        min(physics.step, TYPICAL_STEP_TIMES_DECAY_RATE / fastest if fastest > 0.0 else np.inf),
+        physics.step / MAX_STEP_SHORTENING_FACTOR,
     )
 
 
@@ -70,9 +71,9 @@ def stable_step_divisions(system: Formulation, physics: Physics, theta: np.ndarr
         power = power @ power
     # The root of the norm of a power is at least the largest rate, and near it (Gelfand 1941).
     bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**EIGENVALUE_BOUND_SQUARINGS)
-    near = slopes[bound * step > MAX_STEP_RATE]
+    near = slopes[bound * step > MAX_STEP_TIMES_DECAY_RATE]
     fastest = float(np.abs(np.linalg.eigvals(near)).max(initial=0.0))
-    needed = min(fastest * step / MAX_STEP_RATE, MAX_STEP_DIVISION * step / physics.step)
+    needed = min(fastest * step / MAX_STEP_TIMES_DECAY_RATE, MAX_STEP_SHORTENING_FACTOR * step / physics.step)
     return 2 ** ceil(log2(needed)) if needed > 1.0 else 1
 
 

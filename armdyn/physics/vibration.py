@@ -13,10 +13,10 @@ import numpy as np
 
 from armdyn.physics.definition import Expression
 
-SIMULATED_FREQUENCY, IGNORED_FREQUENCY = 1.5, 3.0
+MAX_SIMULATED_RADIANS_PER_SAMPLE, MIN_IGNORED_RADIANS_PER_SAMPLE = 1.5, 3.0
 """Frequency up to which a vibration is simulated, and frequency from which it is ignored, in radians per sample; pi is
 the Nyquist frequency."""
-MIN_VIBRATION_SAMPLES = 1.0 / 200.0
+VIBRATION_TIME_ADDED_IN_SAMPLES = 1.0 / 200.0
 """Time, in samples, that is added in quadrature to 1/w, so that derivatives exist where there is no vibration."""
 
 
@@ -80,7 +80,7 @@ class Vibration:
 
 def _recursion(square: Expression, damping: Expression, dt: Expression) -> Expression:
     """(5,) coefficients b0, b1, b2, a1, a2."""
-    w = 1 / ca.sqrt(square + (MIN_VIBRATION_SAMPLES * dt) ** 2)
+    w = 1 / ca.sqrt(square + (VIBRATION_TIME_ADDED_IN_SAMPLES * dt) ** 2)
     decay, turn = damping * w, w * ca.sqrt(1 - damping**2)
     size, cos, sin = ca.exp(-decay * dt), ca.cos(turn * dt), ca.sin(turn * dt)
     # (y, y') without the non-oscillating part, one step on
@@ -92,7 +92,14 @@ def _recursion(square: Expression, damping: Expression, dt: Expression) -> Expre
     N = end - M @ begin
     a1, a2 = -(M[0, 0] + M[1, 1]), size**2
     b = (N[0, 1], N[0, 0] - M[1, 1] * N[0, 1] + M[0, 1] * N[1, 1], M[0, 1] * N[1, 0] - M[1, 1] * N[0, 0])
-    beyond = ca.fmin(ca.fmax((w * dt - SIMULATED_FREQUENCY) / (IGNORED_FREQUENCY - SIMULATED_FREQUENCY), 0), 1)
+    beyond = ca.fmin(
+        ca.fmax(
+            (w * dt - MAX_SIMULATED_RADIANS_PER_SAMPLE)
+            / (MIN_IGNORED_RADIANS_PER_SAMPLE - MAX_SIMULATED_RADIANS_PER_SAMPLE),
+            0,
+        ),
+        1,
+    )
     left_out = beyond**2 * (3 - 2 * beyond)
     mixed = [(1 - left_out) * numerator + left_out * same for numerator, same in zip(b, (1, a1, a2), strict=True)]
     return ca.vertcat(*mixed, a1, a2)

@@ -53,7 +53,7 @@ JOINT_CHANNELS = {
     "enabled": ChannelKind(("1",)),  # 0 where the drive was off
 }
 
-MAX_SIZE_BY_UNIT = {
+MAX_PLAUSIBLE_SIZE_BY_UNIT = {
     "s": 1e10,  # admits the seconds since 1970
     "m": 1e3,
     "m/s": 1e3,
@@ -65,14 +65,14 @@ MAX_SIZE_BY_UNIT = {
     "N m": 1e6,
 }
 """Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
-MAX_SIZE_OF_OTHER_UNITS = 1e15
+MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS = 1e15
 """Largest plausible size in any other unit: a frequency of light, in Hz, is the largest that anybody records."""
 EXTRA_PREFIX = "extra"
 """Prefix, before the dot, of a column with any further quantity, such as ``extra.temperature``."""
 EXTRA_CHANNEL_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
-MIN_SAMPLES = 10
+MIN_COMPARED_CHANNEL_SAMPLES = 10
 """Least number of samples of a channel for a comparison with a model."""
 
 
@@ -195,7 +195,7 @@ class Channel:
             raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
         check_clock(time)
         for unit, array in (("s", time), (self.unit, value)):
-            largest = MAX_SIZE_BY_UNIT.get(unit, MAX_SIZE_OF_OTHER_UNITS)
+            largest = MAX_PLAUSIBLE_SIZE_BY_UNIT.get(unit, MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS)
             beyond = np.flatnonzero(np.abs(array) > largest)
             if beyond.size:
                 i = int(beyond[0])

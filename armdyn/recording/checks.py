@@ -13,21 +13,21 @@ from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model
 from armdyn.parameter import RecordedColumn
-from armdyn.recording.sidecar import POSITIVE_VALUES
+from armdyn.recording.sidecar import KNOWN_POSITIVE_VALUE_UNITS
 from armdyn.recording.units import si_factor
 from armdyn.run import Run
 
-MAX_STEPS_PER_SAMPLE = 40
+MAX_SIMULATION_STEPS_PER_SAMPLE = 40
 """Largest average number of simulation steps per sample, which limits the memory: with more steps (0.2 s per sample of
 a load or an arm) the samples do not describe the motion."""
 SMALL_SIMULATION_STEPS = 40_000
 """Number of steps of a small simulation: a recording of this length, 200 s of a load or an arm, may have any gaps."""
-MIN_SAMPLE_INTERVAL = 2e-5
+MIN_SAMPLE_INTERVAL_SECONDS = 2e-5
 """Interval between samples, s, below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at
 most."""
-REPEATED_SAMPLE_INTERVAL = 5e-7
+REPEATED_SAMPLE_INTERVAL_SECONDS = 5e-7
 """Interval, s, below which two samples are one sample with two stamps."""
-IMPOSSIBLE_STEPS = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
+IMPOSSIBLE_STEP_AND_SPEED_BY_UNIT = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
 """Step between samples, and speed per s, that no joint or gripper exceeds both; an angle that wraps around after a turn
 (6.3 rad) makes a smaller step."""
 
@@ -57,7 +57,7 @@ def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
             model = model.with_effect(effect)
     for name, known in run.known.items():
         if name not in model.parameters:
-            if name in POSITIVE_VALUES:
+            if name in KNOWN_POSITIVE_VALUE_UNITS:
                 continue  # quantities of a hanging load are written with every recording, also of an arm
             raise _unknown(model, name)
         with error_location(f"[known] {name}"):
@@ -86,12 +86,12 @@ def check_stamps(run: Run) -> None:
             continue
         steps = np.diff(channel.time)
         typical, least = float(np.median(steps)), int(np.argmin(steps))
-        if typical < MIN_SAMPLE_INTERVAL:
+        if typical < MIN_SAMPLE_INTERVAL_SECONDS:
             raise InputError(
                 f"time: '{name}' has a sample every {typical:.3g} s, which no sensor does: check the unit of 'time', "
                 "such as 'time [s]'"
             )
-        if steps[least] < REPEATED_SAMPLE_INTERVAL:
+        if steps[least] < REPEATED_SAMPLE_INTERVAL_SECONDS:
             raise InputError(
                 f"time: '{name}' has two samples {steps[least]:.3g} s apart at {channel.time[least]:.9g} s: "
                 "remove one of them"
@@ -106,12 +106,12 @@ def _check_span(run: Run, step: float) -> None:
     names = list(channels)
     start, end = (np.array([c.time[i] for c in channels.values()]) for i in (0, -1))
     if end.max() - start.min() <= step * max(
-        SMALL_SIMULATION_STEPS, MAX_STEPS_PER_SAMPLE * max(map(len, channels.values()))
+        SMALL_SIMULATION_STEPS, MAX_SIMULATION_STEPS_PER_SAMPLE * max(map(len, channels.values()))
     ):
         return
     for name, channel in channels.items():
         span, steps = float(channel.time[-1] - channel.time[0]), np.diff(channel.time)
-        if span <= step * max(SMALL_SIMULATION_STEPS, MAX_STEPS_PER_SAMPLE * len(channel)):
+        if span <= step * max(SMALL_SIMULATION_STEPS, MAX_SIMULATION_STEPS_PER_SAMPLE * len(channel)):
             continue
         longest = int(np.argmax(steps))
         if steps[longest] > 0.5 * span:
@@ -152,7 +152,7 @@ def check_steps(run: Run) -> None:
         InputError: it names the channel, the place, what is wrong and what to do.
     """
     for name, channel in run.channels.items():
-        bound = IMPOSSIBLE_STEPS.get(channel.unit)
+        bound = IMPOSSIBLE_STEP_AND_SPEED_BY_UNIT.get(channel.unit)
         if bound is None or name.partition(".")[0] not in ("q", "swing_angle", "gripper_x", "gripper_z"):
             continue
         step, interval = np.diff(channel.value), np.diff(channel.time)

@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.channels import (
-    MIN_SAMPLES,
+    MIN_COMPARED_CHANNEL_SAMPLES,
     Channel,
     Conversion,
     FloatArray,
@@ -22,7 +22,7 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.delimited import DelimitedTable, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.recording.units import si_factor
-from urdf.bounds import MAX_NAME_LENGTH, parse_number, printable_excerpt
+from urdf.bounds import MAX_NAME_CHARACTERS, parse_number, printable_excerpt
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
@@ -77,7 +77,7 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
         InputError: a channel has a name that would be read as another one.
     """
     for name in channels:
-        if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_LENGTH:
+        if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_CHARACTERS:
             raise InputError(
                 f"channel {printable_excerpt(name)}: no table holds such a name: rename its joint, "
                 "or map its column to another"
@@ -138,7 +138,7 @@ def _channels(table: DelimitedTable, columns: Mapping[str, Conversion], *, compl
             except ValueError as error:
                 where = f"row {rows[i]}, column '{names[k]}'"
                 raise InputError(f"{where}: {error}: leave a missing sample's cell empty") from None
-    least = 1 if complete else MIN_SAMPLES
+    least = 1 if complete else MIN_COMPARED_CHANNEL_SAMPLES
     if len(rows) < least:
         raise InputError(f"holds {len(rows)} samples where at least {least} are needed: record longer")
     if complete and not np.isfinite(values).all():

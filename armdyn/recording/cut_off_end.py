@@ -10,10 +10,10 @@ from itertools import pairwise
 
 from urdf.bounds import printable_excerpt
 
-HARMLESS_CUT_ERROR = 1e-6
+MAX_CUT_ERROR_SHARE_OF_ROW_STEP = 1e-6
 """Largest error by a cut of the last number that is accepted, as a share of the usual step from row to row: of numbers
 with 15 to 17 digits one in ten has a digit less, whether it was cut there or not."""
-COMPARED_ROWS = 1000
+ROWS_COMPARED_WITH_LAST = 1000
 """Number of rows with which the last row is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
 
@@ -24,7 +24,7 @@ def is_complete_cell(cells: Sequence[str]) -> bool:
     Args:
         cells: last cells of the column, as written; the last of them is checked.
     """
-    *others, last = (cell.strip() for cell in cells[-COMPARED_ROWS - 1 :])
+    *others, last = (cell.strip() for cell in cells[-ROWS_COMPARED_WITH_LAST - 1 :])
     found = _NUMBER.fullmatch(last)
     if found is None or not any(map(str.isdigit, last)):
         return last in others  # a word, or the empty cell of a missing sample
@@ -42,7 +42,9 @@ def is_complete_cell(cells: Sequence[str]) -> bool:
     # Either all have as many digits after the point, or all have as many significant digits.
     counts = [behind, [len(m[0].replace(",", ".").lstrip("+-0.").replace(".", "")) for m in (*numbers, found)]]
     *before, digits = counts[0 if len(set(behind[:-1])) == 1 else 1]
-    return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS_CUT_ERROR * steps[len(steps) // 2])
+    return digits >= max(before) or (
+        bool(steps) and 10.0 ** -behind[-1] <= MAX_CUT_ERROR_SHARE_OF_ROW_STEP * steps[len(steps) // 2]
+    )
 
 
 def cut_off_message(row: int, cell: str, column: str) -> str:

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
-from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off_message, is_complete_cell
-from urdf.bounds import MAX_NAME_LENGTH, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, parse_number, printable_excerpt
+from armdyn.recording.cut_off_end import ROWS_COMPARED_WITH_LAST, cut_off_message, is_complete_cell
+from urdf.bounds import MAX_NAME_CHARACTERS, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, parse_number, printable_excerpt
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters of a table that are split into cells at once, which limits the memory."""
@@ -87,10 +87,10 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
     if len(labels) > MAX_TABLE_COLUMNS:
         raise InputError(f"has {len(labels)} columns where {MAX_TABLE_COLUMNS} are the most: leave some out")
     for place, label in enumerate(labels, start=1):
-        if len(label) > MAX_NAME_LENGTH or not label.isprintable():
+        if len(label) > MAX_NAME_CHARACTERS or not label.isprintable():
             raise InputError(
                 f"column {place} '{printable_excerpt(label)}': "
-                f"a name has at most {MAX_NAME_LENGTH} printable letters: rename it"
+                f"a name has at most {MAX_NAME_CHARACTERS} printable letters: rename it"
             )
     return labels
 
@@ -142,7 +142,7 @@ def parse_delimited(
     last = text[text.rfind("\n") + 1 :]
     if unfinished and last.strip():
         tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]
-        ends = [line.rpartition(separator)[2] for line in tail[-COMPARED_ROWS - 1 :] if line.strip()]
+        ends = [line.rpartition(separator)[2] for line in tail[-ROWS_COMPARED_WITH_LAST - 1 :] if line.strip()]
         if not is_complete_cell(ends):
             raise CutOffError(cut_off_message(row, ends[-1], name_and_unit(labels[-1])[0]))
     return DelimitedTable(labels, np.concatenate(tables), np.concatenate(rows), texts)

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.recording.channels import MIN_SAMPLES, Channel, FloatArray
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel, FloatArray
 from armdyn.run import Run
 
-GAP_INTERVALS, GAP_SECONDS = 5.0, 0.25
+MIN_GAP_USUAL_INTERVALS, MIN_GAP_SECONDS = 5.0, 0.25
 """A gap exceeds both this number of usual intervals and this time, s. Over 0.25 s motions of 1.5 Hz are still
 interpolated to 2 %."""
-MIN_PIECE_SAMPLES = 40
+MIN_SAMPLES_BETWEEN_GAPS = 40
 """Least number of samples of every channel in a part of a run that is cut at gaps."""
 
 
@@ -20,7 +20,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
     spans = []
     for channel in run.channels.values():
         steps = np.diff(channel.time)
-        if len(steps) >= MIN_SAMPLES:
+        if len(steps) >= MIN_COMPARED_CHANNEL_SAMPLES:
             for i in np.flatnonzero(steps > longest_interval_without_gap(channel.time)):
                 spans.append((float(channel.time[i]), float(channel.time[i + 1])))
     merged: list[tuple[float, float]] = []
@@ -35,7 +35,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 def longest_interval_without_gap(time: FloatArray) -> float:
     """Longest interval, s, between successive time stamps (n,) without a gap."""
     steps = np.diff(time)
-    return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS
+    return max(MIN_GAP_USUAL_INTERVALS * float(np.median(steps)), MIN_GAP_SECONDS) if len(steps) else MIN_GAP_SECONDS
 
 
 def run_until(run: Run, end: float) -> Run:
@@ -62,8 +62,13 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
     if not spans:
         return (run,)
     edges = [-np.inf, *(t for span in spans for t in span), np.inf]
-    parts = [channels_between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
-    whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_PIECE_SAMPLES]
+    parts = [
+        channels_between(run, *piece, MIN_COMPARED_CHANNEL_SAMPLES)
+        for piece in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    whole = [
+        p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_SAMPLES_BETWEEN_GAPS
+    ]
     if not whole:
         return (run,)
     return runs_of_parts(

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import InputError
-from urdf.bounds import MAX_MCAP_CHUNK_BYTES, MAX_UNPACKED_BYTES, MIB
+from urdf.bounds import MAX_DECOMPRESSED_FILE_BYTES, MAX_MCAP_CHUNK_BYTES, MIB
 
 CUT_OFF_MESSAGE = "is cut off, its recording did not end properly"
 BLOCK_BYTES = 2**17
@@ -72,8 +72,8 @@ def _check_size(chunk: Any, number: int, total: int) -> None:
             f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_MCAP_CHUNK_BYTES / MIB:.0f} MiB is the most: "
             "write it again with smaller chunks"
         )
-    if total > MAX_UNPACKED_BYTES:
-        raise InputError(f"expands to more than {MAX_UNPACKED_BYTES / MIB:.0f} MiB: cut the recording")
+    if total > MAX_DECOMPRESSED_FILE_BYTES:
+        raise InputError(f"expands to more than {MAX_DECOMPRESSED_FILE_BYTES / MIB:.0f} MiB: cut the recording")
 
 
 def decompressed(data: bytes) -> bytes:
@@ -82,9 +82,9 @@ def decompressed(data: bytes) -> bytes:
     Raises:
         InputError: the content is too large.
     """
-    found = _expanded(data, "zstd", MAX_UNPACKED_BYTES)
-    if len(found) > MAX_UNPACKED_BYTES:
-        raise InputError(f"expands to more than {MAX_UNPACKED_BYTES / MIB:.0f} MiB: cut the recording")
+    found = _expanded(data, "zstd", MAX_DECOMPRESSED_FILE_BYTES)
+    if len(found) > MAX_DECOMPRESSED_FILE_BYTES:
+        raise InputError(f"expands to more than {MAX_DECOMPRESSED_FILE_BYTES / MIB:.0f} MiB: cut the recording")
     return found
 
 

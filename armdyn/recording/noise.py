@@ -4,19 +4,19 @@ import numpy as np
 
 from armdyn.recording.channels import Channel
 
-NORMAL_MEDIAN = 0.6745
+ABS_NORMAL_MEDIAN_OVER_STD = 0.6745
 """Median of |x| over the standard deviation, for normally distributed x."""
-MIN_DIFFERENCES = 8
+MIN_DIFFERENCES_FOR_NOISE = 8
 """Least number of differences that determine the noise of a signal."""
-MAX_DIFFERENCE_SPAN = 1.5
+MAX_DIFFERENCE_SPAN_RATIO = 1.5
 """Largest time span of a difference's samples, in usual spans; a longer one contains a gap."""
 DIFFERENCE_ORDERS = tuple(range(3, 9))
 """Orders of the differences from which the noise is estimated."""
-MAX_SIGNAL_RATIO = 0.9
+MAX_NOISE_RATIO_SHOWING_SIGNAL = 0.9
 """Ratio of the noise estimates of two successive orders below which the lower order contains the signal. For noise with
 a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
 it is 0.3."""
-MIN_NOISE_SHARE = 0.1
+MIN_NOISE_SHARE_OF_STATED = 0.1
 """Least noise of a channel, as a share of its stated noise; an encoder at rest has samples without noise."""
 NO_JUMP_TIMES = np.zeros(0)
 
@@ -25,7 +25,7 @@ def normalised_differences(
     time: np.ndarray,
     value: np.ndarray,
     order: int,
-    longest_span: float = MAX_DIFFERENCE_SPAN,
+    longest_span: float = MAX_DIFFERENCE_SPAN_RATIO,
     interval: float | None = None,
 ) -> np.ndarray:
     """(n - k, ...) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
@@ -61,14 +61,18 @@ def noise_std_from_differences(time: np.ndarray, value: np.ndarray, order: int =
         time: (n,) time stamps, s.
         value: (n,) samples.
         order: order of the differences (Gasser et al., Biometrika 73 (1986) 625).
-        unknown: result where fewer than `MIN_DIFFERENCES` differences have no gap.
+        unknown: result where fewer than `MIN_DIFFERENCES_FOR_NOISE` differences have no gap.
 
     Returns:
         The standard deviation, in the unit of `value`.
     """
     differences = normalised_differences(time, value, order) if len(value) > order else np.zeros(0)
     whole = differences[np.isfinite(differences)]
-    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= MIN_DIFFERENCES else unknown
+    return (
+        float(np.median(np.abs(whole)) / ABS_NORMAL_MEDIAN_OVER_STD)
+        if len(whole) >= MIN_DIFFERENCES_FOR_NOISE
+        else unknown
+    )
 
 
 def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMP_TIMES) -> float:
@@ -90,7 +94,7 @@ def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_
     """
     lowest, *higher = (_difference_std(time, value, order, jumps) for order in DIFFERENCE_ORDERS)
     for std in higher:
-        if std is None or lowest is None or std > MAX_SIGNAL_RATIO * lowest:
+        if std is None or lowest is None or std > MAX_NOISE_RATIO_SHOWING_SIGNAL * lowest:
             break
         lowest = std
     return lowest or 0.0
@@ -115,5 +119,6 @@ def smallest_noise_std(channel: Channel, noise: float) -> float:
         noise: standard deviation that is stated or otherwise estimated; an upper limit of the result.
     """
     return max(
-        min(noise, noise_std_from_differences(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise
+        min(noise, noise_std_from_differences(channel.time, channel.value, unknown=noise)),
+        MIN_NOISE_SHARE_OF_STATED * noise,
     )

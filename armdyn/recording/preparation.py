@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HARDLY_MOVING_SHARE = 0.01
+HARDLY_MOVING_TIME_SHARE = 0.01
 """Share of a recording during which a joint moves, below which a report states that it hardly moves."""
 
 
@@ -63,7 +63,7 @@ def preparation_sentence(prepared: Mapping[str, Preparation]) -> str:
             f" The drives smoothed their torques below {_range(smoothed)} Hz before they were recorded: samples beside "
             "each other show less noise than there is, and only what is well below is compared."
         )
-    still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < HARDLY_MOVING_SHARE]
+    still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < HARDLY_MOVING_TIME_SHARE]
     if still:
         names = " and ".join(part for part in (", ".join(still[:-1]), still[-1]) if part)
         text += (

@@ -28,7 +28,7 @@ from armdyn.recording.units import KnownQuantity, parse_quantity
 from armdyn.toml_file import read_toml
 from urdf.toml_tables import TomlFileError, parse_toml_text
 
-POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
+KNOWN_POSITIVE_VALUE_UNITS = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Units of a pendulum's values that a sidecar may state under ``[known]`` and that must be positive."""
 
 
@@ -122,7 +122,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
     for key in table:
         if key in SIDECAR_KEYS:
             continue
-        if key in POSITIVE_VALUES:
+        if key in KNOWN_POSITIVE_VALUE_UNITS:
             raise InputError(f"'{key}' stands outside every table: put it below a line '[known]'")
         if is_channel_name(key):
             raise InputError(f"'{key}' stands outside every table: put it below a line '[noise]'")
@@ -183,7 +183,7 @@ def _noise(name: str, value: object) -> KnownQuantity:
 
 def _known(name: str, value: object) -> KnownQuantity:
     where = f"[known] {name}"
-    known = _quantity(where, value, POSITIVE_VALUES.get(name))
-    if name in POSITIVE_VALUES and known.value <= 0.0:
+    known = _quantity(where, value, KNOWN_POSITIVE_VALUE_UNITS.get(name))
+    if name in KNOWN_POSITIVE_VALUE_UNITS and known.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: measure it again")
     return known

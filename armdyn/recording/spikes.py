@@ -8,41 +8,41 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from armdyn.object_cache import cached_with_first_argument
-from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, normalised_differences
+from armdyn.recording.noise import MAX_DIFFERENCE_SPAN_RATIO, normalised_differences
 from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution
 
 SPIKE_DIFFERENCE_ORDER = 4
 """Order of the differences that reveal a spike: they vanish for a cubic, which follows the signal well enough."""
-SPIKE_DEVIATES = 6.0
+MIN_SPIKE_DIFFERENCE_STDS = 6.0
 """Robust standard deviations beyond which a difference is not noise; one in 5e8 of white noise is larger."""
-MAX_ROUNDING_STEPS = 1.0
+MAX_ROUNDING_DIFFERENCE_STEPS = 1.0
 """Largest normalised difference by rounding alone, in steps of an encoder or of a file's digits: the sum of
 the absolute weights over the root of the sum of their squares, 16 / 8.4, times half a step."""
 ROUNDING_RANGE_SHARE = 1e-9
 """Size of differences, as a share of the signal's range, up to which they are only rounding errors."""
-LOCAL_DIFFERENCES = 25
+DIFFERENCES_BESIDE_FOR_LOCAL_SIZE = 25
 """Number of differences to either side from which the local size of differences is estimated."""
 MAX_ADJACENT_FAULTS = 2
 """Largest number of adjacent faulty samples; more are an event of the motion, such as an impact."""
-MAX_FAULT_DENSITY = 1.0 / 3.0
+MAX_FAULTY_SHARE_OF_GROUP = 1.0 / 3.0
 """Largest share of faulty samples in a group; if more samples were faulty, the signal vibrates."""
-MIN_STEP_RATIO = 1.5
+MIN_STEP_RATIO_ACROSS_OMITTED = 1.5
 """Least step of a signal across samples that are left out, over the largest other change in the same time."""
-MAX_FAULT_SHARE = 0.03
+MAX_FAULTY_SAMPLE_SHARE = 0.03
 """Largest share of samples that are faults; more are the usual noise of this sensor. Of samples that fail one time in a
 hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
 ALLOWED_FAULTS = 4
 """Number of faulty samples that even a short run may have."""
-ROUGHNESS_RATIO, ROUGH_FAULT_RATIO = 2.0, 4.0
+MIN_EVENT_ROUGHNESS_RATIO, MIN_FAULT_RATIO_IN_EVENT = 2.0, 4.0
 """Where differences are typically so many times those of the quietest stretch, an event occurs, such as a load that
 hits something and vibrates; a fault there is so many times larger than everything that is left without it."""
-MAX_STRANGE_SHARE = 0.4
+MAX_LARGE_DIFFERENCE_SHARE = 0.4
 """Largest share of too large differences for which single faulty samples are searched."""
-SATURATION_RATIO = 5.0
+MIN_SATURATED_COUNT_RATIO = 5.0
 """Ratio of the number of samples with the extreme value to that with the next value (plus one) from which the sensor
 was saturated: of a coarsely rounded sine 2.4 times as many are at the peak."""
-MAX_COMPARED_RATE = 125.0
+MAX_UNAVERAGED_RATE_HZ = 125.0
 """Sampling rate, Hz, above which samples are averaged in groups: a swing contains nothing faster."""
 SAMPLES_BESIDE_SATURATION = 2
 """Number of samples to either side of a saturated one that are left out as well."""
@@ -53,7 +53,7 @@ def without_faulty_samples(
     measured: Iterable[str],
     driving: Iterable[str],
     held: Collection[str] = (),
-    highest: float = MAX_COMPARED_RATE,
+    highest: float = MAX_UNAVERAGED_RATE_HZ,
 ) -> Run:
     """The run without faulty samples of the channels that a model uses, with fast channels averaged to a lower rate.
 
@@ -87,7 +87,7 @@ def without_saturation(run: Run, names: Iterable[str]) -> Run:
 def without_spikes(run: Run, names: Iterable[str]) -> Run:
     """The run without isolated outliers of these channels; `Run.warnings` has their number.
 
-    Where their share exceeds `MAX_FAULT_SHARE`, all samples are kept, and a warning says so.
+    Where their share exceeds `MAX_FAULTY_SAMPLE_SHARE`, all samples are kept, and a warning says so.
     """
     found = {name: spikes_of(run.channels[name]) for name in names}
     many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
@@ -122,7 +122,7 @@ def outlier_sentence(runs: Iterable[Run]) -> str:
 
 
 def _rare(faults: int, samples: int) -> bool:
-    return faults <= max(ALLOWED_FAULTS, MAX_FAULT_SHARE * samples)
+    return faults <= max(ALLOWED_FAULTS, MAX_FAULTY_SAMPLE_SHARE * samples)
 
 
 def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int) -> Run:
@@ -144,7 +144,7 @@ def saturated_samples(value: np.ndarray) -> np.ndarray:
     levels, counts = np.unique(value, return_counts=True)
     found = np.zeros(len(value), dtype=bool)
     for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
-        if counts[extreme] >= SATURATION_RATIO * (1 + counts[beside]):
+        if counts[extreme] >= MIN_SATURATED_COUNT_RATIO * (1 + counts[beside]):
             found |= value == levels[extreme]
     return found
 
@@ -161,29 +161,29 @@ def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
     """(n,) bool, whether each sample is a spike: without it the samples around it lie on a smooth curve.
 
     Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: a difference is too large beyond
-    `SPIKE_DEVIATES` times the median absolute difference, of all or of those nearby, whichever is larger. A sample is a
-    spike where it and few others explain all differences that are too large around it. Otherwise they are an event: a
-    load that hits something vibrates for longer, and the torque of dry friction, where a joint reverses, steps and
-    stays.
+    `MIN_SPIKE_DIFFERENCE_STDS` times the median absolute difference, of all or of those nearby, whichever is larger. A
+    sample is a spike where it and few others explain all differences that are too large around it. Otherwise they are
+    an event: a load that hits something vibrates for longer, and the torque of dry friction, where a joint reverses,
+    steps and stays.
     """
     found = np.zeros(len(value), dtype=bool)
-    if len(value) < 2 * LOCAL_DIFFERENCES:
+    if len(value) < 2 * DIFFERENCES_BESIDE_FOR_LOCAL_SIZE:
         return found
     size = np.abs(normalised_differences(time, value, SPIKE_DIFFERENCE_ORDER))
     if not np.isfinite(size).any():
         return found
-    rounding = max(MAX_ROUNDING_STEPS * resolution(value), ROUNDING_RANGE_SHARE * float(np.ptp(value)))
+    rounding = max(MAX_ROUNDING_DIFFERENCE_STEPS * resolution(value), ROUNDING_RANGE_SHARE * float(np.ptp(value)))
     typical = _typical(np.where(np.isfinite(size), size, np.nanmedian(size)))
-    limit = np.maximum(SPIKE_DEVIATES * 1.4826 * typical, rounding)
+    limit = np.maximum(MIN_SPIKE_DIFFERENCE_STDS * 1.4826 * typical, rounding)
     strange = np.flatnonzero(size > limit)
-    if not 0 < len(strange) <= MAX_STRANGE_SHARE * len(value):
+    if not 0 < len(strange) <= MAX_LARGE_DIFFERENCE_SHARE * len(value):
         return found
     for group in np.split(strange, np.flatnonzero(np.diff(strange) > SPIKE_DIFFERENCE_ORDER) + 1):
         begin, end = (
             max(0, group[0] - SPIKE_DIFFERENCE_ORDER),
             min(len(value), group[-1] + 2 * SPIKE_DIFFERENCE_ORDER + 1),
         )
-        rough = bool(typical[group].max() > ROUGHNESS_RATIO * typical.min())
+        rough = bool(typical[group].max() > MIN_EVENT_ROUGHNESS_RATIO * typical.min())
         window = _Window(time[begin:end], value[begin:end], float(limit[group].max()), rough)
         found[[begin + i for i in window.culprits(len(group))]] = True
     return found
@@ -203,7 +203,7 @@ class _Window:
         self._time, self._value, self._limit = time, value, limit
         largest = np.nanmax(np.abs(normalised_differences(time, value, SPIKE_DIFFERENCE_ORDER)))
         if rough:
-            self._limit = min(limit, float(largest) / ROUGH_FAULT_RATIO)
+            self._limit = min(limit, float(largest) / MIN_FAULT_RATIO_IN_EVENT)
         self._typical = float(np.median(np.diff(time)))
 
     def culprits(self, strange: int) -> list[int]:
@@ -226,7 +226,7 @@ class _Window:
                 rest = np.nanmean(self._differences(enough) ** 2, axis=0)
                 found = (self._isolated(enough[i].tolist()) for i in np.argsort(rest, kind="stable"))
                 return next((out for out in found if out), [])
-        return self._isolated(self._one_by_one(int(MAX_FAULT_DENSITY * strange) + 1))
+        return self._isolated(self._one_by_one(int(MAX_FAULTY_SHARE_OF_GROUP * strange) + 1))
 
     def _one_by_one(self, most: int) -> list[int]:
         """Samples taken out one after another, each time that which explains most; empty where `most` do not do."""
@@ -246,7 +246,9 @@ class _Window:
         ordered = np.sort(out)
         alone = np.split(ordered, np.flatnonzero(np.diff(ordered) > 1) + 1)
         longest = max((len(side_by_side) for side_by_side in alone), default=0)
-        crowded = len(out) > MAX_ADJACENT_FAULTS and len(out) > MAX_FAULT_DENSITY * (ordered[-1] - ordered[0] + 1)
+        crowded = len(out) > MAX_ADJACENT_FAULTS and len(out) > MAX_FAULTY_SHARE_OF_GROUP * (
+            ordered[-1] - ordered[0] + 1
+        )
         step = any(self._steps(side_by_side, ordered) for side_by_side in alone)
         return [] if longest > MAX_ADJACENT_FAULTS or crowded or step else out
 
@@ -267,7 +269,7 @@ class _Window:
             return False
         between = bool(np.all((self._value[out] >= ends.min()) & (self._value[out] <= ends.max())))
         usual = float(np.median(others) if between else np.max(others))
-        return bool(np.ptp(ends) > MIN_STEP_RATIO * usual + self._limit)
+        return bool(np.ptp(ends) > MIN_STEP_RATIO_ACROSS_OMITTED * usual + self._limit)
 
     def _left(self, choices: np.ndarray) -> np.ndarray:
         """(r,) sum of what differences are beyond the limit, squared, without the samples (r, k) that a row names."""
@@ -282,7 +284,7 @@ class _Window:
         kept[np.arange(rows)[:, None], choices] = False
         place = np.nonzero(kept)[1].reshape(rows, -1)
         # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
-        longest = MAX_DIFFERENCE_SPAN + without / SPIKE_DIFFERENCE_ORDER
+        longest = MAX_DIFFERENCE_SPAN_RATIO + without / SPIKE_DIFFERENCE_ORDER
         return np.abs(
             normalised_differences(
                 self._time[place].T, self._value[place].T, SPIKE_DIFFERENCE_ORDER, longest, self._typical
@@ -292,10 +294,10 @@ class _Window:
 
 def _typical(size: np.ndarray) -> np.ndarray:
     """(n,) median of all, or of those around each where that is larger."""
-    return np.maximum(median_filter(size, 2 * LOCAL_DIFFERENCES + 1, mode="mirror"), np.median(size))
+    return np.maximum(median_filter(size, 2 * DIFFERENCES_BESIDE_FOR_LOCAL_SIZE + 1, mode="mirror"), np.median(size))
 
 
-def thin_out(run: Run, held: Collection[str] = (), highest: float = MAX_COMPARED_RATE) -> Run:
+def thin_out(run: Run, held: Collection[str] = (), highest: float = MAX_UNAVERAGED_RATE_HZ) -> Run:
     """The run with channels that were sampled faster than `highest` averaged in groups.
 
     Averaging k samples shifts nothing in time and reduces white noise by sqrt(k).

@@ -25,7 +25,7 @@ _NEWTON_METRE = re.compile(r"\bNm\b")
 ENERGY_UNITS = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
 """Names in pint of units of energy and power, which must not be used for a torque, whose dimensions are those of
 energy."""
-MAX_UNIT_LENGTH = 80
+MAX_UNIT_TEXT_LENGTH = 80
 """Largest number of characters in the text of a unit."""
 _POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
@@ -214,8 +214,8 @@ def _check_size(unit: str) -> None:
     for character in plain:
         depth += (character == "(") - (character == ")")
         deepest = max(deepest, depth)
-    if len(unit) > MAX_UNIT_LENGTH or deepest > 2 or len(_POWER.findall(plain)) != powers:
-        shown = unit if len(unit) <= MAX_UNIT_LENGTH else f"{unit[:40]}..."
+    if len(unit) > MAX_UNIT_TEXT_LENGTH or deepest > 2 or len(_POWER.findall(plain)) != powers:
+        shown = unit if len(unit) <= MAX_UNIT_TEXT_LENGTH else f"{unit[:40]}..."
         raise InputError(f"unknown unit '{shown}': write powers of one digit, such as 's', 'mm', 'm/s^2', 'N s^2/m^2'")
 
 

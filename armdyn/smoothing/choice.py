@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from armdyn.smoothing.spline import (
-    MAX_UNDISTORTED_CUTOFF,
+    MAX_UNDISTORTED_CUTOFF_PER_KNOT,
     PENALTY_ORDER,
     LowPass,
     SplineCurve,
@@ -16,13 +16,13 @@ from armdyn.smoothing.spline import (
 )
 
 SPLINE_ORDERS = (4, 3, 5, 6)
-MAX_CUTOFF_SHARE = 0.3
+MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE = 0.3
 """Highest cut-off of smoothing that is tried, as a share of the sampling rate."""
 KNOT_INTERVAL_FACTOR = 4
 """Ratio of the spline's knot intervals in two successive searches for a cut-off."""
 CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
 """Number of cut-offs in a search, and stride between the cut-offs that are tried first."""
-ORDER_PREFERENCE = 20.0
+MIN_ORDER_CHANGE_DEVIANCE = 20.0
 """Twice the log-likelihood by which another order of smoothing must exceed the preferred one."""
 
 
@@ -50,10 +50,14 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        near = SplineSamples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
+        near = SplineSamples(time, 0.5 * MAX_UNDISTORTED_CUTOFF_PER_KNOT / first.cutoff)
         others = [_best_near(near.with_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
-        all_alike = SplineSamples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
-        best_score = _score(all_alike.with_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
+        all_alike = SplineSamples(
+            time, MAX_UNDISTORTED_CUTOFF_PER_KNOT / max(choice.cutoff for choice in (first, *others))
+        )
+        best_score = (
+            _score(all_alike.with_order(first.order), first.cutoff, scaled, rounding) - MIN_ORDER_CHANGE_DEVIANCE
+        )
         for choice in others:
             score = _score(all_alike.with_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
@@ -71,20 +75,20 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order
     """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
     samples = SplineSamples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = samples.lowest_cutoff, MAX_CUTOFF_SHARE / samples.interval
+    low, high = samples.lowest_cutoff, MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE / samples.interval
     while True:
         cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED)
         choice = _best_of(cutoffs, samples, values, least_noise)
         if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
-        low, high = samples.lowest_cutoff, MAX_UNDISTORTED_CUTOFF / samples.step
+        low, high = samples.lowest_cutoff, MAX_UNDISTORTED_CUTOFF_PER_KNOT / samples.step
 
 
 def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> SmoothingChoice:
     """The most probable of the cut-offs near `around`, Hz."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
-    low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
+    low, high = 0.4 * around, min(2.0 * around, MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE / samples.interval)
     cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED // 2)
     return _best_of(cutoffs, samples, values, least_noise)
 
@@ -158,7 +162,7 @@ def smooth_curve(
         rates: measured derivatives of the signal.
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
-    samples = SplineSamples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
+    samples = SplineSamples(time, None if rates else MAX_UNDISTORTED_CUTOFF_PER_KNOT / choice.cutoff, choice.order)
     while samples.lowest_cutoff > choice.cutoff:
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)

@@ -13,10 +13,10 @@ from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, difference_penalty
 
 WHITTAKER_ORDER = 4
 """Order of the penalised differences in the smoothing of positions on an even grid."""
-MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
+MIN_SMOOTHING_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
 """Least smoothing strength, in samples^8: it halves a motion with a tenth of the sampling rate, the fastest of
 grippers."""
-STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
+SMOOTHING_STRENGTHS_TRIED = MIN_SMOOTHING_STRENGTH * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
 
@@ -92,8 +92,8 @@ def best_strength(y: np.ndarray) -> float:
         residual = y - penalised_least_squares(y, strength)
         return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
 
-    best = 4 * int(np.argmin([validation_error(strength) for strength in STRENGTHS_TRIED[::4]]))
-    near = STRENGTHS_TRIED[max(0, best - 3) : best + 4]
+    best = 4 * int(np.argmin([validation_error(strength) for strength in SMOOTHING_STRENGTHS_TRIED[::4]]))
+    near = SMOOTHING_STRENGTHS_TRIED[max(0, best - 3) : best + 4]
     return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
 
 

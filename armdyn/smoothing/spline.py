@@ -32,11 +32,11 @@ MAX_LAMBDA = 1e10
 GAP_STIFFNESS_SHARE = 1e-13
 """Weight that pulls a coefficient in a gap towards the first sample, as a share of its own weight: a hundred times the
 rounding error of the equations of order 6, and negligible up to 20 knots from the nearest sample."""
-REFINED_LAMBDA = 1e4
+MIN_REFINED_PENALTY_LAMBDA = 1e4
 """Weight lambda of the penalty from which a solution is refined by one iteration."""
-MAX_UNDISTORTED_CUTOFF = 0.125
+MAX_UNDISTORTED_CUTOFF_PER_KNOT = 0.125
 """Largest cut-off, per knot interval, at which differences of coefficients are as good as derivatives."""
-WHITE_RATE_SHARE = 0.896
+WHITE_RATE_OVER_TWICE_CUTOFF = 0.896
 """Sampling rate over twice the cut-off at which white noise that was low-passed with order 4 is white again: there
 |amplitude|^2 is 1/2."""
 
@@ -184,7 +184,7 @@ class LowPass:
         columns = columns - offset
         B, order = self.samples.matrix, self.samples.order
         c = cho_solve_banded((self.factor, True), B.T @ columns, check_finite=False)
-        if self.strength > REFINED_LAMBDA:
+        if self.strength > MIN_REFINED_PENALTY_LAMBDA:
             missing = B.T @ (columns - B @ c) - self.strength * _differences_transposed(
                 np.diff(c, order, axis=0), order
             )

@@ -21,22 +21,22 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from armdyn.arm.motion import MIN_CERTAIN_SIGN
+from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN
 from armdyn.codegen import BufferedFunction
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import ObserverOutput
-from armdyn.watch.variances import MIN_VARIANCE
+from armdyn.watch.variances import MIN_TORQUE_VARIANCE
 
-SAMPLE_SECONDS, BLOCK_SECONDS = 0.04, 1.0
+USED_SAMPLE_INTERVAL_SECONDS, BLOCK_MOTION_SECONDS = 0.04, 1.0
 """Time between the samples that are used, s (F removes faster signals), and time of motion in a block, s."""
-WINDOW_SIZES = (3, 7, 14, 28)
+WINDOW_SIZES_IN_BLOCKS = (3, 7, 14, 28)
 """Blocks per window; each size about doubles the one before, so that one window covers 70 % or more of a change."""
 JOINT_CHANGES = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "torque_gain")
 """Effects that may change in a joint, in the order of `column_function`."""
 JOINT_CHANGE_UNITS = ("N m", "N m s/rad", "N m", "1")
 SLIDING_JOINT_CHANGE_UNITS = ("N", "N s/m", "N", "1")
 """Units of `JOINT_CHANGES` for revolute and for prismatic joints."""
-POOLED_WEIGHT = 4.0
+POOLED_MEAN_WEIGHT_IN_WINDOWS = 4.0
 """Weight of the mean over all joints beside a joint's own statistics, in independent windows."""
 LOAD_PRIOR_STD = np.array([1.0, 0.2, 0.2, 0.2])
 """Prior standard deviations of a load's mass, kg, and mass times position, kg m: 1 kg at 0.2 m."""
@@ -126,7 +126,9 @@ class FaultFreeBaseline:
         load = np.linalg.solve(sums.sum(axis=0) + LOAD_PRIOR_INFORMATION, errors.sum(axis=0))
         found = replace(found, load=np.asarray(load))
         of_load, by_own = found.explained(windows)
-        spread = (apart * by_own.mean(axis=0) + POOLED_WEIGHT * by_own.mean(axis=(0, 1))) / (apart + POOLED_WEIGHT)
+        spread = (apart * by_own.mean(axis=0) + POOLED_MEAN_WEIGHT_IN_WINDOWS * by_own.mean(axis=(0, 1))) / (
+            apart + POOLED_MEAN_WEIGHT_IN_WINDOWS
+        )
         J = found._whitened(windows)[3]
         return replace(
             found, spread=max(float(of_load.mean()) / len(LOAD_PRIOR_STD), tiny),
@@ -183,7 +185,7 @@ def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, 
 
     Expectation maximisation for random effects (Laird & Ware, Biometrics 38, 1982).
     """
-    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_VARIANCE))
+    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_TORQUE_VARIANCE))
     S = windows.joints * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
     b = windows.joints_error * unit
     mean = _times(np.linalg.inv(S.sum(axis=0)), b.sum(axis=0))
@@ -197,7 +199,7 @@ def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, 
         squares = (left * np.linalg.solve(S, left[..., None])[..., 0]).sum(axis=-1)
         n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / 4, SUMS_RIDGE)
         each = (own[..., None] * own[..., None, :] + covariance).mean(axis=0)
-        P = (apart * each + POOLED_WEIGHT * each.mean(axis=0)) / (apart + POOLED_WEIGHT)
+        P = (apart * each + POOLED_MEAN_WEIGHT_IN_WINDOWS * each.mean(axis=0)) / (apart + POOLED_MEAN_WEIGHT_IN_WINDOWS)
     return mean * unit, P * unit[:, :, None] * unit[:, None, :], n
 
 
@@ -216,7 +218,9 @@ class MotionBlocks:
         own: (nj, 4) columns X of the joints at the last sample.
     """
 
-    def __init__(self, columns: BufferedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
+    def __init__(
+        self, columns: BufferedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES_IN_BLOCKS[-1]
+    ) -> None:
         self._columns, self._level = columns, level
         self.start_times: deque[float] = deque(maxlen=kept)
         self.sums: deque[BlockSums] = deque(maxlen=kept)
@@ -236,7 +240,7 @@ class MotionBlocks:
 
     def is_due(self, time: float) -> bool:
         """Whether the next sample is due at `time`, s."""
-        return not 0.0 <= time - self._last < SAMPLE_SECONDS
+        return not 0.0 <= time - self._last < USED_SAMPLE_INTERVAL_SECONDS
 
     def update_columns(self, step: ObserverOutput, bandwidth: float) -> None:
         """Update the columns of load and joints without adding the sample to the sums."""
@@ -252,7 +256,7 @@ class MotionBlocks:
         """
         self.update_columns(step, bandwidth)
         load, own = self.load, self.own
-        if not (np.abs(self._way) >= MIN_CERTAIN_SIGN).any():
+        if not (np.abs(self._way) >= MIN_CERTAIN_VELOCITY_SIGN).any():
             return False
         weight = 1.0 / (self._level * step.sources).sum(axis=1)
         if self._count == 0:
@@ -265,7 +269,7 @@ class MotionBlocks:
         total.joints[...] += own[:, :, None] * of_own
         total.joints_error[...] += of_own[:, 0] * step.residual[:, None]
         self._count += 1
-        if self._count < round(BLOCK_SECONDS / SAMPLE_SECONDS):
+        if self._count < round(BLOCK_MOTION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS):
             return False
         self.start_times.append(self._start)
         self.sums.append(total)

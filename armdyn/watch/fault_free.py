@@ -12,20 +12,20 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from armdyn.watch.changes import (
-    BLOCK_SECONDS,
+    BLOCK_MOTION_SECONDS,
     JOINT_CHANGES,
     LOAD_PRIOR_STD,
-    SAMPLE_SECONDS,
-    WINDOW_SIZES,
+    USED_SAMPLE_INTERVAL_SECONDS,
+    WINDOW_SIZES_IN_BLOCKS,
     BlockSums,
     FaultFreeBaseline,
     MotionBlocks,
 )
 from armdyn.watch.observer import (
     CANDIDATE_BANDWIDTHS,
+    DEFAULT_OBSERVER_BANDWIDTH,
     FILTER_ORDER,
-    MAX_SAMPLE_GAP,
-    USUAL_BANDWIDTH,
+    MAX_SAMPLE_GAP_SECONDS,
     Observer,
     ObserverOutput,
     compiled_functions,
@@ -33,23 +33,23 @@ from armdyn.watch.observer import (
 )
 from armdyn.watch.onset import OnsetEstimator
 from armdyn.watch.tail import (
-    MIN_STRETCHES,
+    MIN_STRETCHES_FOR_TAIL,
     ExponentialTail,
     GaussianDistribution,
     StatisticDistribution,
     largest_of_stretches,
 )
-from armdyn.watch.variances import MIN_VARIANCE, ErrorLevel, fitted_variance_factors
+from armdyn.watch.variances import MIN_TORQUE_VARIANCE, ErrorLevel, fitted_variance_factors
 
 JointSample = tuple[float, FloatArray, FloatArray]
 """Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
-STRETCH_SECONDS = 2.0
+INDEPENDENT_STRETCH_SECONDS = 2.0
 """Time after which a model's errors are independent, s; only the largest of each stretch counts."""
 MIN_FAULT_FREE_SECONDS = 15.0
 """Least length of the fault-free recordings, s: seven stretches."""
 CROSS_VALIDATION_FOLDS = 4
 """Number of parts of the fault-free recordings, for cross-validation: each is scored with statistics of the others."""
-VARIANCE_INTERVAL = 0.02
+VARIANCE_SAMPLE_INTERVAL_SECONDS = 0.02
 """Time between the samples from which variances are fitted, s; the filters remember little for longer."""
 INFINITE_VARIANCE = np.array([np.inf, 0.0, 0.0, 0.0])
 """Factors of the variance, see `ObserverOutput.sources`, of a joint whose torque the model does not predict."""
@@ -128,7 +128,7 @@ def _at(time: FloatArray, channel: Channel) -> FloatArray:
     """A channel interpolated at n times, s; nan beyond its ends and in its gaps."""
     value = np.interp(time, channel.time, channel.value, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(channel.time, time), 1, len(channel) - 1)
-    return np.where(channel.time[after] - channel.time[after - 1] > MAX_SAMPLE_GAP, np.nan, value)
+    return np.where(channel.time[after] - channel.time[after - 1] > MAX_SAMPLE_GAP_SECONDS, np.nan, value)
 
 
 def statistics_of_recordings(
@@ -174,15 +174,15 @@ def statistics_of_recordings(
         for level, error in ((lasting, step.contrast), (early[k], began)):
             ratios.append(np.abs(error) / level.std(step.sources))
             level.update(error, step.sources, interval)
-        if elapsed >= STRETCH_SECONDS * len(largest):
+        if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * 2)
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]
         if blocks.is_due(step.time):
             blocks.add_sample(step, bandwidth)
     touch, sudden = (
         tuple(
-            ExponentialTail.of(values, STRETCH_SECONDS, 1)
-            for values in np.array(each)[: int(seen.length // STRETCH_SECONDS)].T
+            ExponentialTail.of(values, INDEPENDENT_STRETCH_SECONDS, 1)
+            for values in np.array(each)[: int(seen.length // INDEPENDENT_STRETCH_SECONDS)].T
         )
         for each in zip(*largest, strict=True)
     )
@@ -208,7 +208,7 @@ def _settled(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Outputs of n samples `VARIANCE_INTERVAL` apart: settled time, s, and arrays (n, ...); length of all, s."""
+    """Outputs of n samples `VARIANCE_SAMPLE_INTERVAL_SECONDS` apart: settled time, s, arrays (n, ...), length, s."""
 
     time: FloatArray
     contrast: FloatArray
@@ -222,7 +222,7 @@ class _Seen:
         kept: list[tuple[float, ObserverOutput]] = []
         elapsed = 0.0
         for elapsed, step in steps:
-            if not kept or elapsed - kept[-1][0] >= VARIANCE_INTERVAL:
+            if not kept or elapsed - kept[-1][0] >= VARIANCE_SAMPLE_INTERVAL_SECONDS:
                 kept.append((elapsed, step))
         chosen = [step for _, step in kept]
         contrast, residual, stages, sources = (
@@ -243,9 +243,9 @@ def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointS
         steps = takewhile(lambda each: each[0] < MIN_FAULT_FREE_SECONDS, _settled(model, recordings[:1], bandwidth))
         contrast = np.array([step.contrast for _, step in steps])
         if len(contrast):
-            size = np.maximum(np.mean(contrast**2, axis=0), MIN_VARIANCE)
+            size = np.maximum(np.mean(contrast**2, axis=0), MIN_TORQUE_VARIANCE)
             hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(visible_share_of_step(bandwidth))
-    return min(hidden, key=hidden.__getitem__) if hidden else USUAL_BANDWIDTH
+    return min(hidden, key=hidden.__getitem__) if hidden else DEFAULT_OBSERVER_BANDWIDTH
 
 
 def _baselines(
@@ -255,7 +255,7 @@ def _baselines(
 ]:
     """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
     count = len(blocks.load)
-    sizes = [size for size in WINDOW_SIZES if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
+    sizes = [size for size in WINDOW_SIZES_IN_BLOCKS if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
     scores = np.zeros((count, 1 + blocks.joints_error[0].size))
     baselines = {}
     for size in sizes:
@@ -271,10 +271,12 @@ def _baselines(
                 load, own = FaultFreeBaseline.of(windows.select(others), size).scores(windows.select(mine))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Neighbouring windows share blocks for at least the length of the shortest window.
-    largest = largest_of_stretches(scores, WINDOW_SIZES[0])
-    if not sizes or len(largest) < MIN_STRETCHES:
+    largest = largest_of_stretches(scores, WINDOW_SIZES_IN_BLOCKS[0])
+    if not sizes or len(largest) < MIN_STRETCHES_FOR_TAIL:
         return {}, None, None
-    first, *laws = (ExponentialTail.of(values, WINDOW_SIZES[0] * BLOCK_SECONDS, 2) for values in largest.T)
+    first, *laws = (
+        ExponentialTail.of(values, WINDOW_SIZES_IN_BLOCKS[0] * BLOCK_MOTION_SECONDS, 2) for values in largest.T
+    )
     kinds = len(JOINT_CHANGES)
     return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
@@ -294,9 +296,9 @@ def statistics_of_model_error(model: ArmModel, history: Sequence[Mapping[str, An
             "recordings, --calibrate RUN"
         )
     size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, 0.0, 0.0, 1.0] for joint in model.arm.joints])
-    n, alike = len(size), ERROR_CORRELATION_SECONDS / SAMPLE_SECONDS
+    n, alike = len(size), ERROR_CORRELATION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
-    crossings = 3600.0 * USUAL_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
+    crossings = 3600.0 * DEFAULT_OBSERVER_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
     per_sample = np.full((n, len(JOINT_CHANGES)), np.inf)
     baselines = {
         w: FaultFreeBaseline(
@@ -308,11 +310,11 @@ def statistics_of_model_error(model: ArmModel, history: Sequence[Mapping[str, An
             np.ones((n, len(JOINT_CHANGES))),
             (np.inf, per_sample),
         )
-        for w in WINDOW_SIZES
+        for w in WINDOW_SIZES_IN_BLOCKS
     }
-    values = 3600.0 / BLOCK_SECONDS
+    values = 3600.0 / BLOCK_MOTION_SECONDS
     return FaultFreeStatistics(
-        USUAL_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
+        DEFAULT_OBSERVER_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
         GaussianDistribution(values, len(LOAD_PRIOR_STD)),
         ((GaussianDistribution(values),) * len(JOINT_CHANGES),) * n, None,
     )  # fmt: skip

@@ -11,8 +11,8 @@ torque appears in r after the delay of F, 3 / K on average. The contrast c = r -
 mean of r over the last `RUNNING_MEAN_SECONDS`.
 
 A torque that began a moment ago is hardly visible behind F. So the torque passes a second cascade of low-passes with
-the bandwidth `STAGE_BANDWIDTH`, and the prediction passes a third one; their outputs are the stages. At t s after a
-unit step of torque, its stages hold the cdf of Erlang variables, and those of the prediction hold zero.
+the bandwidth `LOW_PASS_STAGE_BANDWIDTH`, and the prediction passes a third one; their outputs are the stages. At t s
+after a unit step of torque, its stages hold the cdf of Erlang variables, and those of the prediction hold zero.
 `armdyn.watch.onset` finds the weighted sum of the stages that shows a step best.
 
 Where a joint reverses, F smooths the step of its friction. The kernel of F has the variance 3 / K^2, so that with the
@@ -38,32 +38,32 @@ FILTER_ORDER = 3
 """Order of F: the lowest that gives an acceleration."""
 RUNNING_MEAN_SECONDS = 0.5
 """Memory of the running mean, s: half the shortest contact that a person notices, less than half a typical motion."""
-MAX_SAMPLE_GAP = 0.2
+MAX_SAMPLE_GAP_SECONDS = 0.2
 """Longest time between two samples, s; after a longer one the motion in between is unknown and the filters restart."""
 SETTLING_TIME_CONSTANTS = 15.0
 """Time constants 1 / K after which F has forgotten its initial state: exp(-15) 15^2 / 2 = 3e-5 of it remain."""
 CANDIDATE_BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
 """Candidates for K, 1/s; fault-free recordings select one. Neighbours detect torques that differ by less than 10 %."""
-USUAL_BANDWIDTH, MAX_BANDWIDTH_STEP = 40.0, 0.8
+DEFAULT_OBSERVER_BANDWIDTH, MAX_BANDWIDTH_TIMES_INTERVAL = 40.0, 0.8
 """K, 1/s, without fault-free recordings; and the largest product of K and the interval between samples."""
-RATE_INTERVALS = 20
+INTERVALS_FOR_SAMPLING_RATE = 20
 """Number of intervals from which the sampling rate is estimated."""
-DETECTION_SECONDS = 0.05
+MAX_DETECTION_SECONDS = 0.05
 """Time within which an outside torque should be detected, s."""
-STAGE_BANDWIDTH, TORQUE_STAGES, PREDICTION_STAGES = 100.0, 8, 5
+LOW_PASS_STAGE_BANDWIDTH, TORQUE_LOW_PASS_STAGES, PREDICTION_LOW_PASS_STAGES = 100.0, 8, 5
 """Bandwidth of the stages, 1/s; number of low-passes for torque, and for prediction. On three simulated arms 6 and 3
 low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
 SHORT_DELAY_EFFECTS = frozenset({"torque_delay", "command_delay"})
 """Effects that remember for a shorter time than F; the observer leaves them out."""
-MEAN_INDEX = 2 * (FILTER_ORDER + 1)
+RESIDUAL_MEAN_STATE_INDEX = 2 * (FILTER_ORDER + 1)
 """Index of the running mean of the residual in the state, in blocks of nj."""
-STAGES_INDEX = MEAN_INDEX + 4
+FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 4
 """Index of the first stage in the state, in blocks of nj."""
-STATES_PER_JOINT = STAGES_INDEX + TORQUE_STAGES + 1 + PREDICTION_STAGES
+STATES_PER_JOINT = FIRST_STAGE_STATE_INDEX + TORQUE_LOW_PASS_STAGES + 1 + PREDICTION_LOW_PASS_STAGES
 """States per joint: last position and its 3 stages of F; the same for its torque; running means of residual and of
 prediction; prediction a moment ago; uncertain friction; stages of torque; prediction and its stages. The last entry of
 the state is the time since the start, s."""
-VARIANCE_SOURCES = 4
+VARIANCE_SOURCE_COUNT = 4
 """Number of sources of a residual's variance, see `ObserverOutput.sources`."""
 
 
@@ -108,7 +108,7 @@ class Observer:
         mean_is_held: whether the running mean of the residual is held constant, as during an outside torque.
     """
 
-    def __init__(self, model: ArmModel, bandwidth: float = USUAL_BANDWIDTH) -> None:
+    def __init__(self, model: ArmModel, bandwidth: float = DEFAULT_OBSERVER_BANDWIDTH) -> None:
         self._joints = len(model.arm.joints)
         self._asked = np.array([joint in model.joints for joint in model.arm.joints])
         self._function = compiled_functions(model)[0]
@@ -141,10 +141,10 @@ class Observer:
         step = 0.0
         if self._last is not None:
             step = time - self._last[0]
-            if step == 0.0 or (step < 0.0 and step > -MAX_SAMPLE_GAP):
+            if step == 0.0 or (step < 0.0 and step > -MAX_SAMPLE_GAP_SECONDS):
                 return None  # repeated, or out of order
             if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any() or (
-                step > 0.0 and len(self._intervals) < RATE_INTERVALS and self._too_rarely(step)
+                step > 0.0 and len(self._intervals) < INTERVALS_FOR_SAMPLING_RATE and self._too_rarely(step)
             ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
@@ -152,20 +152,22 @@ class Observer:
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling_time(K))
-        stages = self._state[STAGES_INDEX * self._joints : -1].reshape(-1, self._joints).T
+        stages = self._state[FIRST_STAGE_STATE_INDEX * self._joints : -1].reshape(-1, self._joints).T
         return ObserverOutput(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), stages, settled)
 
     def _too_rarely(self, step: float) -> bool:
         """Whether the sampling rate is too low for the filter; then K is reduced."""
         self._intervals.append(step)
-        enough = len(self._intervals) == RATE_INTERVALS
-        slower = MAX_BANDWIDTH_STEP / float(np.median(self._intervals)) if enough else np.inf
+        enough = len(self._intervals) == INTERVALS_FOR_SAMPLING_RATE
+        slower = MAX_BANDWIDTH_TIMES_INTERVAL / float(np.median(self._intervals)) if enough else np.inf
         self.bandwidth, before = min(self.bandwidth, slower), self.bandwidth
         return self.bandwidth < before
 
     def restart_mean(self, residual: FloatArray) -> None:
         """Restart the running mean of the residual at (nj,) values, after a change was added to the model."""
-        self._state[MEAN_INDEX * self._joints : (MEAN_INDEX + 1) * self._joints] = residual
+        self._state[RESIDUAL_MEAN_STATE_INDEX * self._joints : (RESIDUAL_MEAN_STATE_INDEX + 1) * self._joints] = (
+            residual
+        )
 
     @property
     def delay(self) -> float:
@@ -179,8 +181,8 @@ def settling_time(bandwidth: float) -> float:
 
 
 def visible_share_of_step(bandwidth: float) -> float:
-    """Share of a step of outside torque that the residual shows after `DETECTION_SECONDS`, at K = `bandwidth`, 1/s."""
-    x = bandwidth * DETECTION_SECONDS
+    """Share of a step of outside torque in the residual after `MAX_DETECTION_SECONDS`, at K = `bandwidth`, 1/s."""
+    x = bandwidth * MAX_DETECTION_SECONDS
     return float(1.0 - np.exp(-x) * (1.0 + x + x**2 / 2.0))
 
 
@@ -188,8 +190,8 @@ def observer_function(model: ArmModel) -> ca.Function:
     """One step of the observer, whose equations stand at the top of this module.
 
     ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``; a
-    `step` <= 0 or > `MAX_SAMPLE_GAP`, in s, restarts the filters, and `hold` = 1 holds the running mean constant. For
-    shapes and units see `ObserverOutput`.
+    `step` <= 0 or > `MAX_SAMPLE_GAP_SECONDS`, in s, restarts the filters, and `hold` = 1 holds the running mean
+    constant. For shapes and units see `ObserverOutput`.
 
     Raises:
         InputError: an effect depends on time or has states; a function of one instant cannot contain it.
@@ -199,18 +201,20 @@ def observer_function(model: ArmModel) -> ca.Function:
                             (("state", STATES_PER_JOINT * n + 1), ("q", n), ("tau", n), ("shift", n)))  # fmt: skip
     step, hold, K = (ca.SX.sym(name) for name in ("step", "hold", "bandwidth"))
     parts = [state[k * n : (k + 1) * n] for k in range(STATES_PER_JOINT)]
-    fresh = ca.logic_or(step <= 0.0, step > MAX_SAMPLE_GAP)
+    fresh = ca.logic_or(step <= 0.0, step > MAX_SAMPLE_GAP_SECONDS)
     h = ca.if_else(fresh, 1.0, step)
-    past = parts[: FILTER_ORDER + 1], parts[FILTER_ORDER + 1 : MEAN_INDEX]
+    past = parts[: FILTER_ORDER + 1], parts[FILTER_ORDER + 1 : RESIDUAL_MEAN_STATE_INDEX]
     position, torque = (_filtered(signal, states, K, h, fresh) for signal, states in zip((q, tau), past, strict=True))
     x1, x2, x3 = position[1:]
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
     predicted, friction, way = _reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
-    mean, expected, before, doubted = parts[MEAN_INDEX:STAGES_INDEX]
-    early = parts[STAGES_INDEX:]
-    torques = _filtered(tau, [parts[FILTER_ORDER + 1], *early[:TORQUE_STAGES]], STAGE_BANDWIDTH, h, fresh)[1:]
-    predictions = _filtered(predicted, early[TORQUE_STAGES:], STAGE_BANDWIDTH, h, fresh)
+    mean, expected, before, doubted = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
+    early = parts[FIRST_STAGE_STATE_INDEX:]
+    torques = _filtered(
+        tau, [parts[FILTER_ORDER + 1], *early[:TORQUE_LOW_PASS_STAGES]], LOW_PASS_STAGE_BANDWIDTH, h, fresh
+    )[1:]
+    predictions = _filtered(predicted, early[TORQUE_LOW_PASS_STAGES:], LOW_PASS_STAGE_BANDWIDTH, h, fresh)
     age = ca.if_else(fresh, 0.0, state[-1] + h)
     # Before its memory is full, the mean is that of all samples since the filters settled.
     gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, RUNNING_MEAN_SECONDS), 1e-9))

@@ -1,8 +1,8 @@
 r"""Estimate a torque that began a moment ago, by a weighted sum of the observer's filter stages.
 
-A unit step of torque `ONSET_SECONDS` ago adds s to the stages x of a joint; the filters alone determine s. On a sound
-robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's = 1,
-which estimate the torque that began, the smallest variance has
+A unit step of torque `ONSET_STEP_AGE_SECONDS` ago adds s to the stages x of a joint; the filters alone determine s. On
+a sound robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's
+= 1, which estimate the torque that began, the smallest variance has
 
     w = C^-1 s / (s' C^-1 s)
 
@@ -17,10 +17,15 @@ import numpy as np
 from scipy.special import gammainc
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.observer import PREDICTION_STAGES, STAGE_BANDWIDTH, TORQUE_STAGES, VARIANCE_SOURCES
+from armdyn.watch.observer import (
+    LOW_PASS_STAGE_BANDWIDTH,
+    PREDICTION_LOW_PASS_STAGES,
+    TORQUE_LOW_PASS_STAGES,
+    VARIANCE_SOURCE_COUNT,
+)
 from armdyn.watch.variances import fitted_variance_factors
 
-ONSET_SECONDS = 0.03
+ONSET_STEP_AGE_SECONDS = 0.03
 """Age of the step that the sum is tuned to, s; the remaining 20 of 50 ms are for the filter of a drive."""
 ONSET_FIT_PASSES = 3
 """Alternating fits of w and of the variance of w'x; w changes little after two."""
@@ -44,7 +49,7 @@ class OnsetEstimator:
     def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetEstimator":
         """Fitted to a fault-free robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
         count, joints, size = stages.shape
-        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCES))
+        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCE_COUNT))
         for j in range(joints):
             spread = np.ones(count)
             for _ in range(ONSET_FIT_PASSES):
@@ -64,6 +69,6 @@ class OnsetEstimator:
 
 
 def step_response() -> FloatArray:
-    """(14,) filter stages of the observer after a unit step of torque `ONSET_SECONDS` ago."""
-    torque = gammainc(np.arange(1, TORQUE_STAGES + 1), STAGE_BANDWIDTH * ONSET_SECONDS)
-    return np.append(torque, np.zeros(1 + PREDICTION_STAGES))
+    """(14,) filter stages of the observer after a unit step of torque `ONSET_STEP_AGE_SECONDS` ago."""
+    torque = gammainc(np.arange(1, TORQUE_LOW_PASS_STAGES + 1), LOW_PASS_STAGE_BANDWIDTH * ONSET_STEP_AGE_SECONDS)
+    return np.append(torque, np.zeros(1 + PREDICTION_LOW_PASS_STAGES))

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import chi
 
-MIN_STRETCHES = 7
+MIN_STRETCHES_FOR_TAIL = 7
 """Least number of stretches for a tail; with three excesses the threshold is a hundred times their mean."""
 
 
@@ -49,7 +49,7 @@ class ExponentialTail:
 
     @classmethod
     def of(cls, largest: np.ndarray, seconds: float, power: int) -> "ExponentialTail":
-        """Fitted to the largest values (k,) of k >= `MIN_STRETCHES` stretches of `seconds` each; `power`: see above."""
+        """Fitted to the maxima (k,) of k >= `MIN_STRETCHES_FOR_TAIL` stretches of `seconds`; for `power` see above."""
         values = np.sort(largest**power)
         count = len(values) // 2
         start = float(np.median(values))

@@ -13,7 +13,7 @@ from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import LOAD_PRIOR_INFORMATION
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
-from armdyn.watch.observer import MAX_SAMPLE_GAP, ObserverOutput
+from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, ObserverOutput
 from armdyn.watch.variances import ErrorLevel
 
 MAX_CONTACT_SECONDS = 5.0
@@ -22,7 +22,7 @@ CONTACT_END_THRESHOLD_SHARE = 0.5
 """Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
 CONTACT_END_SECONDS = 0.3
 """Time below that share until the event ends, s; the filters of the onset have then forgotten its start."""
-REPEATED_REPORT_SECONDS = 60.0
+LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
@@ -117,7 +117,7 @@ class ContactDetector:
         """
         contrast = _Excess(step.contrast, self._level.std(step.sources), self.threshold)
         seen = [contrast]
-        interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP), step.time
+        interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
             self._level.update(step.contrast, step.sources, interval)
         if self._sound.onset is not None and self._onset_level is not None:
@@ -177,7 +177,7 @@ class ContactDetector:
         )
         if not doubted:
             return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
-        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED_REPORT_SECONDS, step.time
+        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
         return [self._event(EventKind.UNIDENTIFIED, now, step, contrast)] if now.reported else []
 
     def _as_load(self, step: ObserverOutput, load: FloatArray, share: float) -> bool:

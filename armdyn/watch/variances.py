@@ -5,12 +5,12 @@ from scipy.optimize import nnls
 
 from armdyn.recording.channels import FloatArray
 
-RECENT_ERROR_SECONDS, MAX_ERROR_DEVIATES = 3.0, 5.0
+RECENT_ERROR_MEMORY_SECONDS, MAX_COUNTED_ERROR_STDS = 3.0, 5.0
 """Memory of recent errors, s; largest error that counts, in standard deviations. On three simulated arms 3 s and 10 s
 give the wanted rate of false alarms; without recent errors it is up to 30 times as high."""
-FIT_PASSES = 4
+VARIANCE_FIT_PASSES = 4
 """Iterations of the reweighted fit of variances; it changes by less than 1 % after three."""
-MIN_NOISE_VARIANCE_SHARE, MIN_VARIANCE = 1e-3, 1e-18
+MIN_NOISE_VARIANCE_SHARE, MIN_TORQUE_VARIANCE = 1e-3, 1e-18
 """Least share of the mean variance that is noise, and least variance, (N m)^2."""
 
 
@@ -32,8 +32,8 @@ class ErrorLevel:
     def update(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
         """Update with a fault-free error (nj,), N m or N, `interval` s after the last one."""
         square = error**2 / (self._variance * sources).sum(axis=1)
-        share = 1.0 - np.exp(-interval / RECENT_ERROR_SECONDS)
-        self._squares = self._squares + share * (np.minimum(square, MAX_ERROR_DEVIATES**2) - self._squares)
+        share = 1.0 - np.exp(-interval / RECENT_ERROR_MEMORY_SECONDS)
+        self._squares = self._squares + share * (np.minimum(square, MAX_COUNTED_ERROR_STDS**2) - self._squares)
 
 
 def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
@@ -43,10 +43,10 @@ def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray) -> np.ndarr
     """
     found = np.zeros(sources.shape[1:])
     for j, square in enumerate((errors**2).T):
-        mean = np.full(len(square), max(float(square.mean()), MIN_VARIANCE))
-        for _ in range(FIT_PASSES):
+        mean = np.full(len(square), max(float(square.mean()), MIN_TORQUE_VARIANCE))
+        for _ in range(VARIANCE_FIT_PASSES):
             weight = 1.0 / mean
             found[j] = nnls(sources[:, j] * weight[:, None], square * weight)[0]
-            found[j, 0] = max(found[j, 0], MIN_NOISE_VARIANCE_SHARE * float(square.mean()), MIN_VARIANCE)
+            found[j, 0] = max(found[j, 0], MIN_NOISE_VARIANCE_SHARE * float(square.mean()), MIN_TORQUE_VARIANCE)
             mean = sources[:, j] @ found[j]
     return found

@@ -12,7 +12,7 @@ from armdyn.watch.changes import (
     JOINT_CHANGE_UNITS,
     JOINT_CHANGES,
     SLIDING_JOINT_CHANGE_UNITS,
-    WINDOW_SIZES,
+    WINDOW_SIZES_IN_BLOCKS,
     BlockSums,
     MotionBlocks,
 )
@@ -23,9 +23,9 @@ from armdyn.watch.touch import ContactDetector
 
 BLOCKS_AFTER_DETECTION = 7
 """Blocks to wait after detection in a window of at most this length, so that the whole window lies after the change."""
-MAX_WAIT_BLOCKS = 21
+MAX_IDENTIFICATION_WAIT_BLOCKS = 21
 """Longest wait, in blocks, for the motion to identify a detected change; then `EventKind.UNIDENTIFIED` is reported."""
-LOAD_PARAMETERS = 4
+LOAD_PARAMETER_COUNT = 4
 """Number of a load's parameters: mass, kg, and mass times position (3), kg m."""
 
 
@@ -75,7 +75,7 @@ class Watch:
         laws, each = sound.joint_tails or (), share / (len(joints) * len(JOINT_CHANGES))
         self._own_thresholds = np.array([[law.threshold(each) for law in joint] for joint in laws])
         self._carried = int(joints.index(model.joints[-1]))
-        self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((len(joints), len(JOINT_CHANGES)))
+        self._load, self._own = np.zeros(LOAD_PARAMETER_COUNT), np.zeros((len(joints), len(JOINT_CHANGES)))
         self._shift = np.zeros(len(joints))
         self._alarm: _Alarm | None = None
         self._waited = 0
@@ -160,7 +160,11 @@ class Watch:
         if all(each.joint == best.joint for each in others):
             self._alarm = None
             return [self._identified(time, alarm.since, best, others, blocks)]
-        return [self._undecided(time, alarm.since, best, others, blocks)] if self._waited == MAX_WAIT_BLOCKS else []
+        return (
+            [self._undecided(time, alarm.since, best, others, blocks)]
+            if self._waited == MAX_IDENTIFICATION_WAIT_BLOCKS
+            else []
+        )
 
     def _best(self, blocks: BlockSums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
@@ -183,7 +187,7 @@ class Watch:
         of_load, each = baseline.explained(sums)
         # Evidence in nats: half the fall of chi2 over its sound mean, less half log(blocks) per parameter (BIC).
         alike, cost = baseline.spread + float(baseline.joints_spread.mean()), 0.5 * float(np.log(chosen))
-        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETERS * cost)]
+        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETER_COUNT * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
             for j, k in np.ndindex(own.shape)
@@ -267,7 +271,9 @@ class Watch:
         """Correct the size of a reported change with the blocks after it, without an event."""
         change = self._refining
         largest = max(
-            window for window in self.sound.baselines if window <= max(WINDOW_SIZES[-2], min(self.sound.baselines))
+            window
+            for window in self.sound.baselines
+            if window <= max(WINDOW_SIZES_IN_BLOCKS[-2], min(self.sound.baselines))
         )
         if change is not None and len(blocks.load) >= largest:
             self._count_in(

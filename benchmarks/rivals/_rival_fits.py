@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 NAMES = ("length", "mass", "drag", "bias", "delay")
 TYPICAL = np.array([0.3, 0.1, 5e-3, 0.01, 0.01])
-SHORTEST_STEP = 1e-2
+CONVERGED_STEP_STANDARD_DEVIATIONS = 1e-2
 """Step in standard deviations below which Gauss-Newton stops."""
 INTEGRATOR = "DOP853"
 """Fastest integrator of scipy at the tolerance that finite differences need; RK45 takes three times as long."""
@@ -173,7 +173,7 @@ def _gauss_newton(data: Data, predict: Callable[[np.ndarray], np.ndarray]) -> np
         residuals = np.stack([data.residual(f, v) for f, v in zip(predict(tried), tried, strict=True)])
         r, J = residuals[0], (residuals[1:] - residuals[0]).T / change
         step = -np.linalg.solve(J.T @ J, J.T @ r)
-        if np.linalg.norm(J @ step) < SHORTEST_STEP:
+        if np.linalg.norm(J @ step) < CONVERGED_STEP_STANDARD_DEVIATIONS:
             return values
         size, cost = 1.0, r @ r
         while size > 1e-6:

@@ -24,7 +24,7 @@ from ik import build_line_table, default_table
 from ik.plan import BranchPlanner
 from ik.solver import IkSolver
 
-LINE_TARGETS = 1000
+TARGETS_ALONG_LINE = 1000
 MANY = 5000  # cold targets at once, for the batch solver alone
 JUDGED = 2.0  # times the tolerance: what the judge lets pass, as each peer measures a little differently
 
@@ -134,7 +134,7 @@ def main() -> int:
     results = {"robot": robot.name, "tolerance": TOLERANCE, "rounds": rounds}
     cold = race_cold(robot, others, count, rounds)
     many = batch_of_many(robot)
-    line = race_line(robot, others, LINE_TARGETS // (10 if options.quick else 1), rounds)
+    line = race_line(robot, others, TARGETS_ALONG_LINE // (10 if options.quick else 1), rounds)
     results |= {"cold": cold, "many": many, "line": line}
     judged = None if options.quick else True
     claims = [
@@ -222,7 +222,7 @@ def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: i
     headings = ["solver", "targets/s", "time / armdyn's", "reached [%]", "bend", "step", "usable speed"]
     print_table(f"{count} targets along the line; bend, step and usable speed over armdyn's", headings, rows)
     print("armdyn plans its branch once per line; the peers start each target from the posture before.")
-    print(f"armdyn's plan and table of {LINE_TARGETS} and more nodes, once per robot: {whole:.2f} s")
+    print(f"armdyn's plan and table of {TARGETS_ALONG_LINE} and more nodes, once per robot: {whole:.2f} s")
     return table
 
 

@@ -25,7 +25,7 @@ import ruckig
 import ik
 import urdf
 from pipeline.motion import LineLimits, LineSmoother, LineState, finish_over_box
-from pipeline.motion.finish import FINISH_ACCELERATION, FINISH_SPEED_SHARE
+from pipeline.motion.finish import MAX_FINISH_ACCELERATION, MAX_FINISH_SHARE_OF_SPEED_LIMIT
 from pipeline.motion.reference import smooth_reference
 
 DT = 0.01
@@ -143,13 +143,13 @@ def compare(limits: LineLimits, repeat: int) -> None:
 def finish(limits: LineLimits) -> None:
     """Print the durations of the move over the box, from rest at s = 0.13 m to s = 0.46 m, under the same limits."""
     begin, end = 0.13, 0.46
-    share = FINISH_SPEED_SHARE
+    share = MAX_FINISH_SHARE_OF_SPEED_LIMIT
     ours = finish_over_box(LineState(begin), end, limits, 1e-3).time[-1]
     inside = (limits.s >= begin) & (limits.s <= end)
     otg, trajectory, p = ruckig.Ruckig(1), ruckig.Trajectory(1), ruckig.InputParameter(1)
     p.current_position, p.target_position = [begin], [end]
     p.max_velocity = [share * float(limits.speed[inside].min())]
-    strength = min(FINISH_ACCELERATION, float(limits.acceleration[inside].min()))
+    strength = min(MAX_FINISH_ACCELERATION, float(limits.acceleration[inside].min()))
     p.max_acceleration, p.max_jerk = [strength], [limits.jerk]
     otg.calculate(p, trajectory)
     print("\nfinish over the box, s = 0.13 to 0.46 m, at 0.70 of the speed limit")
@@ -173,11 +173,11 @@ def _toppra(limits: LineLimits, begin: float, end: float) -> float | None:
     path = toppra.SplineInterpolator([0.0, 1.0], np.array([[begin], [end]]))
 
     def speed(x: float) -> Array:
-        v = FINISH_SPEED_SHARE * float(limits.speed_at(path(x)[0]))
+        v = MAX_FINISH_SHARE_OF_SPEED_LIMIT * float(limits.speed_at(path(x)[0]))
         return np.array([[-v, v]])
 
     def strength(x: float) -> float:
-        return min(FINISH_ACCELERATION, float(limits.acceleration_at(path(x)[0])))
+        return min(MAX_FINISH_ACCELERATION, float(limits.acceleration_at(path(x)[0])))
 
     weakest = min(strength(x) for x in np.linspace(0.0, 1.0, 50))
     constraints = [

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.chain import KinematicChain
-from ik.solver import REACHED_TOLERANCE, damped_least_squares
+from ik.solver import REACHED_POSE_TOLERANCE, damped_least_squares
 from ik.volume.grid import Block, TargetGrid, TargetStatus
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-BLOCK_ITERATIONS = 9  # four are enough wherever the skeleton is smooth
-HOPELESS_ERROR = 1e-2  # m or rad; a target with a larger error after a few steps is given up
-BATCH_TARGETS = 4096  # targets that are solved together: their arrays fit into the processor's cache
-MAX_CORNER_DISTANCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
+MAX_ITERATIONS_PER_TARGET = 9  # four are enough wherever the skeleton is smooth
+GIVE_UP_POSE_ERROR = 1e-2  # m or rad; a target with a larger error after a few steps is given up
+TARGETS_SOLVED_TOGETHER = 4096  # targets that are solved together: their arrays fit into the processor's cache
+MAX_CORNER_POSTURE_DIFFERENCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
 
 
 class BlockSolution(NamedTuple):
@@ -58,8 +58,8 @@ class BlockSolver:
         rotation = self.grid.rotations[block[0]][:, :, None]
         status = np.full(len(q), TargetStatus.UNREACHABLE, dtype=np.uint8)
         known = np.flatnonzero(~np.isnan(q[:, 0]))
-        for start in range(0, len(known), BATCH_TARGETS):
-            part = known[start : start + BATCH_TARGETS]
+        for start in range(0, len(known), TARGETS_SOLVED_TOGETHER):
+            part = known[start : start + TARGETS_SOLVED_TOGETHER]
             placed = np.ascontiguousarray(position[part].T)
             q[part], error = damped_least_squares(
                 chain,
@@ -67,10 +67,10 @@ class BlockSolver:
                 rotation,
                 placed,
                 q[part],
-                iterations=BLOCK_ITERATIONS,
-                hopeless=HOPELESS_ERROR,
+                iterations=MAX_ITERATIONS_PER_TARGET,
+                hopeless=GIVE_UP_POSE_ERROR,
             )
-            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = TargetStatus.REACHED
+            status[part[np.abs(error).max(axis=0) < REACHED_POSE_TOLERANCE]] = TargetStatus.REACHED
         q[status == TargetStatus.UNREACHABLE] = np.nan
         if self.collisions:
             model = CollisionModel(self.robot)
@@ -96,7 +96,9 @@ class BlockSolver:
         heaviest = np.where(solved[:, :, 0], weight[:, :, 0], -1.0).argmax(axis=0)
         reference = postures[heaviest, np.arange(len(position))]
         with np.errstate(invalid="ignore"):
-            together = solved & (np.abs(postures - reference).max(axis=2, keepdims=True) < MAX_CORNER_DISTANCE)
+            together = solved & (
+                np.abs(postures - reference).max(axis=2, keepdims=True) < MAX_CORNER_POSTURE_DIFFERENCE
+            )
         weight = np.where(together, weight + 1e-12, 0.0)
         total = weight.sum(axis=0)
         mixed = (np.where(together, postures, 0.0) * weight).sum(axis=0) / np.where(total > 0, total, np.nan)

@@ -10,12 +10,14 @@ import numpy as np
 from armdyn.errors import InputError
 from urdf.robot import Array, freeze_arrays
 
-BLOCK_EDGE_TARGETS = 25  # targets along each edge of a block: a second of computation, a megabyte on disk
+TARGETS_PER_BLOCK_EDGE = 25  # targets along each edge of a block: a second of computation, a megabyte on disk
 MAX_GRID_COORDINATE = 100.0
 """Largest coordinate of a target [m]; no arm on a fixed base reaches further."""
-MAX_TARGETS = 10**9
+MAX_VOLUME_TARGETS = 10**9
 """Largest number of targets; such a volume takes 60 GB and a day."""
-SKELETON_SPACING = 0.06  # m between the targets of the coarse grid; postures are nearly linear over this distance
+SKELETON_TARGET_SPACING = (
+    0.06  # m between the targets of the coarse grid; postures are nearly linear over this distance
+)
 
 Block = tuple[int, int, int, int]
 """Index of an orientation, and indices of a block of its targets along x, y and z."""
@@ -53,8 +55,10 @@ class TargetGrid:
             raise InputError(f"volume: corners {self.low.tolist()} and {self.high.tolist()} span nothing; low < high")
         if len(self.counts) != 3 or min(self.counts) < 2:
             raise InputError(f"volume: {self.counts} targets along x, y, z; give at least 2 along each")
-        if self.targets > MAX_TARGETS:
-            raise InputError(f"volume: {self.counts} targets along x, y, z are too many; {MAX_TARGETS:.0e} is the most")
+        if self.targets > MAX_VOLUME_TARGETS:
+            raise InputError(
+                f"volume: {self.counts} targets along x, y, z are too many; {MAX_VOLUME_TARGETS:.0e} is the most"
+            )
         if self.rotations.ndim != 3 or self.rotations.shape[1:] != (3, 3) or not len(self.rotations):
             raise InputError(f"volume: orientations of shape {self.rotations.shape} should be (m, 3, 3)")
 
@@ -71,14 +75,14 @@ class TargetGrid:
     @property
     def block_counts(self) -> tuple[int, int, int, int]:
         """Number of orientations, and number of blocks along x, y and z."""
-        x, y, z = (-(-count // BLOCK_EDGE_TARGETS) for count in self.counts)
+        x, y, z = (-(-count // TARGETS_PER_BLOCK_EDGE) for count in self.counts)
         return len(self.rotations), x, y, z
 
     def indices(self, block: Block) -> tuple[int, slice, slice, slice]:
         """Index of a block's orientation, and slices of its targets along x, y and z, to index arrays of the grid."""
         rotation, *numbers = block
         x, y, z = (
-            slice(BLOCK_EDGE_TARGETS * number, min(BLOCK_EDGE_TARGETS * (number + 1), count))
+            slice(TARGETS_PER_BLOCK_EDGE * number, min(TARGETS_PER_BLOCK_EDGE * (number + 1), count))
             for number, count in zip(numbers, self.counts, strict=True)
         )
         return rotation, x, y, z
@@ -93,7 +97,7 @@ class TargetGrid:
 
     def coarse_grid(self) -> "TargetGrid":
         """A coarser grid with the corners of this one and a few centimetres between targets."""
-        wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
+        wanted = np.ceil((self.high - self.low) / SKELETON_TARGET_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))
         return TargetGrid(self.low, self.high, (x, y, z), self.rotations)
 

@@ -4,16 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
-from ik.solver import REACHED_TOLERANCE, IkSolver, damped_least_squares
+from ik.solver import REACHED_POSE_TOLERANCE, IkSolver, damped_least_squares
 from ik.volume.grid import TargetGrid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-MAX_NEIGHBOUR_DISTANCE = 0.7  # rad; neighbouring postures that differ more belong to different branches
+MAX_NEIGHBOUR_POSTURE_DIFFERENCE = 0.7  # rad; neighbouring postures that differ more belong to different branches
 SMOOTHING_SWEEPS = 30  # smoothing sweeps; more change nothing
 MAX_EXTRA_BRANCHES = 8  # branches besides the first; postures jump at the border of each, and later ones are small
 RANDOM_STARTS_PER_TARGET = 4  # random starting postures per target that no neighbour's posture leads to
-CENTRING_SHARE = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
+CENTRING_SHARE_PER_SWEEP = (
+    0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
+)
 
 
 def build_skeleton(robot: Robot, grid: TargetGrid) -> Array:
@@ -67,7 +69,7 @@ class _Layer:
         """Postures of targets (m,) from guesses (m, n), and which reach them within `farthest` rad of the guess."""
         placed = np.ascontiguousarray(self.position[targets].T)
         q, error = damped_least_squares(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
-        return q, (np.abs(error).max(axis=0) < REACHED_TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
+        return q, (np.abs(error).max(axis=0) < REACHED_POSE_TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
 
     def follow(self, guess: Array) -> Array:
         """Postures from guesses; nan where there is no guess or the target is not reached."""
@@ -89,7 +91,7 @@ class _Layer:
             wave = np.flatnonzero(np.isnan(q[:, 0]) & (count > tried) & (count > 0))
             if len(wave):
                 tried[wave] = count[wave]
-                found, good = self.reach(wave, _mean(q, self.neighbours[wave]), MAX_NEIGHBOUR_DISTANCE)
+                found, good = self.reach(wave, _mean(q, self.neighbours[wave]), MAX_NEIGHBOUR_POSTURE_DIFFERENCE)
                 q[wave[good]] = found[good]
                 continue
             known = ~np.isnan(q[:, 0])
@@ -114,9 +116,9 @@ class _Layer:
         for sweep in range(SMOOTHING_SWEEPS):
             mean = _mean(q, self.neighbours)
             guess = 0.5 * (q + np.where(np.isnan(mean), q, mean))[solved]
-            guess += CENTRING_SHARE * (1 - sweep / SMOOTHING_SWEEPS) * (middle - guess)
+            guess += CENTRING_SHARE_PER_SWEEP * (1 - sweep / SMOOTHING_SWEEPS) * (middle - guess)
             found, good = self.reach(solved, guess, np.inf)
-            good &= np.abs(found - q[solved]).max(axis=1) < MAX_NEIGHBOUR_DISTANCE
+            good &= np.abs(found - q[solved]).max(axis=1) < MAX_NEIGHBOUR_POSTURE_DIFFERENCE
             q[solved[good]] = found[good]
         return q
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_built_for
 from ik.volume.blocks import BlockSolution
-from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, TargetGrid, TargetStatus
+from ik.volume.grid import TARGETS_PER_BLOCK_EDGE, Block, TargetGrid, TargetStatus
 from urdf import Robot
 from urdf.robot import Array
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import zarr
 
 
-VOLUME_FORMAT = 3  # version of the format; raise it when a change of the code changes the volume of a robot
+VOLUME_FORMAT_VERSION = 3  # version of the format; raise it when a change of the code changes the volume of a robot
 REMOVE_REMEDY = "remove it and build it again with 'armdyn ik volume'"
 ZARR_REMEDY = "volumes need zarr: run 'pip install armdyn[volume]'"
 
@@ -67,7 +67,7 @@ class VolumeTable:
             StaleTableError: the directory contains another volume or other files.
         """
         zarr = _zarr()
-        joints, edges = len(robot.joint_names), tuple(min(BLOCK_EDGE_TARGETS, count) for count in grid.counts)
+        joints, edges = len(robot.joint_names), tuple(min(TARGETS_PER_BLOCK_EDGE, count) for count in grid.counts)
         # Made beside and renamed: whatever happens, a directory of this name is a volume that can be continued.
         unfinished = path.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
         try:
@@ -80,7 +80,7 @@ class VolumeTable:
                 group.create_array(name, shape=shape, chunks=chunks, dtype=kind, fill_value=empty)
             group.create_array("skeleton", data=skeleton)
             group.attrs["armdyn"] = {
-                "format": VOLUME_FORMAT,
+                "format": VOLUME_FORMAT_VERSION,
                 "robot": robot.name,
                 "joints": list(robot.joint_names),
                 "fingerprint": robot.fingerprint,
@@ -117,7 +117,7 @@ class VolumeTable:
         try:
             group = zarr.open_group(source, mode="r+")
             about = group.attrs["armdyn"]
-            if about["format"] != VOLUME_FORMAT:
+            if about["format"] != VOLUME_FORMAT_VERSION:
                 raise StaleTableError(f"{source}: another version of armdyn wrote it; {REMOVE_REMEDY}")
             table = cls(
                 path=source,
@@ -188,15 +188,15 @@ class VolumeTable:
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):
             # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.
-            for start in range(0, self.grid.counts[0], BLOCK_EDGE_TARGETS):
-                q = np.asarray(self.q[rotation, start : start + BLOCK_EDGE_TARGETS + 1])
+            for start in range(0, self.grid.counts[0], TARGETS_PER_BLOCK_EDGE):
+                q = np.asarray(self.q[rotation, start : start + TARGETS_PER_BLOCK_EDGE + 1])
                 q = np.where(
-                    (np.asarray(self.status[rotation, start : start + BLOCK_EDGE_TARGETS + 1]) == 1)[..., None],
+                    (np.asarray(self.status[rotation, start : start + TARGETS_PER_BLOCK_EDGE + 1]) == 1)[..., None],
                     q,
                     np.nan,
                 )
                 for axis in range(3):
-                    inner = q if axis == 0 else q[:BLOCK_EDGE_TARGETS]
+                    inner = q if axis == 0 else q[:TARGETS_PER_BLOCK_EDGE]
                     step = np.abs(np.diff(inner, axis=axis)).max(axis=-1)
                     pairs += int((~np.isnan(step)).sum())
                     jumps += int((step > limit).sum())

@@ -20,16 +20,16 @@ from scipy.stats import theilslopes
 from armdyn.recording.channels import FloatArray
 from pipeline.batch.series import ParameterSeries, StepTest, neighbour_correlation
 
-FALSE_ALARM_RATE = 0.01
+DEFAULT_FALSE_ALARM_PROBABILITY = 0.01
 """Default probability of a false alarm in a batch in which nothing changes."""
 SIMULATED_BATCHES = 4000
 """Number of simulated batches; the bound for 1 % is then the 40th largest value, with an error of a sixth."""
-NEIGHBOURING_RECORDINGS = 12
+NEIGHBOURS_PER_SIDE_OF_STEP = 12
 """Number of recordings on each side of a step that are its neighbours.
 
 Over so few recordings a slow drift is nearly straight, while a change that persists still looks like a step.
 """
-MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
+MAX_SIMULATED_VALUES, MIN_SIMULATED_BATCHES = 50_000_000, 1000
 """Largest number of simulated values (about ten seconds of computation), and smallest number of simulated batches.
 
 With 1000 batches the bound for 1 % is the 10th largest value.
@@ -103,7 +103,7 @@ class ChangeTest:
 
 def find_changes(
     series: Mapping[SeriesKey, ParameterSeries],
-    false_alarms: float = FALSE_ALARM_RATE,
+    false_alarms: float = DEFAULT_FALSE_ALARM_PROBABILITY,
     *,
     batches: int = SIMULATED_BATCHES,
     seed: int = 0,
@@ -131,7 +131,7 @@ def find_changes(
         name: test for name in tests if (test := StepTest.from_series(series[name], phi[_kind(name[1])])) is not None
     }
     size = sum(len(test.time) for test in tests.values())
-    batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))
+    batches = min(batches, max(MIN_SIMULATED_BATCHES, MAX_SIMULATED_VALUES // size))
     largest = np.zeros((2, batches))
     for test in tests.values():
         np.maximum(largest, test.simulated_deviates(batches, rng), out=largest)
@@ -175,7 +175,7 @@ def _steps(
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
     sharp = test.step_deviate(int(best[0]), parabola=True)
-    start, stop = max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)
+    start, stop = max(first, middle - NEIGHBOURS_PER_SIDE_OF_STEP), min(end, middle + NEIGHBOURS_PER_SIDE_OF_STEP)
     nearby = StepTest.from_series(series.section(start, stop), phi)
     if nearby is not None:
         split = int(np.argmin(np.abs(nearby.splits - (middle - start))))

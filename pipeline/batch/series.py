@@ -18,25 +18,25 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from armdyn.recording.channels import FloatArray
-from armdyn.recording.noise import NORMAL_MEDIAN
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD
 
-MIN_SIDE_RECORDINGS = 4
+MIN_RECORDINGS_PER_SIDE_OF_STEP = 4
 """Smallest number of recordings before and after a step: fewer may be a temporary disturbance."""
 MIN_SERIES_RECORDINGS = 10
 """Smallest number of recordings of a series that is tested."""
-EQUAL_VALUES_SPREAD = 1e-12
+EQUAL_VALUES_RELATIVE_SPREAD = 1e-12
 """Relative spread below which all values of a series count as equal."""
-OUTLIER_DEVIATES = 3.0
+OUTLIER_STANDARD_DEVIATIONS = 3.0
 """Distance from the median of five neighbouring recordings beyond which a recording is an outlier.
 
 The unit is the standard deviation. The five are the recording itself and two on each side; the first recording after a
 step is not an outlier, because three of its five have the new value.
 """
-SIMULATED_AT_ONCE = 2_000_000
+MAX_VALUES_SIMULATED_AT_ONCE = 2_000_000
 """Largest number of values that are simulated at once: 16 MB."""
-PHI_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
+AUTOCORRELATION_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi, the correlation of neighbours, for which residuals are simulated in order to estimate phi."""
-PHI_GRID_SERIES = 400
+SERIES_PER_AUTOCORRELATION = 400
 """Number of series that are simulated for each value of phi."""
 
 
@@ -69,10 +69,10 @@ class ParameterSeries:
         if self.std is None:
             return np.ones_like(self.value)
         jumps, own = np.abs(np.diff(self.value)), self.std[1:] ** 2 + self.std[:-1] ** 2
-        tiny = EQUAL_VALUES_SPREAD * float(jumps.max(initial=0.0))
+        tiny = EQUAL_VALUES_RELATIVE_SPREAD * float(jumps.max(initial=0.0))
 
         def too_large(more: float) -> float:
-            return float(np.median(jumps / np.sqrt(own + 2.0 * more**2 + tiny**2))) - NORMAL_MEDIAN
+            return float(np.median(jumps / np.sqrt(own + 2.0 * more**2 + tiny**2))) - ABS_NORMAL_MEDIAN_OVER_STD
 
         top = 2.0 * float(jumps.max(initial=0.0))
         more = brentq(too_large, 0.0, top) if tiny > 0.0 and too_large(0.0) > 0.0 else 0.0
@@ -113,12 +113,12 @@ class StepTest:
         if (
             count < MIN_SERIES_RECORDINGS
             or time[-1] <= time[0]
-            or np.ptp(value) <= EQUAL_VALUES_SPREAD * np.abs(value).max()
+            or np.ptp(value) <= EQUAL_VALUES_RELATIVE_SPREAD * np.abs(value).max()
         ):
             return None
         scale = series.scale
         weight = np.median(scale) / scale
-        splits = np.arange(MIN_SIDE_RECORDINGS, count - MIN_SIDE_RECORDINGS + 1)
+        splits = np.arange(MIN_RECORDINGS_PER_SIDE_OF_STEP, count - MIN_RECORDINGS_PER_SIDE_OF_STEP + 1)
         splits = splits[time[splits] > time[splits - 1]]
         middle = np.average(time, weights=weight**2)
         straight = weight * np.array([np.ones(count), (time - middle) / np.ptp(time)])
@@ -173,7 +173,7 @@ class StepTest:
     def simulated_deviates(self, batches: int, rng: np.random.Generator) -> FloatArray:
         """Z-scores of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
         found = np.empty((2, batches))
-        size = max(1, SIMULATED_AT_ONCE // len(self.time))
+        size = max(1, MAX_VALUES_SIMULATED_AT_ONCE // len(self.time))
         for first in range(0, batches, size):
             some = slice(first, min(first + size, batches))
             noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
@@ -192,10 +192,14 @@ def neighbour_correlation(group: Sequence[StepTest], rng: np.random.Generator) -
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
     expected = [
-        float(np.mean(_neighbours(typical.residual_after_two_steps(_noise(phi, (PHI_GRID_SERIES, count), rng)))))
-        for phi in PHI_GRID
+        float(
+            np.mean(
+                _neighbours(typical.residual_after_two_steps(_noise(phi, (SERIES_PER_AUTOCORRELATION, count), rng)))
+            )
+        )
+        for phi in AUTOCORRELATION_GRID
     ]
-    return float(np.interp(seen, np.maximum.accumulate(expected), PHI_GRID))
+    return float(np.interp(seen, np.maximum.accumulate(expected), AUTOCORRELATION_GRID))
 
 
 def _neighbours(rest: FloatArray) -> FloatArray:
@@ -220,8 +224,8 @@ def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
     low, high = np.maximum(a, c), np.minimum(b, d)  # the median of five is that of these two and the fifth
     around = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
     jumps = np.abs(np.diff(values, axis=1)) / np.hypot(scale[1:], scale[:-1])
-    usual = np.median(jumps, axis=1, keepdims=True) / NORMAL_MEDIAN
-    return np.where(np.abs(values - around) > OUTLIER_DEVIATES * usual * scale, around, values)
+    usual = np.median(jumps, axis=1, keepdims=True) / ABS_NORMAL_MEDIAN_OVER_STD
+    return np.where(np.abs(values - around) > OUTLIER_STANDARD_DEVIATIONS * usual * scale, around, values)
 
 
 def _own(values: FloatArray, phi: float) -> FloatArray:

@@ -21,13 +21,13 @@ from typing import Annotated, Any
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
-from pipeline.batch.change import FALSE_ALARM_RATE
+from pipeline.batch.change import DEFAULT_FALSE_ALARM_PROBABILITY
 from pipeline.batch.times import RecordingTime, TimeRules, TimeSource, is_date_format, relative_path_text
 from urdf.toml_tables import ValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
 ROBOT_PLACEHOLDER = "{robot}"
-FALSE_ALARM_RANGE = (1e-3, 0.2)
+FALSE_ALARM_PROBABILITY_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
 TIME_SOURCES = {place.key: place for place in TimeSource if place is not TimeSource.NOWHERE}
 """Sources of a recording's time, by the name that the specification uses."""
@@ -36,7 +36,7 @@ MAX_BATCH_FILES = 200_000
 
 
 _Text = Annotated[str, ValueCheck(bool, "give a name")]
-_LOW, _HIGH = FALSE_ALARM_RANGE
+_LOW, _HIGH = FALSE_ALARM_PROBABILITY_RANGE
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class _Changes:
 
     false_alarms: Annotated[
         float, ValueCheck(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
-    ] = FALSE_ALARM_RATE
+    ] = DEFAULT_FALSE_ALARM_PROBABILITY
 
 
 @dataclass(frozen=True)

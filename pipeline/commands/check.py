@@ -104,7 +104,7 @@ def check(
     return 0 if result.feasible else 1
 
 
-ON_LINE_DISTANCE = 0.05
+MAX_DISTANCE_TO_COUNT_AS_ON_LINE = 0.05
 """Largest distance from the robot's line at which the tool counts as being on the line [m]."""
 
 
@@ -118,7 +118,7 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
         return True
     aside = arm.tool_pose(motion.q[0]).translation - line.origin
     along = float(np.clip(aside @ line.direction, line.s_min, line.s_max))
-    return bool(np.linalg.norm(aside - along * line.direction) < ON_LINE_DISTANCE)
+    return bool(np.linalg.norm(aside - along * line.direction) < MAX_DISTANCE_TO_COUNT_AS_ON_LINE)
 
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":

@@ -13,7 +13,7 @@ from pipeline.console.screen import write_json
 HELP_PANEL = "Experiments"
 
 
-DEFAULT_TWIN_LENGTH = 0.368
+DEFAULT_TWIN_STRING_LENGTH = 0.368
 """Default of the true length in the simulation, from the pivot to the load's centre [m]."""
 
 
@@ -27,7 +27,7 @@ def twin(
     ] = None,
     length: Annotated[
         float, typer.Option(help="True length of the string, from the pivot to the load's centre [m].")
-    ] = DEFAULT_TWIN_LENGTH,
+    ] = DEFAULT_TWIN_STRING_LENGTH,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the simulation.")] = 0,
     start: Annotated[
         str | None,

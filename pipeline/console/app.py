@@ -21,7 +21,7 @@ from pipeline.console.description_warnings import collected_warnings, collecting
 from pipeline.console.groups import with_flattened_options
 from pipeline.console.streams import non_raising_streams, report_unexpected_error
 from pipeline.interrupts import Interrupt, SignalHandler
-from urdf.bounds import MAX_MAGNITUDE, has_plausible_magnitude, printable_excerpt
+from urdf.bounds import MAX_INPUT_MAGNITUDE, has_plausible_magnitude, printable_excerpt
 
 
 def command_modules() -> dict[str, str]:
@@ -114,8 +114,8 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
                 if isinstance(each, int | float) and not (has_plausible_magnitude(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
-                        f"{option} {each:g}: give a number between {-MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}, "
-                        "such as 1000"
+                        f"{option} {each:g}: give a number between {-MAX_INPUT_MAGNITUDE:g} "
+                        f"and {MAX_INPUT_MAGNITUDE:g}, such as 1000"
                     )
         return command(*arguments, **options)
 
@@ -163,12 +163,12 @@ def _is_urdf_error(error: BaseException) -> bool:
     return module is not None and isinstance(error, module.UrdfError)
 
 
-MAX_WORD_LENGTH = 300
+MAX_WORD_CHARACTERS = 300
 """Largest number of characters of a word in an error message; longer words are cut."""
 
 
 def _say(message: str, status: int) -> int:
-    words = (word if len(word) <= MAX_WORD_LENGTH else f"{word[:60]}..." for word in message.split())
+    words = (word if len(word) <= MAX_WORD_CHARACTERS else f"{word[:60]}..." for word in message.split())
     line = f"armdyn: {' '.join(words)}{os.linesep}"
     if sys.stderr is not None:
         sys.stderr.write(line)

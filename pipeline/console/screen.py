@@ -185,7 +185,7 @@ class ProgressDisplay(Protocol):
         """Show the present activity, and the share of it that is done, from 0 to 1; None if the share is unknown."""
 
 
-COUNT_PATTERN = re.compile(r"(\d+) of (\d+) ")
+PROGRESS_COUNT_PATTERN = re.compile(r"(\d+) of (\d+) ")
 """Pattern of the first words of a message such as ``3 of 12 candidates tried``, for which a bar is shown."""
 
 
@@ -214,7 +214,7 @@ def progress_display() -> Iterator[ProgressDisplay]:
 
         def say(what: str, share: float | None = None) -> None:
             nonlocal phase, began
-            counted, left = COUNT_PATTERN.match(what), ""
+            counted, left = PROGRESS_COUNT_PATTERN.match(what), ""
             done, total = (0.0, None) if share is None else (share, 1.0)
             if counted is not None:
                 done, total = float(counted[1]), float(counted[2])

@@ -27,7 +27,7 @@ from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import inexpressible_background, inexpressible_effects
 
-EFFECTS_OF_THE_PAST = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
+EFFECTS_OF_PAST_INPUTS = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
 """Effects that depend on past inputs, so that no function of one instant can express them."""
 
 
@@ -76,7 +76,7 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
 
 def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     from armdyn.arm.symbolic import (
-        READING_EFFECTS,
+        DRIVE_GAIN_AND_OFFSET_EFFECTS,
         drive_command_function,
         inverse_dynamics_function,
         servo_torque_function,
@@ -103,7 +103,7 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
             {"tau": f"torques, {unit}"},
         )
     ]
-    if held & READING_EFFECTS:
+    if held & DRIVE_GAIN_AND_OFFSET_EFFECTS:
         found.append(
             ExportedFunction(
                 drive_command_function(kept),
@@ -122,15 +122,15 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
                 {"tau": f"torques, {unit}"},
             )
         )
-    return found, inexpressible_effects(model, held - EFFECTS_OF_THE_PAST, "a function", symmetric=False)
+    return found, inexpressible_effects(model, held - EFFECTS_OF_PAST_INPUTS, "a function", symmetric=False)
 
 
 def _observer_of(model: ArmModel) -> ExportedFunction:
     """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`."""
     from armdyn.watch.observer import (
-        MAX_SAMPLE_GAP,
+        DEFAULT_OBSERVER_BANDWIDTH,
+        MAX_SAMPLE_GAP_SECONDS,
         STATES_PER_JOINT,
-        USUAL_BANDWIDTH,
         observer_function,
         without_memory,
     )
@@ -138,9 +138,9 @@ def _observer_of(model: ArmModel) -> ExportedFunction:
     n = len(model.arm.joints)
     inputs = {
         "state": f"the last call's state_next; {STATES_PER_JOINT} n + 1 zeros at first, n = {n} joints",
-        "step": f"since the last sample [s]; 0, less, or more than {MAX_SAMPLE_GAP:g} begins anew",
+        "step": f"since the last sample [s]; 0, less, or more than {MAX_SAMPLE_GAP_SECONDS:g} begins anew",
         "hold": "1 while something acts that the running mean must not take for usual, else 0",
-        "bandwidth": f"of the low-pass, the same in every call [1/s]; {USUAL_BANDWIDTH:g} is usual, "
+        "bandwidth": f"of the low-pass, the same in every call [1/s]; {DEFAULT_OBSERVER_BANDWIDTH:g} is usual, "
         "0.8 / step the most",
         "q": "positions [rad or m]; leave a sample out where something is missing",
         "tau": "torques that the drives read [N m or N]",
@@ -277,7 +277,7 @@ def _exported(
     """The functions in one language, with a comment on what they lack; `of` are the options of `exported_functions`."""
     functions, notes = exported_functions(file.model, **of)
     lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
-    held = {effect.name for effect in file.model.effects} - EFFECTS_OF_THE_PAST
+    held = {effect.name for effect in file.model.effects} - EFFECTS_OF_PAST_INPUTS
     return Exported(write(functions, lines), notes, held, functions[0].function.name())
 
 

@@ -6,9 +6,9 @@ from math import hypot
 
 from armdyn.model_file import ModelFile
 
-MAX_EXPORT_DEVIATION_SHARE = 0.05
+MAX_EXPORT_TO_REMOVED_ERROR_RATIO = 0.05
 """Largest error of an export that is written without a request, as a share of the error that the repair removed."""
-MIN_LISTED_SHARE = 0.01
+MIN_LISTED_SHARE_OF_LARGEST_ERROR = 0.01
 """Smallest error of a joint that is listed, as a share of the largest joint's error."""
 
 
@@ -40,12 +40,12 @@ class ExportDeviation:
     @property
     def needs_request(self) -> bool:
         """Whether the error is so large that the file is only written on request."""
-        return self.share > MAX_EXPORT_DEVIATION_SHARE
+        return self.share > MAX_EXPORT_TO_REMOVED_ERROR_RATIO
 
     @property
     def sentence(self) -> str:
         """Sentence on the error, with the joints of the largest errors first."""
-        least = MIN_LISTED_SHARE * max(self.error.values())
+        least = MIN_LISTED_SHARE_OF_LARGEST_ERROR * max(self.error.values())
         listed = sorted((e, c) for c, e in self.error.items() if e > least)[::-1]
         joints = ", ".join(f"{e:.3g} {'N' if c in self.sliding else 'N m'} on {c.partition('.')[2]}" for e, c in listed)
         share = f"{100 * self.share:.2g} % of the error that the repair removed"

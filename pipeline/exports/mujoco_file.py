@@ -32,17 +32,17 @@ from urdf.write import numbers_text
 DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
 light link without armature slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
-SPRING_LEVER = 0.1
+GRAVITY_SPRING_LEVER = 0.1
 """Distance from the joint's axis to either end of an exported gravity spring [m]; its stiffness follows from it."""
-MIN_INERTIA = 1e-12
+MIN_MASS_AND_INERTIA = 1e-12
 """Smallest exported mass [kg] and moment of inertia [kg m^2]; MuJoCo refuses less than 1e-15."""
 DEFAULT_TIME_STEP = 2e-3
 """Default time step of an exported model [s]; a delay that is shorter makes the step as short as the delay."""
 MIN_TIME_STEP = 1e-4
 """Shortest time step [s] at which MuJoCo applies an actuator's delay correctly."""
-MIN_DELAY = 2.5e-4
+MIN_EXPORTED_DELAY_SECONDS = 2.5e-4
 """Shortest delay that is exported [s]."""
-CAPSULE_RADIUS = 0.02
+LINK_CAPSULE_RADIUS = 0.02
 """Radius of the visible capsules that represent the links in MuJoCo [m]."""
 
 
@@ -104,10 +104,10 @@ def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
 
 
 def _delay(model: ArmModel, joint: str) -> float:
-    """Delay of a joint's drive [s]; 0 where it is shorter than `MIN_DELAY`."""
+    """Delay of a joint's drive [s]; 0 where it is shorter than `MIN_EXPORTED_DELAY_SECONDS`."""
     servo, own = model.servo(joint), model.parameters.get(f"command_delay.time[{joint}]")
     late = (servo.delay or 0.0 if servo is not None else 0.0) + (own.value if own is not None else 0.0)
-    return late if late > MIN_DELAY else 0.0
+    return late if late > MIN_EXPORTED_DELAY_SECONDS else 0.0
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts]) -> list[ET.Element]:
@@ -121,7 +121,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
         mass, centre, inertia = inertia_about_centre(joint.link)
         inertia = _for_mujoco(names[i], inertia)
         moments = numbers_text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-        mass_text = repr(max(mass, MIN_INERTIA))
+        mass_text = repr(max(mass, MIN_MASS_AND_INERTIA))
         ET.SubElement(body, "inertial", pos=numbers_text(centre), mass=mass_text, fullinertia=moments)
         slides = model.arm.slides[i]
         axis = axes[i][:3] if slides else axes[i][3:]
@@ -152,7 +152,7 @@ def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
     """The inertia (3, 3) [kg m^2] of a link, which may be a point, a rod or a plate, within MuJoCo's bounds."""
     require_physical_inertia(link, inertia)
     moments, axes = np.linalg.eigh(inertia)
-    low, middle, high = np.maximum(moments, MIN_INERTIA)
+    low, middle, high = np.maximum(moments, MIN_MASS_AND_INERTIA)
     bounded = np.array([low, middle, min(high, low + middle)])
     return inertia if np.array_equal(bounded, moments) else (axes * bounded) @ axes.T
 
@@ -160,10 +160,10 @@ def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
 def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:
     """Add visible capsules from every joint to the next ones, without mass and contacts."""
     arm, look = model.arm.model, {"contype": "0", "conaffinity": "0", "mass": "0", "rgba": "0.4 0.55 0.7 1"}
-    look |= {"size": repr(CAPSULE_RADIUS)}
+    look |= {"size": repr(LINK_CAPSULE_RADIUS)}
     for i, body in enumerate(bodies):
         ends = [arm.jointPlacements[k + 1].translation for k in range(len(bodies)) if arm.parents[k + 1] == i + 1]
-        ends = [end for end in ends if np.linalg.norm(end) > CAPSULE_RADIUS]
+        ends = [end for end in ends if np.linalg.norm(end) > LINK_CAPSULE_RADIUS]
         shapes = [{"type": "capsule", "fromto": f"0 0 0 {numbers_text(end)}"} for end in ends] or [{"type": "sphere"}]
         for shape in shapes:
             ET.SubElement(body, "geom", shape | look)
@@ -181,12 +181,12 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
         sine, cosine = joint.spring
         axis = np.asarray(axes[i][3:])
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        on_link = SPRING_LEVER * across / np.linalg.norm(across)
+        on_link = GRAVITY_SPRING_LEVER * across / np.linalg.norm(across)
         turned = pin.AngleAxis(float(np.arctan2(-cosine, sine)), axis).toRotationMatrix() @ on_link
         parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
         outer = bodies[parent] if parent >= 0 else root.find("worldbody")
         assert outer is not None
-        stiffness = repr(float(np.hypot(sine, cosine)) / SPRING_LEVER**2)
+        stiffness = repr(float(np.hypot(sine, cosine)) / GRAVITY_SPRING_LEVER**2)
         spring = ET.SubElement(tendons, "spatial", name=f"{joint.name}_spring", stiffness=stiffness, springlength="0")
         for body, end, place in ((bodies[i], "link", on_link), (outer, "frame", placement.act(turned))):
             name = f"{joint.name}_spring_{end}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.quoting import name_list
-from armdyn.recording.channels import MIN_SAMPLES
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
 from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS
 from pipeline.imports.messages import MessageDecoders
@@ -28,7 +28,7 @@ JOINT_TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 CONTROLLER_STATE_TYPE = "control_msgs/msg/JointTrajectoryControllerState"
 COMMAND_TOPIC_WORDS = COMMAND_WORDS - {"as", "action", "plan", "planned", "nominal", "demand"}
 """Words in the name of a topic that mark its joint states as commands."""
-LONGEST_ARRAY = 64
+MAX_ARRAY_ELEMENTS_AS_COLUMNS = 64
 """Largest length of an array in a message whose numbers become columns; longer ones are images and point clouds."""
 
 
@@ -71,7 +71,9 @@ def read_bag(path: Path) -> ForeignRecording:
     ]
     columns, choices = _chosen(_measured(columns))
     if not columns:
-        raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")
+        raise InputError(
+            f"{path}: holds no numbers that were recorded {MIN_COMPARED_CHANNEL_SAMPLES} times: give another bag"
+        )
     return ForeignRecording(path.stem, columns, (*notes, *changes, *choices), accounts=accounts)
 
 
@@ -155,7 +157,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
         return
     parts: Mapping[str, Any] = {}
     if isinstance(value, list | np.ndarray):
-        parts = {str(i): entry for i, entry in enumerate(value)} if len(value) <= LONGEST_ARRAY else {}
+        parts = {str(i): entry for i, entry in enumerate(value)} if len(value) <= MAX_ARRAY_ELEMENTS_AS_COLUMNS else {}
     elif isinstance(value, dict):  # of JSON
         parts = value
     elif hasattr(value, "__dataclass_fields__"):
@@ -167,7 +169,11 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
 
 def _chosen(columns: Mapping[str, ForeignColumn]) -> tuple[dict[str, ForeignColumn], list[str]]:
     """Columns with enough samples, and sentences; of several topics with one channel, the most informative is used."""
-    kept = {name: column for name, column in columns.items() if np.isfinite(column.value).sum() >= MIN_SAMPLES}
+    kept = {
+        name: column
+        for name, column in columns.items()
+        if np.isfinite(column.value).sum() >= MIN_COMPARED_CHANNEL_SAMPLES
+    }
     best: dict[str, str] = {}
     for name, column in kept.items():
         if column.channel and (best.setdefault(column.channel, name) != name):
@@ -180,7 +186,7 @@ def _chosen(columns: Mapping[str, ForeignColumn]) -> tuple[dict[str, ForeignColu
     if {f"tau.{joint}" for joint in UR_JOINTS} <= {column.channel for column in kept.values()}:
         notes.append(f"efforts were taken as N m: {UR_CURRENT_DOUBT}; then give --map with a torque_constant")
     if few := [name for name in columns if name not in kept]:
-        notes.append(f"fewer than {MIN_SAMPLES} numbers: {name_list(few)}: left out")
+        notes.append(f"fewer than {MIN_COMPARED_CHANNEL_SAMPLES} numbers: {name_list(few)}: left out")
     return kept, notes
 
 
@@ -189,8 +195,12 @@ def _information(column: ForeignColumn) -> tuple[bool, int]:
     return bool(np.ptp(column.value[np.isfinite(column.value)]) > 0.0), len(column.value)
 
 
-BAG_FILES = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
+BAG_FILE_PATTERNS = tuple(
+    f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap")
+)
 """Patterns of the names of files in the directory of a ROS 2 bag; ``{name}`` is the name of the directory."""
 READERS = (
-    ForeignReader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILES),
+    ForeignReader(
+        lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILE_PATTERNS
+    ),
 )

@@ -14,9 +14,9 @@ from armdyn.errors import InputError, UnknownNameError, collect_errors, error_lo
 from armdyn.inspection.check import Check
 from armdyn.inspection.correction import CorrectedReading
 from armdyn.recording.channels import (
-    MAX_SIZE_BY_UNIT,
-    MAX_SIZE_OF_OTHER_UNITS,
-    MIN_SAMPLES,
+    MAX_PLAUSIBLE_SIZE_BY_UNIT,
+    MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS,
+    MIN_COMPARED_CHANNEL_SAMPLES,
     Channel,
     Conversion,
     FloatArray,
@@ -36,7 +36,7 @@ DATE_STAMP_YEARS = 2000, 2100
 """First and last year of time stamps that count as dates, in seconds since 1970; no recording lasts that long."""
 GEAR_RATIO_POWERS = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
 """Exponent of the gear ratio in the factor that converts a motor's value to the joint's, by quantity."""
-UNMEASURED_ZERO_QUANTITIES = ("v", "a", "tau")
+QUANTITIES_ZERO_IF_UNMEASURED = ("v", "a", "tau")
 """Quantities of a joint for which drivers send 0 if they do not measure them."""
 RowIndices = npt.NDArray[np.intp]
 
@@ -121,9 +121,9 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
 def _is_empty(column: ForeignColumn, entry: ColumnEntry) -> str:
     """Reason why a column becomes no channel; empty where it becomes one."""
     present = column.value[np.isfinite(column.value)]
-    if len(present) < MIN_SAMPLES:
-        return f"holds {len(present)} numbers where at least {MIN_SAMPLES} are needed"
-    return "holds nothing but zeros" if entry.quantity in UNMEASURED_ZERO_QUANTITIES and not present.any() else ""
+    if len(present) < MIN_COMPARED_CHANNEL_SAMPLES:
+        return f"holds {len(present)} numbers where at least {MIN_COMPARED_CHANNEL_SAMPLES} are needed"
+    return "holds nothing but zeros" if entry.quantity in QUANTITIES_ZERO_IF_UNMEASURED and not present.any() else ""
 
 
 def _date(stamp: float) -> datetime | None:
@@ -147,7 +147,7 @@ def _channel(
     present = np.isfinite(value)
     if table is None and not present.all():
         notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
-    largest = MAX_SIZE_BY_UNIT.get(to_si.unit, MAX_SIZE_OF_OTHER_UNITS)
+    largest = MAX_PLAUSIBLE_SIZE_BY_UNIT.get(to_si.unit, MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS)
     beyond = np.abs(np.where(present, value, 0.0)) > largest
     if beyond.any() and 2 * beyond.sum() < present.sum():
         notes.append(
@@ -203,6 +203,6 @@ def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArr
     with error_location(f"'{mapping.time}'"):
         found = dated_samples(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
     account = SampleAccount("", count, len(found.rows), dict(found.left_out), found.steps)
-    if account.kept < MIN_SAMPLES:
+    if account.kept < MIN_COMPARED_CHANNEL_SAMPLES:
         raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
     return found.time, found.rows, account

@@ -30,9 +30,9 @@ LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
 """LeRobot's names of the measured positions, in degrees, radians or shares of a joint's range, and of the commands."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds per unit of time, the most likely unit first."""
-SHORTEST_STEP, LONGEST_STEP = 5e-5, 0.5
+SHORTEST_SAMPLE_STEP_SECONDS, LONGEST_SAMPLE_STEP_SECONDS = 5e-5, 0.5
 """Shortest and longest possible time between two samples of a robot's recording [s]."""
-MIN_RISING_SHARE = 0.9
+MIN_ROW_SHARE_WITH_RISING_TIME = 0.9
 """Smallest share of rows in which a time column must increase; single stamps may be wrong."""
 PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 
@@ -276,7 +276,7 @@ def _time(foreign: ForeignRecording) -> ColumnMap:
     called = [n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or header_parts(n).unit in TIME_UNITS]
     named, rising = (
         {name: count for name in names if (count := _count_stamps(foreign.columns[name].value, share))}
-        for names, share in ((called, MIN_RISING_SHARE), (foreign.columns, 1.0))
+        for names, share in ((called, MIN_ROW_SHARE_WITH_RISING_TIME), (foreign.columns, 1.0))
     )
     if not (named or rising):
         raise InputError(
@@ -292,7 +292,11 @@ def _time(foreign: ForeignRecording) -> ColumnMap:
     unit, why = column.unit or header_parts(name).unit, "as written"
     if not is_unit_like(unit, "s"):
         step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
-        likely = [u for u, factor in TIME_UNITS.items() if SHORTEST_STEP <= step * factor <= LONGEST_STEP]
+        likely = [
+            u
+            for u, factor in TIME_UNITS.items()
+            if SHORTEST_SAMPLE_STEP_SECONDS <= step * factor <= LONGEST_SAMPLE_STEP_SECONDS
+        ]
         unit, why = (likely or ["s"])[0], f"a sample every {step:.4g}" + (f" {likely[0]}" if likely else "")
         doubts += [] if likely else ["of no unit that a recording has"]
     return ColumnMap({}, name, unit, why=why, check=joined_doubts(doubts))

@@ -11,7 +11,7 @@ from urdf.bounds import parse_number, printable_excerpt
 
 COMMENT_MARKS = ("#", "%", "//")
 """First characters of comment lines."""
-MAX_HEAD_LINES = 200
+MAX_LINES_ABOVE_TABLE = 200
 """Largest number of lines above the first row of a table."""
 _BRACKETS = " ()[]-"
 
@@ -30,7 +30,7 @@ def single_header_table(text: str) -> tuple[str, bool, list[str]]:
     filled = [i for i, line in enumerate(lines) if line.strip()]
     comments = {i for i in filled if lines[i].lstrip().startswith(COMMENT_MARKS)}
     rows = [i for i in filled if i not in comments]
-    pairs = pairwise(rows[:MAX_HEAD_LINES])
+    pairs = pairwise(rows[:MAX_LINES_ABOVE_TABLE])
     first = next((i for i, j in pairs if _is_row(lines[i]) and _is_row(lines[j])), None)
     if first is None or (not comments and rows[1] == first):
         return text, True, []

@@ -12,12 +12,12 @@ import numpy as np
 
 from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
-from armdyn.recording.channels import MIN_SAMPLES, FloatArray
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from ik.workers import LostItem, map_in_processes
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
-from urdf.bounds import MAX_TABLE_COLUMNS, MAX_UNPACKED_BYTES, MIB
+from urdf.bounds import MAX_DECOMPRESSED_FILE_BYTES, MAX_TABLE_COLUMNS, MIB
 
-MAX_NESTED_STRUCTURES = 8
+MAX_STRUCTURE_DEPTH = 8
 """Largest depth of nested structures in a MATLAB file."""
 
 
@@ -36,9 +36,9 @@ def read_mat(path: Path) -> ForeignRecording:
         arrays = {
             name: a for key, value in content.items() if not key.startswith("__") for name, a in _arrays(key, value)
         }
-        lengths = Counter(n for array in arrays.values() for n in set(array.shape) if n >= MIN_SAMPLES)
+        lengths = Counter(n for array in arrays.values() for n in set(array.shape) if n >= MIN_COMPARED_CHANNEL_SAMPLES)
         if not lengths:
-            raise InputError(f"holds no array of at least {MIN_SAMPLES} numbers: give a recording")
+            raise InputError(f"holds no array of at least {MIN_COMPARED_CHANNEL_SAMPLES} numbers: give a recording")
         rows = max(lengths, key=lambda n: (lengths[n], n))
         columns: dict[str, ForeignColumn] = {}
         for name, array in arrays.items():
@@ -58,13 +58,13 @@ def _content(data: bytes, name: str) -> dict[str, Any]:
 
     try:
         size = sum(8 * prod(shape) for _, shape, _ in whosmat(io.BytesIO(data)))
-        if size <= MAX_UNPACKED_BYTES:
+        if size <= MAX_DECOMPRESSED_FILE_BYTES:
             return dict(loadmat(io.BytesIO(data), simplify_cells=True))
     except NotImplementedError as error:
         raise InputError(f"is of MATLAB's version 7.3: save it with save('{name}', ..., '-v7')") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
         raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
-    raise InputError(f"holds more than {MAX_UNPACKED_BYTES / MIB:g} MiB of numbers: cut it")
+    raise InputError(f"holds more than {MAX_DECOMPRESSED_FILE_BYTES / MIB:g} MiB of numbers: cut it")
 
 
 def _arrays(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
@@ -78,7 +78,7 @@ def _arrays(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, FloatA
         parts = {f"{name}.{part}": inner for part, inner in value.items()}
     elif isinstance(value, list):
         parts = {f"{name}/{i}": inner for i, inner in enumerate(value)}
-    if depth < MAX_NESTED_STRUCTURES:
+    if depth < MAX_STRUCTURE_DEPTH:
         for path, inner in parts.items():
             yield from _arrays(path, inner, depth + 1)
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError
-from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
+from armdyn.recording.channels import JOINT_CHANNELS, MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from armdyn.recording.tracks import samples_of_second_series
 from pipeline.imports.foreign import SECOND_PUBLISHER, ForeignColumn, SampleAccount
 from pipeline.imports.stamps import MAX_MESSAGE_DELAY_SECONDS, dated_samples, on_arrival_clock
@@ -96,7 +96,7 @@ class _Series:
         varies: dict[str, bool] = {}
         for channel, _, value in self.columns.values():
             quantity = channel.partition(".")[0]
-            varies[quantity] = varies.get(quantity, False) or len(set(value.tolist())) >= MIN_SAMPLES
+            varies[quantity] = varies.get(quantity, False) or len(set(value.tolist())) >= MIN_COMPARED_CHANNEL_SAMPLES
         return varies.get("q", True), varies.get("tau", False), len(self.messages)
 
 
@@ -246,10 +246,10 @@ class Publishers:
 def _are_receptions(received: FloatArray, stamps: FloatArray) -> bool:
     """Whether the times of reception differ; a program that converts bags may write the same time for all messages."""
     steps = np.abs(np.diff(stamps[np.isfinite(stamps)]))
-    return not len(steps) or bool(np.ptp(received) > MIN_RECEPTION_SHARE * len(steps) * np.median(steps))
+    return not len(steps) or bool(np.ptp(received) > MIN_RECEPTION_TO_STAMP_DURATION * len(steps) * np.median(steps))
 
 
-MIN_RECEPTION_SHARE = 0.01
+MIN_RECEPTION_TO_STAMP_DURATION = 0.01
 """Smallest credible duration in which the messages were received, as a share of the duration of their stamps."""
 
 

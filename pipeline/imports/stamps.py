@@ -13,19 +13,19 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.recording.channels import MIN_SAMPLES, FloatArray
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from armdyn.recording.gaps import longest_interval_without_gap
 
-MIN_PIECE_SAMPLES = MIN_SAMPLES
+MIN_PIECE_SAMPLES = MIN_COMPARED_CHANNEL_SAMPLES
 """Smallest number of samples of a piece; shorter pieces are useless."""
 MAX_MESSAGE_DELAY_SECONDS = 1.0
 """Largest delay of a message [s]: after a rosbridge has stalled for 1 s, it sends states that are up to 1 s old."""
-MAX_PAUSE_RATIO = 10.0
+MAX_PAUSE_TO_RECORDING_RATIO = 10.0
 """Longest pause between two samples, divided by the duration of the recording at its usual rate; a longer step of the
 stamps means that the clock was set."""
-MAX_CLOCK_DRIFT = 1e-4
+MAX_RELATIVE_CLOCK_DRIFT = 1e-4
 """Largest relative difference between the rates of two computers' clocks, twice that of usual crystals."""
-MIN_STEP_AFTER_RESET_SECONDS = 1e-6
+MIN_STEP_AFTER_CLOCK_RESET_SECONDS = 1e-6
 """Shortest time between two samples after a clock was set [s]."""
 REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP, STAMP_BESIDE_RESET = (
     "whose stamp was there already", "whose stamp goes back", "whose stamp runs ahead",
@@ -65,7 +65,9 @@ def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dat
     distinct = len(np.unique(stamps[present]))
     pieces = _pieces(stamps[present], None if arrivals is None else arrivals[present])
     kept = sum(map(len, pieces))
-    if arrivals is not None and (2 * len(present) < len(stamps) or 2 * kept < distinct or distinct < MIN_SAMPLES):
+    if arrivals is not None and (
+        2 * len(present) < len(stamps) or 2 * kept < distinct or distinct < MIN_COMPARED_CHANNEL_SAMPLES
+    ):
         pieces = _pieces(arrivals, None)
         if 2 * sum(map(len, pieces)) > kept:
             rows, time, left = _laid(pieces, arrivals, None)
@@ -80,14 +82,17 @@ def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dat
 def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
     """Convert times of another clock (n,) [s] to the clock of the times of arrival (n,) [s].
 
-    The offset of the clocks is the smallest difference seen around a sample, which grows by `MAX_CLOCK_DRIFT` with the
-    distance in time. The error is the shortest delay, 1 ms on a local network.
+    The offset of the clocks is the smallest difference seen around a sample, which grows by `MAX_RELATIVE_CLOCK_DRIFT`
+    with the distance in time. The error is the shortest delay, 1 ms on a local network.
     """
     delay = arrivals - time
-    before = np.minimum.accumulate(delay - MAX_CLOCK_DRIFT * arrivals) + MAX_CLOCK_DRIFT * arrivals
-    after = np.minimum.accumulate((delay + MAX_CLOCK_DRIFT * arrivals)[::-1])[::-1] - MAX_CLOCK_DRIFT * arrivals
+    before = np.minimum.accumulate(delay - MAX_RELATIVE_CLOCK_DRIFT * arrivals) + MAX_RELATIVE_CLOCK_DRIFT * arrivals
+    after = (
+        np.minimum.accumulate((delay + MAX_RELATIVE_CLOCK_DRIFT * arrivals)[::-1])[::-1]
+        - MAX_RELATIVE_CLOCK_DRIFT * arrivals
+    )
     found = time + np.minimum(before, after)
-    apart = MIN_STEP_AFTER_RESET_SECONDS * np.arange(len(found))
+    apart = MIN_STEP_AFTER_CLOCK_RESET_SECONDS * np.arange(len(found))
     return np.asarray(np.maximum.accumulate(found - apart) + apart)
 
 
@@ -103,7 +108,7 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     lead = None if arrivals is None else stamps - arrivals
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0.0])) if (step > 0.0).any() else 0.0
-    farthest = MAX_PAUSE_RATIO * n * usual
+    farthest = MAX_PAUSE_TO_RECORDING_RATIO * n * usual
     quick = (step > 0.0).all() and (
         (step <= farthest).all()
         if lead is None

@@ -22,12 +22,12 @@ from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, 
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_label
 from pipeline.imports.head import single_header_table
 from urdf.bounds import (
-    MAX_NAME_LENGTH,
+    MAX_DECOMPRESSED_FILE_BYTES,
+    MAX_NAME_CHARACTERS,
     MAX_RECORDING_ROWS,
     MAX_TABLE_COLUMNS,
     MAX_TEXT_FILE_BYTES,
-    MAX_UNCONVERTED_VALUE,
-    MAX_UNPACKED_BYTES,
+    MAX_VALUE_BEFORE_UNIT_CONVERSION,
     MIB,
     printable_excerpt,
 )
@@ -84,7 +84,9 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             notes.append(f"'{column}' holds text, such as {cells[0]!r}: left out")
             continue
         wrong = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
-        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > MAX_UNCONVERTED_VALUE)}
+        wrong |= {
+            int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > MAX_VALUE_BEFORE_UNIT_CONVERSION)
+        }
         if wrong:
             row, cell = next(iter(wrong.items()))
             raise InputError(
@@ -93,7 +95,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
                 "mend it, or empty the cell"
             )
         if strange:
-            cells = [repr(cell) for cell in strange.values()][:MAX_SHOWN_CELLS]
+            cells = [repr(cell) for cell in strange.values()][:MAX_LISTED_TEXT_COLUMNS]
             notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
         columns[column] = ForeignColumn(value, unit)
     if not columns:
@@ -101,7 +103,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
     return ForeignRecording(name, columns, tuple(notes), texts, headed=headed)
 
 
-MAX_SHOWN_CELLS = 3
+MAX_LISTED_TEXT_COLUMNS = 3
 """Largest number of columns of text that a note lists."""
 
 
@@ -159,15 +161,17 @@ def _check_parquet(file: Any, size: int) -> None:
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]
     unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
-    if unpacked > MAX_UNPACKED_BYTES or about.num_rows > MAX_RECORDING_ROWS:
+    if unpacked > MAX_DECOMPRESSED_FILE_BYTES or about.num_rows > MAX_RECORDING_ROWS:
         raise InputError(
             f"{about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
-            f"{MAX_RECORDING_ROWS} rows and {MAX_UNPACKED_BYTES / MIB:.0f} MiB are the most: cut it"
+            f"{MAX_RECORDING_ROWS} rows and {MAX_DECOMPRESSED_FILE_BYTES / MIB:.0f} MiB are the most: cut it"
         )
-    if about.num_columns > MAX_TABLE_COLUMNS or any(len(name) > MAX_NAME_LENGTH for name in file.schema_arrow.names):
+    if about.num_columns > MAX_TABLE_COLUMNS or any(
+        len(name) > MAX_NAME_CHARACTERS for name in file.schema_arrow.names
+    ):
         raise InputError(
-            f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_LENGTH} letters are the "
-            "most: leave some out"
+            f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_CHARACTERS} letters "
+            "are the most: leave some out"
         )
 
 
@@ -188,7 +192,7 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
 
 
 LEROBOT_INFO_FILE = Path("meta/info.json")
-MAX_FRAME_RATE = 1e5
+MAX_LEROBOT_FRAME_RATE = 1e5
 """Largest number of frames per second of a LeRobot data set."""
 _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
@@ -236,8 +240,8 @@ def _info(path: Path) -> dict[str, Any]:
     if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
         raise InputError(f"{path / LEROBOT_INFO_FILE}: does not hold an object with features: give a LeRobot data set")
     rate = info.get("fps")
-    if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= MAX_FRAME_RATE):
-        text = f"fps is {printable_excerpt(str(rate))}: write frames per second, at most {MAX_FRAME_RATE:g}"
+    if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= MAX_LEROBOT_FRAME_RATE):
+        text = f"fps is {printable_excerpt(str(rate))}: write frames per second, at most {MAX_LEROBOT_FRAME_RATE:g}"
         raise InputError(f"{path / LEROBOT_INFO_FILE}: {text}")
     return info
 

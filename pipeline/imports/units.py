@@ -13,25 +13,25 @@ from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS, JointRange, Rob
 from pipeline.imports.mapping import ColumnEntry
 from pipeline.imports.words import is_unit_like
 
-MAX_JOINT_ANGLE = 7.0
+MAX_JOINT_ANGLE_IN_RADIANS = 7.0
 """Largest position of a joint that turns a little more than once [rad]; larger numbers are degrees."""
 MIN_CERTAIN_DEGREES = 40.0
 """Position above which numbers are certainly degrees; in radians the joint would have turned six times."""
-MIN_JOINTS_FOR_RADIANS = 3
+MIN_JOINTS_TO_INFER_RADIANS = 3
 """Number of joints below which all positions in degrees may be as small as positions in radians."""
-MAX_JOINT_RATE = 10.0 * MAX_JOINT_ANGLE
+MAX_JOINT_RATE_RADIANS_PER_SECOND = 10.0 * MAX_JOINT_ANGLE_IN_RADIANS
 """Largest rate of a joint [rad/s]; without a recorded position, larger numbers are in degrees per second."""
-MAX_PRISMATIC_POSITION = 10.0
+MAX_PRISMATIC_POSITION_IN_METRES = 10.0
 """Largest position of a prismatic joint without limits [m]; larger numbers are in millimetres."""
-MAX_RANGE_EXCESS = 0.1
+MAX_EXCESS_SHARE_OF_JOINT_RANGE = 0.1
 """Largest distance of a joint's position from its range, as a share of the range."""
-MAX_SLOPE_DIFFERENCE = 0.15
+MAX_RELATIVE_SPEED_SLOPE_DIFFERENCE = 0.15
 """Largest relative difference of a speed from the slope of its position in the same unit."""
-MIN_CORRELATION = 0.7
+MIN_SPEED_SLOPE_CORRELATION = 0.7
 """Smallest correlation of a speed with the slope of its position; below, the speed may belong to another joint."""
-MIN_EFFORT_SHARE, MAX_EFFORT_SHARE = 0.01, 1.5
+MIN_PEAK_EFFORT_TO_LIMIT_RATIO, MAX_PEAK_EFFORT_TO_LIMIT_RATIO = 0.01, 1.5
 """Smallest and largest plausible ratio of the largest recorded torque to the motor's limit."""
-UPRIGHT_TOLERANCE = 0.5
+UPRIGHT_MEAN_ANGLE_TOLERANCE = 0.5
 """Largest distance of the mean swing angle from half a turn at which the angle is measured from the upright [rad]."""
 ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
@@ -70,12 +70,12 @@ def judged_entries(
                 unit, why, doubt = _length_unit(size, limits) if limits is not None and limits.slides else angle
                 doubts += [
                     doubt,
-                    ENCODER_COUNTS_DOUBT if _is_whole(columns[c.column]) and size > MAX_JOINT_ANGLE else "",
+                    ENCODER_COUNTS_DOUBT if _is_whole(columns[c.column]) and size > MAX_JOINT_ANGLE_IN_RADIANS else "",
                 ]
             doubts.append(_position_doubt(size, unit, limits))
             if c.body == "swing":
                 mean = float(np.nanmean(np.concatenate([column.value for column in columns[c.column]])))
-                upside_down = abs(abs(mean * si_factor(unit, "rad")) - np.pi) < UPRIGHT_TOLERANCE
+                upside_down = abs(abs(mean * si_factor(unit, "rad")) - np.pi) < UPRIGHT_MEAN_ANGLE_TOLERANCE
                 doubts.append("it hangs at half a turn; 0 is hanging, give an offset" if upside_down else "")
         elif c.label.quantity == "v":
             unit, why, doubt = _rate_unit(written, of, size, _slope(first, c, at, time), bool(positions))
@@ -114,14 +114,18 @@ def _largest(columns: Sequence[ForeignColumn]) -> float:
 def _angle_unit(sizes: Sequence[float]) -> tuple[str, str, str]:
     """Unit, reason and doubt of all angles without a unit, from the largest magnitude of each."""
     most = max(sizes, default=0.0)
-    if most > MAX_JOINT_ANGLE:
+    if most > MAX_JOINT_ANGLE_IN_RADIANS:
         return "deg", f"up to {most:.4g}", "" if most > MIN_CERTAIN_DEGREES else "or rad, of a joint that turns on?"
-    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < MIN_JOINTS_FOR_RADIANS else ""
+    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < MIN_JOINTS_TO_INFER_RADIANS else ""
 
 
 def _length_unit(size: float, limits: JointRange) -> tuple[str, str, str]:
     """Unit, reason and doubt of the position of a prismatic joint."""
-    unit = "m" if size <= (1 + MAX_RANGE_EXCESS) * min(limits.reach, MAX_PRISMATIC_POSITION) else "mm"
+    unit = (
+        "m"
+        if size <= (1 + MAX_EXCESS_SHARE_OF_JOINT_RANGE) * min(limits.reach, MAX_PRISMATIC_POSITION_IN_METRES)
+        else "mm"
+    )
     return unit, f"up to {size:.4g}", "" if np.isfinite(limits.reach) else ASSUMED_UNIT_DOUBT
 
 
@@ -133,7 +137,11 @@ def _position_doubt(size: float, unit: str, limits: JointRange | None) -> str:
         return "does the joint turn, or slide?" if limits is not None else ""
     if limits is None:
         return "so many turns?" if size > MIN_CERTAIN_DEGREES else ""
-    return f"beyond the joint's limit of {limits.reach:.3g}" if size > (1 + MAX_RANGE_EXCESS) * limits.reach else ""
+    return (
+        f"beyond the joint's limit of {limits.reach:.3g}"
+        if size > (1 + MAX_EXCESS_SHARE_OF_JOINT_RANGE) * limits.reach
+        else ""
+    )
 
 
 def _rate_unit(
@@ -144,17 +152,17 @@ def _rate_unit(
     if slope is None:
         if written or positions:
             return assumed, "unit as written" if written else "as the position", ""
-        degrees = of == "rad" and size > MAX_JOINT_RATE
+        degrees = of == "rad" and size > MAX_JOINT_RATE_RADIANS_PER_SECOND
         return "deg/s" if degrees else assumed, f"up to {size:.4g}", "" if degrees else ASSUMED_UNIT_DOUBT
     ratio, correlation = slope
     why = f"{ratio:.3g} times the position's slope"
-    if correlation < MIN_CORRELATION:
+    if correlation < MIN_SPEED_SLOPE_CORRELATION:
         return assumed, why, "it does not follow the position's slope"
     si, *others = ("rad/s", "deg/s") if is_unit_like(of, "rad") else ("m/s", "mm/s")
     for unit in (assumed, si, *others):
         if (
             is_unit_like(unit, si)
-            and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < MAX_SLOPE_DIFFERENCE
+            and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < MAX_RELATIVE_SPEED_SLOPE_DIFFERENCE
         ):
             return unit, why, f"it is written {written}" if written and unit != written else ""
     return assumed, why, "the slope is not of that size"
@@ -172,7 +180,7 @@ def _slope(
         return None
     kept = np.isfinite(stamps) & np.isfinite(x.value) & np.isfinite(v)
     kept &= np.diff(stamps, prepend=-np.inf) > 0.0
-    if kept.sum() < MIN_JOINTS_FOR_RADIANS:
+    if kept.sum() < MIN_JOINTS_TO_INFER_RADIANS:
         return None
     change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
     size, power, common = float(change @ change), float(v @ v), float(change @ v)
@@ -193,6 +201,6 @@ def _torque_doubt(claims: Sequence[Claim], sizes: Mapping[str, float], known: Ro
         if c.label.quantity == "tau" and c.body in known.ranges and is_unit_like(c.label.unit or "N m", "N m", "N")
     ]
     most = max(shares, default=1.0)
-    if MIN_EFFORT_SHARE <= most <= MAX_EFFORT_SHARE:
+    if MIN_PEAK_EFFORT_TO_LIMIT_RATIO <= most <= MAX_PEAK_EFFORT_TO_LIMIT_RATIO:
         return ""
     return f"{'up to' if most > 1 else 'at most'} {most:.2g} times what the motors can do"

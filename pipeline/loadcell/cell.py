@@ -21,9 +21,9 @@ from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMU
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
 
-MIN_SAMPLE_SPACING = 1e-6
+MIN_SAMPLE_SPACING_SECONDS = 1e-6
 """Smallest time between two samples [s]: the times of a recording must increase."""
-RATE_SAMPLES = 100
+SAMPLES_PER_RATE_ESTIMATE = 100
 """Number of samples over which the rate is measured."""
 
 
@@ -35,42 +35,42 @@ class ReceptionClock:
     """
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=RATE_SAMPLES)
+        self._times: deque[float] = deque(maxlen=SAMPLES_PER_RATE_ESTIMATE)
 
     @property
     def rate(self) -> float:
-        """Samples per second over the last `RATE_SAMPLES` samples [Hz]; 0 before the second sample."""
+        """Samples per second over the last `SAMPLES_PER_RATE_ESTIMATE` samples [Hz]; 0 before the second sample."""
         if len(self._times) < 2:
             return 0.0
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
     def reception_times(self, now: float, count: int) -> list[float]:
         """Times of reception [s], strictly increasing, of `count` samples that were delivered together at `now` [s]."""
-        step, earliest = MIN_SAMPLE_SPACING, now - (count - 1) * MIN_SAMPLE_SPACING
+        step, earliest = MIN_SAMPLE_SPACING_SECONDS, now - (count - 1) * MIN_SAMPLE_SPACING_SECONDS
         if self._times and count:
             step = (now - self._times[-1]) / count
             if len(self._times) > 1:
                 step = min(step, 1.0 / self.rate)
-            step = max(step, MIN_SAMPLE_SPACING)
+            step = max(step, MIN_SAMPLE_SPACING_SECONDS)
             earliest = max(now - (count - 1) * step, self._times[-1] + step)
         stamps = [earliest + k * step for k in range(count)]
         self._times.extend(stamps)
         return stamps
 
 
-QUEUE_LENGTH = 1000
+MAX_QUEUED_SAMPLES_OR_EVENTS = 1000
 """Largest number of samples, and of events, that wait to be read; the oldest ones are dropped."""
-START_UP_SECONDS = 5.0
+FIRST_LINE_TIMEOUT_SECONDS = 5.0
 """Longest time until the first line [s]; a board with an Arduino boot loader takes 2 s after its port is opened."""
 UNCALIBRATED_NOISE_COUNTS = 0.5
 """Noise that is assumed for a cell without a calibration [counts]; the noise of an HX711 is about 40 counts."""
-SPIKE_RANGE_SHARE = 1e-3
+MIN_SPIKE_SHARE_OF_FULL_SCALE = 1e-3
 """Smallest size of a spike as a share of the converter's range, about 0.1 N for a 1 kg cell, without the noise."""
-SPIKE_NOISE_DEVIATIONS = 10.0
+SPIKE_MARGIN_STANDARD_DEVIATIONS = 10.0
 """Standard deviations of the noise that are added to the smallest size of a spike."""
-MAX_PUSH_FORCE = 0.1
+MAX_PUSHING_FORCE_FROM_ZERO_DRIFT = 0.1
 """Largest pushing force that the drift of a cell's zero explains [N]; a string cannot push."""
-MAX_DRIFT_RATE = 0.1
+MAX_FORCE_DRIFT_RATE = 0.1
 """Largest rate of drift of a cell that works, by creep or temperature [N/s]."""
 
 
@@ -84,16 +84,17 @@ def count_fault_limits(calibration: Calibration | None = None, silent_after: flo
     noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
         LoadCellLimits.from_noise(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
-        spike=SPIKE_RANGE_SHARE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE_DEVIATIONS * noise,
+        spike=MIN_SPIKE_SHARE_OF_FULL_SCALE * (MAXIMUM_COUNTS - MINIMUM_COUNTS)
+        + SPIKE_MARGIN_STANDARD_DEVIATIONS * noise,
         silent_after=silent_after,
-        start_up=START_UP_SECONDS,
+        start_up=FIRST_LINE_TIMEOUT_SECONDS,
     )
     if calibration is None:
         return limits
-    push, pull_raises = calibration.counts(-MAX_PUSH_FORCE), calibration.scale > 0
+    push, pull_raises = calibration.counts(-MAX_PUSHING_FORCE_FROM_ZERO_DRIFT), calibration.scale > 0
     return replace(
         limits,
-        drift=MAX_DRIFT_RATE / abs(calibration.scale),
+        drift=MAX_FORCE_DRIFT_RATE / abs(calibration.scale),
         min_force=push if pull_raises else -math.inf,
         max_force=math.inf if pull_raises else push,
     )
@@ -138,8 +139,8 @@ class LoadCell(Closable):
         self._lock = threading.Lock()
         self._decoder, self._times = LineDecoder(), ReceptionClock()
         self._detector = LoadCellFaultDetector(count_fault_limits(calibration, silent_after))
-        self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
-        self._events: deque[LoadCellFaultEvent] = deque(maxlen=QUEUE_LENGTH)
+        self._samples: deque[CountSample] = deque(maxlen=MAX_QUEUED_SAMPLES_OR_EVENTS)
+        self._events: deque[LoadCellFaultEvent] = deque(maxlen=MAX_QUEUED_SAMPLES_OR_EVENTS)
         self._faults: Counter[LoadCellFault] = Counter()
         self._received = 0
         self._overflowing = False

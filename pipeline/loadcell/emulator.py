@@ -16,7 +16,7 @@ from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode_line
 from pipeline.processes import Closable
 
-EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
+EMULATED_OFFSET_COUNTS, EMULATED_NEWTONS_PER_COUNT = 84213.0, 5.6e-6
 """Offset [counts] and scale [N/count] of the simulated cell: a 1 kg cell of 1 mV/V with an HX711."""
 
 
@@ -81,14 +81,14 @@ class EmulatedCell(Closable):
         noise: standard deviation of one sample [counts].
     """
 
-    offset, noise = EMULATED_OFFSET, 40.0
+    offset, noise = EMULATED_OFFSET_COUNTS, 40.0
 
     def __init__(
         self,
         rng: np.random.Generator,
         force: Callable[[float], float] | float = 0.0,
         *,
-        scale: float = EMULATED_SCALE,
+        scale: float = EMULATED_NEWTONS_PER_COUNT,
         rate: float = 80.0,
     ) -> None:
         self._rng, self.scale, self.rate = rng, scale, rate
@@ -120,7 +120,7 @@ class EmulatedCell(Closable):
 def emulated_calibration(noise: float, source: str) -> Calibration:
     """True calibration of a simulated cell; `noise` is the standard deviation of one sample [N]."""
     now = datetime.now().astimezone().replace(microsecond=0)
-    return Calibration(EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, now, source)
+    return Calibration(EMULATED_OFFSET_COUNTS, 0.0, EMULATED_NEWTONS_PER_COUNT, 0.0, noise, now, source)
 
 
 def swinging_load(mass: float, length: float, amplitude: float, gravity: float) -> Callable[[float], float]:

@@ -63,7 +63,8 @@ class LoadCellLimits:
         spike: largest distance of a sample from both of its neighbours, in the same direction.
         min_force: smallest possible force; a few samples may lie below.
         max_force: largest possible force; a few samples may lie above.
-        drift: largest rate at which the mean may change in one direction, over `DRIFT_BLOCKS` blocks [unit/s].
+        drift: largest rate at which the mean may change in one direction, over `ONE_WAY_CHANGES_UNTIL_DRIFT` blocks
+        [unit/s].
         silent_after: time without a sample after which the cell counts as silent [s].
         start_up: additional time for the first sample [s]; most boards restart when the port is opened.
     """
@@ -114,11 +115,11 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 SPIKE_WINDOW_SAMPLES = 100
 """Number of latest samples among which spikes are counted."""
-SPIKES_BEGIN_COUNT, SPIKES_END_COUNT = 2, 1
+MAX_SPIKES_WITHOUT_FAULT, MAX_SPIKES_AT_END_OF_FAULT = 2, 1
 """The fault `SPIKES` begins with more spikes than the first number, and ends with at most the second number."""
-MAX_IMPOSSIBLE_SAMPLES = 10
+IMPOSSIBLE_SAMPLES_UNTIL_FAULT = 10
 """Number of successive samples with an impossible force that is a fault; a bouncing load gives fewer."""
-BLOCK_SECONDS, DRIFT_BLOCKS = 0.5, 4
+DRIFT_BLOCK_SECONDS, ONE_WAY_CHANGES_UNTIL_DRIFT = 0.5, 4
 """Length of a block of samples [s], and number of successive changes of the blocks' means in one direction that are a
 drift; the force of a swinging load changes its direction within this time."""
 
@@ -144,18 +145,18 @@ class _Drift:
     """Detects a drift: the means of the last blocks change in one direction, faster than a limit."""
 
     def __init__(self, limit: float) -> None:
-        self._least = limit * BLOCK_SECONDS
+        self._least = limit * DRIFT_BLOCK_SECONDS
         self._begin, self._sum, self._count = math.nan, 0.0, 0
-        self._means: deque[float] = deque(maxlen=DRIFT_BLOCKS + 1)
+        self._means: deque[float] = deque(maxlen=ONE_WAY_CHANGES_UNTIL_DRIFT + 1)
         self.steady = False
 
     def add(self, time: float, value: float) -> None:
-        if not time < self._begin + BLOCK_SECONDS:
+        if not time < self._begin + DRIFT_BLOCK_SECONDS:
             if self._count:
                 self._means.append(self._sum / self._count)
                 steps = [after - before for before, after in pairwise(self._means)]
                 one_way = all(s > self._least for s in steps) or all(s < -self._least for s in steps)
-                self.steady = len(steps) == DRIFT_BLOCKS and one_way
+                self.steady = len(steps) == ONE_WAY_CHANGES_UNTIL_DRIFT and one_way
             self._begin, self._sum, self._count = time, 0.0, 0
         self._sum += value
         self._count += 1
@@ -202,14 +203,14 @@ class LoadCellFaultDetector:
             self._set(
                 LoadCellFault.SPIKES,
                 self._count_spikes(value)
-                > (SPIKES_END_COUNT if LoadCellFault.SPIKES in self._active else SPIKES_BEGIN_COUNT),
+                > (MAX_SPIKES_AT_END_OF_FAULT if LoadCellFault.SPIKES in self._active else MAX_SPIKES_WITHOUT_FAULT),
                 time,
             )
         if limits.drift < math.inf:
             self._drift.add(time, value)
             self._set(LoadCellFault.DRIFTING, self._drift.steady, time)
         self._impossible = 0 if limits.min_force <= value <= limits.max_force else self._impossible + 1
-        self._set(LoadCellFault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
+        self._set(LoadCellFault.NEGATIVE, self._impossible >= IMPOSSIBLE_SAMPLES_UNTIL_FAULT, time)
         # Written in this form, the comparison also finds nan out of range.
         self._set(LoadCellFault.SATURATED, not limits.lower < value < limits.upper, time)
 

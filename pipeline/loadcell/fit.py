@@ -61,15 +61,15 @@ def _parse(text: str, gravity: float) -> KnownWeight:
     raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
 
 
-MIN_WEIGHT_SAMPLES = 40
+MIN_SAMPLES_PER_WEIGHT = 40
 """Smallest number of samples per weight."""
-OUTLIER_DEVIATIONS = 5.0
+SAMPLE_OUTLIER_STANDARD_DEVIATIONS = 5.0
 """Distance from the median, in robust standard deviations, beyond which a sample is left out."""
 MAX_OUTLIER_SHARE = 0.1
 """Largest share of samples that may be left out; with more, somebody probably touched the cell."""
 DRIFT_TEST_BLOCKS = 10
 """Number of blocks into which the samples of a weight are divided, to detect a drift."""
-CORRELATION_FACTOR = 1.5
+MAX_BLOCK_TO_SAMPLE_STD_RATIO = 1.5
 """Ratio above which the samples of a weight are correlated.
 
 It compares the standard deviation of the mean, computed from blocks of samples, with that computed from single samples.
@@ -103,26 +103,26 @@ class WeightMeasurement:
     def from_counts(cls, weight: KnownWeight, counts: npt.ArrayLike) -> "WeightMeasurement":
         """Compute the robust mean of the samples of one weight, `counts` (n,), in the order of their arrival.
 
-        Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
-        deviation) from the median are left out. The standard deviation of the mean is that of independent samples,
-        unless the means of `DRIFT_TEST_BLOCKS` successive blocks differ clearly more, because the cell drifts or the
-        weight swings.
+        Samples farther than `SAMPLE_OUTLIER_STANDARD_DEVIATIONS` robust standard deviations (1.4826 times the median
+        absolute deviation) from the median are left out. The standard deviation of the mean is that of independent
+        samples, unless the means of `DRIFT_TEST_BLOCKS` successive blocks differ clearly more, because the cell drifts
+        or the weight swings.
 
         Raises:
             TaskFailedError: there are too few samples, the cell is saturated or its counts do not change, or there are
                 too many outliers.
         """
         values = np.asarray(counts, dtype=np.float64)
-        if len(values) < MIN_WEIGHT_SAMPLES:
+        if len(values) < MIN_SAMPLES_PER_WEIGHT:
             raise TaskFailedError(
-                f"{weight.text}: {len(values)} samples are too few: take {MIN_WEIGHT_SAMPLES} or more"
+                f"{weight.text}: {len(values)} samples are too few: take {MIN_SAMPLES_PER_WEIGHT} or more"
             )
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
         median = float(np.median(values))
         # Where the noise is below one count, the median deviation is zero; the smallest measurable spread is one count.
         spread = max(1.4826 * float(np.median(np.abs(values - median))), 1.0)
-        kept = values[np.abs(values - median) <= OUTLIER_DEVIATIONS * spread]
+        kept = values[np.abs(values - median) <= SAMPLE_OUTLIER_STANDARD_DEVIATIONS * spread]
         outliers = len(values) - len(kept)
         if np.ptp(values) == 0.0:
             raise TaskFailedError(
@@ -136,25 +136,25 @@ class WeightMeasurement:
         blocks = [block.mean() for block in np.array_split(kept, DRIFT_TEST_BLOCKS)]
         mean_std = max(noise, ROUNDING_STD_COUNTS) / math.sqrt(len(kept))
         block_std = float(np.std(blocks, ddof=1)) / math.sqrt(DRIFT_TEST_BLOCKS)
-        if block_std > CORRELATION_FACTOR * mean_std:
+        if block_std > MAX_BLOCK_TO_SAMPLE_STD_RATIO * mean_std:
             mean_std = block_std
         return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
 
 
-MAX_NOISE_SHARE = 0.05
+MAX_NOISE_SHARE_OF_WEIGHT_RANGE = 0.05
 """Largest noise, as a share of the difference between the heaviest and the lightest weight."""
-UNSTEADY_NOISE_FACTOR = 3.0
+MAX_NOISE_TO_SMALLEST_NOISE = 3.0
 """Largest ratio of the noise with one weight to the smallest noise; above it, the weight was probably swinging."""
-MIN_NOISE_SHARE = 1e-3
+MIN_UNSTEADY_SHARE_OF_WEIGHT_RANGE = 1e-3
 """Noise below which a weight is never called unsteady, as a share of the range of the weights."""
-MIN_WEIGHT_STEP_DEVIATIONS = 5.0
+MIN_WEIGHT_STEP_STANDARD_DEVIATIONS = 5.0
 """Smallest difference of neighbouring weights, in standard deviations of one sample."""
-MAX_RESIDUAL_SHARE = 0.01
+MAX_RESIDUAL_SHARE_OF_WEIGHT_RANGE = 0.01
 """Largest residual of the line, as a share of the range of the weights.
 
 Load cells are linear to 0.05 %, so that a larger residual means a wrong weight, or a cell that touches something.
 """
-SIGNIFICANT_DEVIATIONS = 5.0
+SIGNIFICANT_STANDARD_DEVIATIONS = 5.0
 """Standard deviations beyond which a difference is significant."""
 
 
@@ -202,7 +202,8 @@ def fit_calibration(plateaus: Sequence[WeightMeasurement], source: str) -> Calib
     residuals = residual * scale
     worst = int(np.argmax(np.abs(residuals)))
     if abs(residuals[worst]) > max(
-        MAX_RESIDUAL_SHARE * float(np.ptp(force)), SIGNIFICANT_DEVIATIONS * std[worst] * abs(scale)
+        MAX_RESIDUAL_SHARE_OF_WEIGHT_RANGE * float(np.ptp(force)),
+        SIGNIFICANT_STANDARD_DEVIATIONS * std[worst] * abs(scale),
     ):
         raise TaskFailedError(
             f"the counts do not lie on a line: {plateaus[worst].weight.text} is off by "
@@ -228,7 +229,7 @@ def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
     span = abs(last.mean - first.mean)
     steps = [(a, b) for a, b in pairwise(ordered) if b.weight.force > a.weight.force]
     for a, b in steps:
-        if abs(b.mean - a.mean) < SIGNIFICANT_DEVIATIONS * math.hypot(a.mean_std, b.mean_std):
+        if abs(b.mean - a.mean) < SIGNIFICANT_STANDARD_DEVIATIONS * math.hypot(a.mean_std, b.mean_std):
             raise TaskFailedError(
                 f"{a.weight.text} and {b.weight.text} give the same counts ({a.mean:.0f}, {b.mean:.0f}): "
                 "was the weight changed? If so, take weights farther apart"
@@ -237,20 +238,20 @@ def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
         readings = ", ".join(f"{plateau.weight.text}: {plateau.mean:.0f}" for plateau in ordered)
         raise TaskFailedError(f"the counts do not follow the weights ({readings}): hang them in the order asked for")
     noisiest = max(plateaus, key=lambda plateau: plateau.noise)
-    if noisiest.noise > MAX_NOISE_SHARE * span:
+    if noisiest.noise > MAX_NOISE_SHARE_OF_WEIGHT_RANGE * span:
         share = 100 * noisiest.noise / span
         raise TaskFailedError(
             f"{noisiest.weight.text}: the noise is {share:.0f} % of the weights' span: "
             "let the weight come to rest, shield the wires, or take heavier weights"
         )
     quietest = min(plateau.noise for plateau in plateaus)
-    if noisiest.noise > max(UNSTEADY_NOISE_FACTOR * quietest, MIN_NOISE_SHARE * span):
+    if noisiest.noise > max(MAX_NOISE_TO_SMALLEST_NOISE * quietest, MIN_UNSTEADY_SHARE_OF_WEIGHT_RANGE * span):
         raise TaskFailedError(
             f"{noisiest.weight.text}: the counts move {noisiest.noise / quietest:.0f} times more than at the quietest "
             "weight: let it come to rest before you go on"
         )
     for a, b in steps:
-        if abs(b.mean - a.mean) < MIN_WEIGHT_STEP_DEVIATIONS * max(a.noise, b.noise):
+        if abs(b.mean - a.mean) < MIN_WEIGHT_STEP_STANDARD_DEVIATIONS * max(a.noise, b.noise):
             raise TaskFailedError(
                 f"{a.weight.text} and {b.weight.text} cannot be told apart in the noise: take weights farther apart"
             )

@@ -15,7 +15,7 @@ from pipeline.loadcell.faults import LoadCellFaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
-LATEST_SECONDS = 1.0
+STATISTICS_WINDOW_SECONDS = 1.0
 """Time over which the latest mean and standard deviation are computed [s]."""
 MAX_KEPT_EVENTS = 1000
 """Largest number of fault events that are stored."""
@@ -50,7 +50,7 @@ class ForceStatistics:
             self._squares += before * (sample.force - self.mean)
             self.minimum, self.maximum = min(self.minimum, sample.force), max(self.maximum, sample.force)
             self._latest.append(sample)
-            while self._latest[0].time < sample.time - LATEST_SECONDS:
+            while self._latest[0].time < sample.time - STATISTICS_WINDOW_SECONDS:
                 self._latest.popleft()
 
     @property
@@ -60,7 +60,7 @@ class ForceStatistics:
 
     @property
     def latest(self) -> tuple[float, float, float]:
-        """Latest force, and mean and standard deviation over the last `LATEST_SECONDS` [N]; nan without samples."""
+        """Latest force, its mean and deviation over the last `STATISTICS_WINDOW_SECONDS` [N]; nan without samples."""
         forces = [sample.force for sample in self._latest]
         if not forces:
             return math.nan, math.nan, math.nan

@@ -66,7 +66,7 @@ def crc16(payload: bytes) -> int:
     return binascii.crc_hqx(payload, 0)
 
 
-MAX_SEQUENCE_GAP = 1000
+MAX_LOST_SAMPLES_WITHOUT_RESTART = 1000
 """Largest number of lost samples, 10 s at 100 Hz; a larger jump of the sequence number is a restart."""
 
 
@@ -117,7 +117,7 @@ class LineDecoder:
         step = 1 if last is None else (sequence - last) % SEQUENCE_MODULUS
         if step == 0:
             faults[LoadCellFault.REPEATED] += 1
-        elif step > MAX_SEQUENCE_GAP:
+        elif step > MAX_LOST_SAMPLES_WITHOUT_RESTART:
             faults[LoadCellFault.RESTARTED] += 1
         elif step > 1:
             faults[LoadCellFault.DROPPED] += step - 1

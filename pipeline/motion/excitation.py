@@ -12,7 +12,7 @@ from armdyn.experiments.criteria import posterior_covariance
 from armdyn.experiments.goal import MotionGoal
 from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.search import (
-    COMPARED_EXCESS,
+    MAX_COMPARED_LIMIT_EXCESS_SHARE,
     ReportProgress,
     best_motion,
     optimise_motion,
@@ -24,13 +24,13 @@ from armdyn.experiments.series import AxisMotion, FourierSeries
 from armdyn.run import Channel, Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
-from pipeline.motion.feasibility.clearance import MIN_CLEARANCE
+from pipeline.motion.feasibility.clearance import MIN_LINK_CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
-CLEARANCE_UNIT = 0.1
+CLEARANCE_UNIT_METRES = 0.1
 """Unit of the margin in the optimisation: an additional distance of links that is ample [m]."""
-DESIGN_CLEARANCE_FACTOR = 1.5
+DESIGN_TO_CHECK_CLEARANCE_RATIO = 1.5
 """Distance of links in the design over that in the check, because the design uses fewer instants."""
 CACHED_POSTURES = 5000
 """Number of postures whose distances are stored, because a posture is evaluated twice and takes milliseconds."""
@@ -56,10 +56,10 @@ class CollisionFreePostures:
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond the required one at a posture q (n,), in units of `CLEARANCE_UNIT`."""
+        """Distance between links beyond the required one at a posture q (n,), in units of `CLEARANCE_UNIT_METRES`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / CLEARANCE_UNIT
+        return (self._distance(q.tobytes()) - DESIGN_TO_CHECK_CLEARANCE_RATIO * self.clearance) / CLEARANCE_UNIT_METRES
 
 
 MAX_REDESIGNS = 4
@@ -133,7 +133,7 @@ class Excitation:
         return float(np.trapezoid(power, self.trajectory.time))
 
 
-SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
+SINGLE_JOINT_CHECK_SETTINGS = CheckSettings(singular_value=0.0)
 """Settings of the check for motions of single joints: singular postures are allowed."""
 
 
@@ -161,7 +161,7 @@ def design_excitation(
         TaskFailedError: no feasible motion was found.
     """
     robot = goal.columns.arm.robot
-    postures = CollisionFreePostures(robot, MIN_CLEARANCE)
+    postures = CollisionFreePostures(robot, MIN_LINK_CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of_robot(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
@@ -180,7 +180,7 @@ def design_excitation(
         other = best_motion(
             rival, starts, [goal.condition_number_criterion(information)[0] for information in informations], say
         )
-        inside = shrink_within_limits(rival, other, COMPARED_EXCESS)
+        inside = shrink_within_limits(rival, other, MAX_COMPARED_LIMIT_EXCESS_SHARE)
         conditioned = expected_results(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
@@ -222,7 +222,7 @@ def _feasible(
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
         trajectory = sample_motion(problem, x)
-        return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK)
+        return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK_SETTINGS)
 
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)

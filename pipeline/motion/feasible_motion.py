@@ -9,7 +9,7 @@ import numpy as np
 import urdf
 from armdyn.atomic import write_text
 from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, along_other_motion
+from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ExperimentPlan, along_other_motion
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
@@ -21,7 +21,7 @@ from pipeline.motion.trajectory import LineTrajectory
 
 AMPLITUDE_FACTORS = tuple(sign * size for size in (1.0, 0.9, 0.8, 0.65, 0.5) for sign in (1.0, -1.0))
 """Factors on the motion's amplitude, in the order in which they are tried; a negative one mirrors the motion."""
-BOX_CLEARANCE = 0.03
+MIN_LOAD_TO_BOX_CLEARANCE = 0.03
 """Smallest distance between the load's surface and the box [m]."""
 
 
@@ -89,7 +89,11 @@ def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[Expe
         The plan, and the feasible motion; None without one.
     """
     moving = plan.motion
-    if moving is None or moving.experiment.motion is None or moving.expected.probability <= MIN_RIGHT_PROBABILITY:
+    if (
+        moving is None
+        or moving.experiment.motion is None
+        or moving.expected.probability <= MIN_RIGHT_VERDICT_PROBABILITY
+    ):
         return plan, None
     arm = urdf.load("baxter")
     found = fit_motion_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
@@ -118,5 +122,5 @@ def _clear_of(box: Box, motion: GripperPath, swing: PlannedSwing) -> bool:
     """Whether the load always stays before the near wall of the box, or above its rim."""
     x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)
-    room = swing.radius + BOX_CLEARANCE
+    room = swing.radius + MIN_LOAD_TO_BOX_CLEARANCE
     return bool(np.all((x < box.near_wall - room) | (below < box.rim - room)))

@@ -12,13 +12,13 @@ from pipeline.motion.speed_limit_curve import SpeedLimitCurve
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
-FINISH_ACCELERATION = 8.0
+MAX_FINISH_ACCELERATION = 8.0
 """Largest acceleration of the last motion over the box [m/s^2]; with 5 m/s^2 the load swings back before its end."""
-FINISH_SPEED_SHARE = 0.70
+MAX_FINISH_SHARE_OF_SPEED_LIMIT = 0.70
 """Largest speed of the last motion over the box, as a share of the speed limit."""
-MIN_SPEED_SHARE = 0.02
+MIN_TRIED_SHARE_OF_SPEED_LIMIT = 0.02
 """Share of the highest speed at which the search for a slower motion ends."""
-MEETING_SPACING = 5e-3
+SPEED_LIMIT_MEETING_SPACING = 5e-3
 """Distance between the positions at which a motion may reach or leave the speed limit [m]."""
 
 MotionPieces = list[tuple[float, Callable[[float], LineState]]]
@@ -41,7 +41,7 @@ def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: floa
         InputError: the end is not on the line.
         TaskFailedError: no such motion exists within the limits.
     """
-    reduced = limits.scaled(FINISH_SPEED_SHARE, 1.0, FINISH_ACCELERATION)
+    reduced = limits.scaled(MAX_FINISH_SHARE_OF_SPEED_LIMIT, 1.0, MAX_FINISH_ACCELERATION)
     # Where the swing ends faster than the finish may go, braking needs the whole limit.
     slow_enough = LinePlanner(reduced).stop(start) is not None
     return point_to_point(start, s_end, reduced if slow_enough else limits, dt)
@@ -104,7 +104,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Motion
     curve = SpeedLimitCurve(limits)
     stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
     stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
-    skip = max(int(MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)
+    skip = max(int(SPEED_LIMIT_MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)
     places = stretch[::skip]
     if len(places) < 2:
         return []
@@ -146,7 +146,7 @@ def _slower(planner: LinePlanner, start: LineState, target: LineState, accelerat
     fits, fails = 0.0, planner.limits.max_speed_limit
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < MIN_SPEED_SHARE * planner.limits.max_speed_limit:
+        if speed < MIN_TRIED_SHARE_OF_SPEED_LIMIT * planner.limits.max_speed_limit:
             break
         motion = planner.to_state(start, target, speed=speed, acceleration=acceleration)
         if motion is not None and motion.respects(planner.limits):

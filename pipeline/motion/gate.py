@@ -21,7 +21,7 @@ CONTROL_PERIOD_SECONDS = 0.01
 """Duration of a control cycle, the time between two commands [s]."""
 MAX_STATE_AGE_SECONDS = 0.05
 """Largest age of the newest joint state at which a command may be sent [s]."""
-STREAM_GAP_SECONDS = 0.05
+NEW_STREAM_PAUSE_SECONDS = 0.05
 """Pause after which further commands are a new stream [s]."""
 MIN_COMMAND_SPACING_SECONDS = 1e-6
 """Smallest assumed time between two commands [s], because a clock may show the same time twice."""
@@ -31,7 +31,7 @@ LIMIT_TOLERANCE_SHARE = 1e-3
 """Share by which a limit may be exceeded, because of rounding and interpolation."""
 MAX_TRACKING_ERROR = 0.2
 """Largest distance of a joint from its command [rad]; Baxter's own controller stops there too."""
-REST_SPEED = 1e-3
+MAX_JOINT_SPEED_AT_REST = 1e-3
 """Commanded speed below which a joint counts as at rest [rad/s]."""
 
 
@@ -203,12 +203,12 @@ class StreamGate(CommandGate):
     def at_rest(self) -> bool:
         """Whether the last two commands of the stream were the same position."""
         return len(self._last) < 2 or bool(
-            np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * self._spacings[-1])
+            np.all(np.abs(self._last[-1] - self._last[-2]) <= MAX_JOINT_SPEED_AT_REST * self._spacings[-1])
         )
 
     def begins_stream(self, now: float) -> bool:
         """Whether a command at the time `now` [s] begins a new stream, because there was none before or a pause."""
-        return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
+        return not self._last or (now - self._sent > NEW_STREAM_PAUSE_SECONDS and self.at_rest)
 
     def check_next(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
         """Check the next command; returns a refusal, or None if it may be sent; then it counts as sent.
@@ -245,10 +245,10 @@ class StreamGate(CommandGate):
         """Refusal if a stream does not begin at rest at the arm's position, or continues after a pause."""
         if not self.begins_stream(now):
             late = now - self._sent
-            return None if late <= STREAM_GAP_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
+            return None if late <= NEW_STREAM_PAUSE_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
-        moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
+        moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), MAX_JOINT_SPEED_AT_REST, "rad/s")
         return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from ik.torque import JointTorque
 
 
-LINE_JERK = 200.0
+MAX_LINE_JERK = 200.0
 """Largest jerk along the line [m/s^3]; with less, the smoother cannot follow the motions of SAC to 0.4 mm."""
-TORQUE_SPEED_SHARES = np.linspace(-1.0, 1.0, 17)
+SPEED_LIMIT_SHARES_FOR_TORQUES = np.linspace(-1.0, 1.0, 17)
 """Speeds at which torques are computed, as shares of the largest speed; between them the limit is exceeded by 3e-4."""
 PLANNED_LIMIT_SHARE = 0.999
 """Share of the limits that planned motions use, so that the limits are also kept between the checked instants."""
-LIMIT_ROUNDING = 1e-10
+LIMIT_ROUNDING_TOLERANCE = 1e-10
 """Amount by which a planned motion may exceed a limit because of rounding [m, m/s, m/s^2]."""
 
 
@@ -48,7 +48,7 @@ class LineLimits:
     s: Array
     speed: Array
     acceleration: Array
-    jerk: float = LINE_JERK
+    jerk: float = MAX_LINE_JERK
     s_min: float = field(init=False)
     s_max: float = field(init=False)
     min_speed_limit: float = field(init=False)
@@ -124,9 +124,9 @@ class LineLimits:
         """Whether one state is within the limits, except for rounding; five times faster than `respected_by`."""
         s, v, a = state
         return (
-            self.s_min - LIMIT_ROUNDING <= s <= self.s_max + LIMIT_ROUNDING
-            and abs(v) <= self.min_speed_between(s, s) + LIMIT_ROUNDING
-            and abs(a) <= self.min_acceleration_between(s, s) + LIMIT_ROUNDING
+            self.s_min - LIMIT_ROUNDING_TOLERANCE <= s <= self.s_max + LIMIT_ROUNDING_TOLERANCE
+            and abs(v) <= self.min_speed_between(s, s) + LIMIT_ROUNDING_TOLERANCE
+            and abs(a) <= self.min_acceleration_between(s, s) + LIMIT_ROUNDING_TOLERANCE
         )
 
     def min_speed_between(self, lower: float, upper: float) -> float:
@@ -163,7 +163,7 @@ class LineLimits:
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """Largest acceleration within the torque limits at every speed, (m,); infinite if motors cannot hold the arm."""
     along, found = torque.path_terms(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
-    for share in TORQUE_SPEED_SHARES:
+    for share in SPEED_LIMIT_SHARES_FOR_TORQUES:
         low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
         most = np.minimum(high, -low)
         found = np.where(most > 0.0, np.minimum(found, most), found)

@@ -11,13 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.motion.limits import LIMIT_ROUNDING, LineLimits
+from pipeline.motion.limits import LIMIT_ROUNDING_TOLERANCE, LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
-SAMPLE_SPACING_SECONDS = 2.5e-3
+MAX_SAMPLE_SPACING_SECONDS = 2.5e-3
 """Largest time between the samples at which a motion is compared with limits that depend on the position [s]."""
-MAX_MISSED_SPEED_SHARE = 5e-4
+MAX_SPEED_EXCESS_BETWEEN_SAMPLES = 5e-4
 """Largest excess of the speed limit between two samples, as a share of the limit."""
 MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; in a motion of more than 10 s, which is slow, they are less than 1 mm apart."""
@@ -90,7 +90,7 @@ class JerkProfile:
         """Whether the motion stays on the line and within its limits of speed and acceleration, except for rounding.
 
         The motion is checked at its extremes, at the nodes of the limits, and at evenly spaced times. Between these
-        instants a speed limit may be exceeded by the share `MAX_MISSED_SPEED_SHARE`.
+        instants a speed limit may be exceeded by the share `MAX_SPEED_EXCESS_BETWEEN_SAMPLES`.
         """
         extremes = self.extremes()
         # Most motions that break a limit break it at an extreme; most others stay far from every limit.
@@ -103,11 +103,14 @@ class JerkProfile:
             return True
         # A function with a second derivative of at most 2 J rises by at most 2 J h^2 / 8 between samples.
         spacing = min(
-            SAMPLE_SPACING_SECONDS, math.sqrt(4.0 * MAX_MISSED_SPEED_SHARE * limits.min_speed_limit / limits.jerk)
+            MAX_SAMPLE_SPACING_SECONDS,
+            math.sqrt(4.0 * MAX_SPEED_EXCESS_BETWEEN_SAMPLES * limits.min_speed_limit / limits.jerk),
         )
         count = int(min(np.ceil(self.duration / spacing), MAX_PROFILE_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
-        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)
+        return limits.respected_by(
+            *self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING_TOLERANCE
+        )
 
     def _passes(self, time: Array, nodes: Array) -> Array:
         """Times at which the motion passes the nodes of the limits, by linear interpolation between samples."""

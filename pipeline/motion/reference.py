@@ -13,19 +13,19 @@ from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
-FIRST_MOTION_LIMIT_SHARE = 0.95
+FIRST_GUESS_SHARE_OF_LIMITS = 0.95
 """Share of the limits that the first guess uses, because its jerk may change within a sample."""
-MAX_LINEARISATIONS = 12
+MAX_LINEARISATION_ROUNDS = 12
 """Largest number of rounds; in each, the limits are linearised at the last solution."""
-CONVERGED_DISTANCE = 1e-4
+CONVERGED_POSITION_CHANGE = 1e-4
 """Change of the positions between two rounds below which the iteration has converged [m]."""
-TRUST_DISTANCE = 0.05
+MAX_POSITION_CHANGE_PER_ROUND = 0.05
 """Largest change of a position in one round, for which the linearised limits are accurate [m]."""
-SPEED_WEIGHT = 0.1
+SPEED_DEVIATION_WEIGHT = 0.1
 """Weight of a squared deviation of the speed in the cost [s^2/m^2]; the weight of the position is 1/m^2."""
 JERK_WEIGHT = 1e-12
 """Weight of the squared jerk in the cost, which makes parts without demands smooth [s^6/m^2]."""
-TRUST_SHRINKAGE = (3, 0.4)
+TRUST_SHRINK_ROUND_AND_FACTOR = (3, 0.4)
 """Number of rounds after which the trust region shrinks, and the factor per round; it prevents oscillations."""
 
 
@@ -65,7 +65,8 @@ def smooth_reference(
     if not (np.all(np.isfinite(s_ref)) and np.all(np.isfinite(v_ref)) and np.isfinite(dt) and dt > 0.0):
         raise InputError("reference: positions, speeds and the time step must be finite, the step greater than 0")
     easy = replace(
-        limits.scaled(FIRST_MOTION_LIMIT_SHARE, FIRST_MOTION_LIMIT_SHARE), jerk=FIRST_MOTION_LIMIT_SHARE * limits.jerk
+        limits.scaled(FIRST_GUESS_SHARE_OF_LIMITS, FIRST_GUESS_SHARE_OF_LIMITS),
+        jerk=FIRST_GUESS_SHARE_OF_LIMITS * limits.jerk,
     )
     planner = LinePlanner(easy)
     if start is None:
@@ -73,8 +74,12 @@ def smooth_reference(
     # The headroom covers errors of the linearisation, and what happens between samples.
     program = _Program(s_ref, v_ref, dt, limits.planning_limits(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
-    for k in range(MAX_LINEARISATIONS):
-        before, trust = s, TRUST_DISTANCE * TRUST_SHRINKAGE[1] ** max(k - TRUST_SHRINKAGE[0], 0)
+    for k in range(MAX_LINEARISATION_ROUNDS):
+        before, trust = (
+            s,
+            MAX_POSITION_CHANGE_PER_ROUND
+            * TRUST_SHRINK_ROUND_AND_FACTOR[1] ** max(k - TRUST_SHRINK_ROUND_AND_FACTOR[0], 0),
+        )
         # Where the first motion misses the end, the quadratic program may have to leave the trust region.
         solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)
         if solved is None:
@@ -83,7 +88,7 @@ def smooth_reference(
                 "or start and end slower"
             )
         s, v, a = solved
-        if np.max(np.abs(s - before)) < CONVERGED_DISTANCE:
+        if np.max(np.abs(s - before)) < CONVERGED_POSITION_CHANGE:
             break
     motion = LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a)
     if not limits.respected_by(s, v, a, 1e-9):
@@ -119,9 +124,9 @@ class _Program:
         self._s, self._v, self._a, self._j = (
             sparse.hstack([one if k == i else none for k in range(4)], format="csr") for i in range(4)
         )
-        cost = np.concatenate([np.ones(n), np.full(n, SPEED_WEIGHT), np.zeros(n), np.full(n, JERK_WEIGHT)])
+        cost = np.concatenate([np.ones(n), np.full(n, SPEED_DEVIATION_WEIGHT), np.zeros(n), np.full(n, JERK_WEIGHT)])
         self._quadratic = sparse.diags(2.0 * cost, format="csc")
-        self._linear = np.concatenate([-2.0 * s_ref, -2.0 * SPEED_WEIGHT * v_ref, np.zeros(2 * n)])
+        self._linear = np.concatenate([-2.0 * s_ref, -2.0 * SPEED_DEVIATION_WEIGHT * v_ref, np.zeros(2 * n)])
         now, after = slice(0, n - 1), slice(1, n)
         s, v, a, j = self._s, self._v, self._a, self._j
         rows = [

@@ -12,7 +12,7 @@ from pipeline.motion.trajectory import LineState
 
 LOOK_AHEAD_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Numbers of control cycles after which the motion may reach the reference or the speed limit."""
-PURSUIT_SECONDS = 0.2
+PURSUIT_LOOKAHEAD_SECONDS = 0.2
 """Time ahead at which the reference is pursued if it cannot be reached [s]; the arm can reverse in this time."""
 ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference decays when it is extrapolated [s]."""
@@ -89,7 +89,7 @@ class LineSmoother:
                 break
             if self._meet(self._planner.nearest_stoppable_state(targets[m - 1]), m):
                 return self.state
-        later = targets[min(round(PURSUIT_SECONDS / self._dt), len(targets) - 1)]
+        later = targets[min(round(PURSUIT_LOOKAHEAD_SECONDS / self._dt), len(targets) - 1)]
         return self.state if self._pursue(self._planner.nearest_stoppable_state(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:

@@ -10,11 +10,11 @@ from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
-LIMIT_SPACING = 1e-3
+SPEED_LIMIT_NODE_SPACING = 1e-3
 """Distance between the nodes of the smoothed speed limit [m]."""
-SMOOTHING_HALF_WIDTH = 10
+SMOOTHING_HALF_WIDTH_NODES = 10
 """Half width of the smoothing window in nodes; a kink of the speed limit is rounded over 2 cm."""
-MAX_RIDE_STEP_SECONDS = 0.02
+MAX_INTEGRATION_STEP_SECONDS = 0.02
 """Largest time step of the integration in `RideCurve.after` [s]; its error is about 1e-5 m."""
 
 
@@ -30,19 +30,21 @@ class SpeedLimitCurve:
 
     Attributes:
         limits: limits along the line, with the smooth speed limit.
-        nodes: evenly spaced positions, about `LIMIT_SPACING` apart, (n,) [m].
+        nodes: evenly spaced positions, about `SPEED_LIMIT_NODE_SPACING` apart, (n,) [m].
     """
 
     def __init__(self, limits: LineLimits) -> None:
-        count = int(np.ceil((limits.s_max - limits.s_min) / LIMIT_SPACING)) + 1
+        count = int(np.ceil((limits.s_max - limits.s_min) / SPEED_LIMIT_NODE_SPACING)) + 1
         self.nodes = np.linspace(limits.s_min, limits.s_max, max(count, 4))
-        half = SMOOTHING_HALF_WIDTH * (self.nodes[1] - self.nodes[0])
+        half = SMOOTHING_HALF_WIDTH_NODES * (self.nodes[1] - self.nodes[0])
         places = np.union1d(self.nodes, limits.s)
         speed = limits.speed_at(places)
         first, last = np.searchsorted(places, self.nodes - half), np.searchsorted(places, self.nodes + half, "right")
         lowest = np.array([speed[i:k].min() for i, k in zip(first, last, strict=True)])
-        kernel = np.bartlett(2 * SMOOTHING_HALF_WIDTH + 1)[1:-1]
-        smooth = np.convolve(np.pad(lowest, SMOOTHING_HALF_WIDTH - 1, mode="edge"), kernel / kernel.sum(), mode="valid")
+        kernel = np.bartlett(2 * SMOOTHING_HALF_WIDTH_NODES + 1)[1:-1]
+        smooth = np.convolve(
+            np.pad(lowest, SMOOTHING_HALF_WIDTH_NODES - 1, mode="edge"), kernel / kernel.sum(), mode="valid"
+        )
         self._spline = CubicSpline(self.nodes, smooth)
         under = np.minimum(np.interp(places, self.nodes, smooth), speed)
         self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
@@ -57,7 +59,7 @@ class SpeedLimitCurve:
 
         `direction` is the sign of its speed. The position is at most the end of the line.
         """
-        for _ in range(steps := max(round(time / MAX_RIDE_STEP_SECONDS), 1)):
+        for _ in range(steps := max(round(time / MAX_INTEGRATION_STEP_SECONDS), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
         return self.state_at(s, direction)
@@ -67,7 +69,7 @@ class SpeedLimitCurve:
 
     def motion_between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
         """Motion at the speed limit between two positions [m]: its duration [s], and a function from time to state."""
-        s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * LIMIT_SPACING)) + 1, 4))
+        s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * SPEED_LIMIT_NODE_SPACING)) + 1, 4))
         travelled = np.abs(s - s_from)
         time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
         position, direction = CubicSpline(time, s), 1.0 if s_to > s_from else -1.0

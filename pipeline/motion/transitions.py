@@ -7,16 +7,16 @@ import urdf
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from urdf.robot import Array
 
-BRAKING_SHARE = 0.5
+BRAKING_SHARE_OF_JOINT_LIMITS = 0.5
 """Share of the joints' acceleration and jerk limits with which an arm brakes by itself."""
-MAX_START_OFFSET = 0.02
+MAX_BRIDGED_COMMAND_OFFSET = 0.02
 """Largest distance of a stream's first command from the arm's position that is bridged smoothly [rad]."""
-BLEND_SECONDS = 0.5
+START_OFFSET_DECAY_SECONDS = 0.5
 """Time in which this distance decays to zero [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2 and 10 rad/s^3."""
 
 
 class BrakingMotion:
-    """Motion of an arm's joints to rest, with the share `BRAKING_SHARE` of their acceleration and jerk limits.
+    """Motion of joints to rest, with the share `BRAKING_SHARE_OF_JOINT_LIMITS` of their acceleration and jerk limits.
 
     Args:
         start: positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the begin, (n,) each.
@@ -37,8 +37,8 @@ class BrakingMotion:
         given.current_position, given.current_velocity, given.current_acceleration = (x.tolist() for x in start)
         given.target_velocity = given.target_acceleration = [0.0] * n
         # A motion may have a larger acceleration than the share with which it is braked.
-        given.max_acceleration = np.maximum(BRAKING_SHARE * limits.acceleration, np.abs(a)).tolist()
-        given.max_jerk = (BRAKING_SHARE * limits.jerk).tolist()
+        given.max_acceleration = np.maximum(BRAKING_SHARE_OF_JOINT_LIMITS * limits.acceleration, np.abs(a)).tolist()
+        given.max_jerk = (BRAKING_SHARE_OF_JOINT_LIMITS * limits.jerk).tolist()
         given.max_velocity = limits.velocity.tolist()
         if Ruckig(n).calculate(given, self._way) in (Result.Working, Result.Finished):
             self.duration = float(self._way.duration)
@@ -71,7 +71,7 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
 class StreamBlend:
     """Adds a decaying offset to a stream of commands, so that the stream begins at the arm's measured position.
 
-    An offset above `MAX_START_OFFSET` is cut to this value; the gate then refuses the command.
+    An offset above `MAX_BRIDGED_COMMAND_OFFSET` is cut to this value; the gate then refuses the command.
 
     Args:
         here: measured position, (n,) [rad].
@@ -79,14 +79,14 @@ class StreamBlend:
     """
 
     def __init__(self, here: Array, first_command: Array) -> None:
-        self._offset = np.clip(here - first_command, -MAX_START_OFFSET, MAX_START_OFFSET)
+        self._offset = np.clip(here - first_command, -MAX_BRIDGED_COMMAND_OFFSET, MAX_BRIDGED_COMMAND_OFFSET)
         self._cycle = 0
 
     def next_command(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Add the offset to the next command: positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
-        u = min(self._cycle * CONTROL_PERIOD_SECONDS / BLEND_SECONDS, 1.0)
+        u = min(self._cycle * CONTROL_PERIOD_SECONDS / START_OFFSET_DECAY_SECONDS, 1.0)
         self._cycle += 1
         if u == 1.0:
             return q, v, a
-        share, speed, acceleration = minimum_jerk(np.asarray(u), BLEND_SECONDS)
+        share, speed, acceleration = minimum_jerk(np.asarray(u), START_OFFSET_DECAY_SECONDS)
         return q + (1.0 - share) * self._offset, v - speed * self._offset, a - acceleration * self._offset

@@ -14,7 +14,7 @@ from pipeline.robot.protocol import RobotInterface
 ReferenceFunction = Callable[[float], Sequence[LineState]]
 """Function from the present time [s] to the states that the tool should have at the ends of the next cycles."""
 
-MAX_COMMAND_SILENCE = 0.031
+MAX_COMMAND_SILENCE_SECONDS = 0.031
 """Longest time without a command while the arm moves [s].
 
 The robot extrapolates the last command; after three cycles, the next one would exceed the joints' limits.
@@ -101,7 +101,7 @@ class DriveNode:
     def _send(self, now: float) -> None:
         previous, moving = self._smoother.state, not self._smoother.at_rest
         late = 0.0 if self.last_command_time is None else self._robot.time - self.last_command_time
-        if moving and not 0.0 <= late <= MAX_COMMAND_SILENCE:
+        if moving and not 0.0 <= late <= MAX_COMMAND_SILENCE_SECONDS:
             self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
             self.halt()
             return

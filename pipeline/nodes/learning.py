@@ -27,7 +27,7 @@ from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 
-FIRST_UPDATE_SECONDS = 1.0
+MOTION_BEFORE_ESTIMATE_SECONDS = 1.0
 """Duration of motion before the first estimate [s]; less does not determine the length."""
 
 
@@ -93,7 +93,7 @@ class EstimatorNode:
         Raises:
             TaskFailedError: the estimate is not a number; `model` is not changed.
         """
-        if not self._running or self.start is None or now - self.start < FIRST_UPDATE_SECONDS - 1e-9:
+        if not self._running or self.start is None or now - self.start < MOTION_BEFORE_ESTIMATE_SECONDS - 1e-9:
             return
         if self._worker.is_pending(self.name):
             return
@@ -129,7 +129,7 @@ class EstimatorNode:
 
 DOUBLET_ACCELERATION, DOUBLET_SECONDS = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet with which the motion starts."""
-REFERENCE_CYCLES = 30
+REFERENCE_HORIZON_CYCLES = 30
 """Number of control cycles for which the reference is given to the smoother."""
 
 
@@ -214,4 +214,4 @@ class SacNode:
 
     def _reference(self, now: float) -> Sequence[LineState]:
         first = round((now - self._plan_start) / self.settings.dt)
-        return self._plan[first : first + REFERENCE_CYCLES] or [LineState(self._drive.state.s)]
+        return self._plan[first : first + REFERENCE_HORIZON_CYCLES] or [LineState(self._drive.state.s)]

@@ -18,28 +18,28 @@ from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, 
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
 
-SLACK_FORCE = 0.02
-"""Force below which the string counts as slack if it lasts for `SLACK_SECONDS` [N]; an 80 g load pulls with 0.78 N."""
-SLACK_SECONDS = 0.05
-"""Duration of a force below `SLACK_FORCE` after which the string counts as slack [s]."""
-RECORDING_DELAY_SECONDS = 2 * SLACK_SECONDS
+MAX_SLACK_STRING_FORCE = 0.02
+"""Force below which the string counts as slack if it lasts for `MIN_SLACK_STRING_SECONDS` [N]; 80 g pull 0.78 N."""
+MIN_SLACK_STRING_SECONDS = 0.05
+"""Duration of a force below `MAX_SLACK_STRING_FORCE` after which the string counts as slack [s]."""
+RECORDING_DELAY_SECONDS = 2 * MIN_SLACK_STRING_SECONDS
 """Time for which samples wait before they are recorded [s]."""
-MAX_JUMP_SHARE = 0.25
+MAX_FORCE_JUMP_SHARE_OF_WEIGHT = 0.25
 """Largest change of the force between two samples while the string is taut, as a share of the load's weight.
 
 Trials without faults show 0.10.
 """
-JUMP_DRIFT_SHARE = 0.05
+EXTRA_JUMP_SHARE_PER_WAITING_SAMPLE = 0.05
 """Further change of the force per sample that waits after a jump, as a share of the load's weight."""
-JUMP_NOISE_DEVIATIONS = 10.0
+JUMP_MARGIN_STANDARD_DEVIATIONS = 10.0
 """Standard deviations of one sample that are added to the largest change."""
-LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
+LINE_CHANNEL_UNITS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 """Unit of each channel that describes gripper and load."""
 
 
 def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
     """Unit of each channel that the measurement node records, for an arm with these joints."""
-    units = {f"{place}{name}": unit for place in ("", "landing.") for name, unit in LINE_CHANNELS.items()}
+    units = {f"{place}{name}": unit for place in ("", "landing.") for name, unit in LINE_CHANNEL_UNITS.items()}
     for prefix, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N m")):
         units |= {f"{prefix}.{name}": unit for name in joint_names}
     return units
@@ -150,9 +150,9 @@ class MeasurementNode:
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         weight = STANDARD_GRAVITY * mass
-        jump = MAX_JUMP_SHARE * weight + JUMP_NOISE_DEVIATIONS * noise["load_force"]
+        jump = MAX_FORCE_JUMP_SHARE_OF_WEIGHT * weight + JUMP_MARGIN_STANDARD_DEVIATIONS * noise["load_force"]
         self.joint_check = JointReadingCheck(description.limits)
-        self.force_check = ForceReadingCheck(jump, JUMP_DRIFT_SHARE * weight, SLACK_FORCE)
+        self.force_check = ForceReadingCheck(jump, EXTRA_JUMP_SHARE_PER_WAITING_SAMPLE * weight, MAX_SLACK_STRING_FORCE)
         self.state: JointState = robot.joint_state()
         self.gripper_position = self._locate(self.state.q)[0]
 
@@ -169,9 +169,9 @@ class MeasurementNode:
         for sample in samples:
             self._force.append(sample.time, sample.force)
             wait(("load_force", sample.time, sample.force))
-            if sample.force > SLACK_FORCE or self._pulled_at is None or not self.load_hangs:
+            if sample.force > MAX_SLACK_STRING_FORCE or self._pulled_at is None or not self.load_hangs:
                 self._pulled_at = sample.time
-            elif sample.time - self._pulled_at > SLACK_SECONDS and self.fault is None:
+            elif sample.time - self._pulled_at > MIN_SLACK_STRING_SECONDS and self.fault is None:
                 self.fault = (
                     f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
                 )

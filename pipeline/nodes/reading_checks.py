@@ -21,11 +21,11 @@ MAX_READING_AGE_SECONDS = 0.05
 """Largest age of a reading [s]."""
 MAX_STAMP_LEAD_SECONDS = 0.02
 """Largest time by which a reading's time stamp may be ahead of the robot's clock [s]."""
-MAX_SPEED_SHARE = 2.0
+MAX_SPEED_TO_LIMIT_RATIO = 2.0
 """Largest plausible speed of a joint, as a share of its velocity limit; trials without faults show 0.74."""
-MAX_REST_DIFFERENCE = 0.01
+MAX_READING_CHANGE_AT_REST = 0.01
 """Largest plausible difference of two readings of a joint at rest [rad], far above noise and resolution."""
-MAX_EFFORT_SHARE = 3.0
+MAX_EFFORT_TO_LIMIT_RATIO = 3.0
 """Largest plausible effort of a joint, as a share of its effort limit."""
 
 
@@ -118,12 +118,12 @@ class JointReadingCheck(ReadingCheck):
         stamp = _stamp_problem(state.time, now)
         if stamp is not None:
             return stamp
-        quick = MAX_SPEED_SHARE * self._limits.velocity
+        quick = MAX_SPEED_TO_LIMIT_RATIO * self._limits.velocity
         speed, effort = np.abs(np.nan_to_num(state.v)), np.abs(np.nan_to_num(state.tau))
-        if not (np.all(speed <= quick) and np.all(effort <= MAX_EFFORT_SHARE * self._limits.effort)):
+        if not (np.all(speed <= quick) and np.all(effort <= MAX_EFFORT_TO_LIMIT_RATIO * self._limits.effort)):
             return ReadingRefusal.OUT_OF_RANGE
         if last is not None and np.any(
-            np.abs(state.q - last.q) > quick * (state.time - last.time) + MAX_REST_DIFFERENCE
+            np.abs(state.q - last.q) > quick * (state.time - last.time) + MAX_READING_CHANGE_AT_REST
         ):
             return ReadingRefusal.JUMP
         return None

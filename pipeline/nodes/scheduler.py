@@ -13,7 +13,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.processes import HighPriorityThread
 from pipeline.robot.protocol import RobotInterface
 
-CLOCK_TOLERANCE_SECONDS = 1e-3
+MAX_BACKWARD_CLOCK_STEP_SECONDS = 1e-3
 """Allowed backward step of a clock between two readings [s]."""
 
 
@@ -152,7 +152,7 @@ class Scheduler:
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:
         # Written in this form, the comparison also fails for a time that is nan.
-        if not -CLOCK_TOLERANCE_SECONDS <= late <= patience:
+        if not -MAX_BACKWARD_CLOCK_STEP_SECONDS <= late <= patience:
             raise ClockError(
                 f"the loop stood still or its clock jumped at {self._seen:.2f} s: while {what} ({self.running} node) "
                 f"{1e3 * late:.0f} ms passed that should not have: check this computer's load and the robot's clock"

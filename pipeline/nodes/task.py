@@ -22,17 +22,17 @@ from pipeline.nodes.background import BackgroundWorker
 from pipeline.nodes.drive import DriveNode
 from pipeline.robot.protocol import Vector
 
-PLAN_TOLERANCE = 0.004
+MAX_PLAN_CHANGE_BY_SMOOTHING = 0.004
 """Largest change of the gripper's planned position by smoothing [m]; the load misses its target by about as much."""
-TOUCH_DISTANCE = 0.05
+BOX_TOUCH_DISTANCE = 0.05
 """Planned distance of the load from the box below which it may touch the box [m]."""
-END_MARGIN = 0.01
+LINE_END_MARGIN = 0.01
 """Distance of planned motions from the ends of the line [m]."""
-FIRST_LEAD_SECONDS = 2.0
+FIRST_PLAN_LEAD_SECONDS = 2.0
 """Time between the begin of planning and the begin of the motion on a real robot [s]; planning takes about 1 s."""
-MAX_PLANS = 3
+MAX_PLANNING_ATTEMPTS = 3
 """Largest number of plans that are tried if planning is too slow; each has twice the time of the one before."""
-MAX_PLANNING_SECONDS = MAX_PLANS * FIRST_LEAD_SECONDS * 2 ** (MAX_PLANS - 1) + 2.0
+MAX_PLANNING_SECONDS = MAX_PLANNING_ATTEMPTS * FIRST_PLAN_LEAD_SECONDS * 2 ** (MAX_PLANNING_ATTEMPTS - 1) + 2.0
 """Longest time until a requested motion begins on a real robot, coming to rest included [s]."""
 
 FeasibilityCheck = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
@@ -79,7 +79,7 @@ class TaskSettings:
             wall=(self.box.near_wall, -self.box.rim),
             clearance=self.clearance,
             least_tension=self.least_tension,
-            reach=(float(limits.s[0]) + END_MARGIN, float(limits.s[-1]) - END_MARGIN),
+            reach=(float(limits.s[0]) + LINE_END_MARGIN, float(limits.s[-1]) - LINE_END_MARGIN),
         )
 
     def settling_cost(self, length: float, angle: float) -> TaskCost:
@@ -140,7 +140,7 @@ class _Request:
 
     task: Callable[[float], _Task]
     announce: Callable[[float], None] | None = None
-    lead: float = FIRST_LEAD_SECONDS
+    lead: float = FIRST_PLAN_LEAD_SECONDS
     tries: int = 0
     due: float = nan
     ready: _Planned | None = None
@@ -214,7 +214,7 @@ class TaskNode:
         elif request.ready is None:
             if not self._worker.is_pending(self.name) and self._drive.at_rest:
                 request.tries += 1
-                if request.tries > MAX_PLANS:
+                if request.tries > MAX_PLANNING_ATTEMPTS:
                     raise TaskFailedError(
                         f"planning took longer than {request.lead / 2:g} s: this computer is too busy"
                     )
@@ -301,7 +301,7 @@ class TaskNode:
 
     def _approach(self, swing: SwingPlan) -> float:
         """Time in the swing from which the load may touch the box [s]."""
-        close = swing.load[:, 0] > self.settings.box.near_wall - TOUCH_DISTANCE
+        close = swing.load[:, 0] > self.settings.box.near_wall - BOX_TOUCH_DISTANCE
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan, here: LineState) -> LineTrajectory:
@@ -314,7 +314,7 @@ class TaskNode:
         )  # the plan's speeds belong to the middle of each step
         motion = smooth_reference(plan.x, v, CONTROL_PERIOD_SECONDS, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
-        if not missed.max() <= PLAN_TOLERANCE:
+        if not missed.max() <= MAX_PLAN_CHANGE_BY_SMOOTHING:
             k = int(missed.argmax())
             raise TaskFailedError(
                 f"the plan is not feasible: at {plan.time[k]:.2f} s it wants the gripper at {plan.x[k]:.3f} m with "

@@ -12,7 +12,7 @@ from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, s
 from pipeline.batch.run import BatchRow
 from pipeline.report.theme import BLUE, BLUE_BAND_FILL, CURVE_COLOURS, GREY, PALE_BLUE_GREY, TEXT_COLOUR, VERMILLION
 
-MAX_EVENT_CHARTS = 12
+MAX_CHANGE_CHARTS = 12
 """Largest number of changes that have a figure; the table lists all changes."""
 MAX_PARAMETER_CHARTS = 60
 """Largest number of parameters that have a figure over time."""
@@ -28,7 +28,7 @@ def parameter_change_section(history: ParameterHistory) -> Section:
         f"marked with a probability of {100 * test.false_alarms:.2g} %, and a drift likewise."
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
-    charts = [_event_chart(event, history) for event in history.events[:MAX_EVENT_CHARTS]]
+    charts = [_event_chart(event, history) for event in history.events[:MAX_CHANGE_CHARTS]]
     steps = [(event, step) for event in history.events for step in event][:MAX_TABLE_ROWS]
     drifts = test.drifts[:MAX_TABLE_ROWS]
     tables = [

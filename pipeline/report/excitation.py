@@ -19,7 +19,7 @@ from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section, limit_use_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number_text
 
-MAX_UNKNOWN_ROWS = 400
+MAX_TABLE_ROWS_OF_UNKNOWNS = 400
 """Largest number of rows of the table of unknowns; the JSON lists all unknowns."""
 MAX_CURVE_SAMPLES = 2000
 """Largest number of drawn samples of a joint's curve."""
@@ -78,7 +78,7 @@ def excitation_report(found: Excitation) -> Document:
             if other is not None
         ]
         figures = [*better, *figures]
-    document = excitation_document(found, MAX_UNKNOWN_ROWS)
+    document = excitation_document(found, MAX_TABLE_ROWS_OF_UNKNOWNS)
     tells, moves = document.sections
     return replace(
         document,

@@ -11,7 +11,7 @@ from ik import PathTable
 from pipeline.report.theme import LIMIT_STYLE, MODEL_STYLE, REFERENCE_STYLE
 from urdf import Line, Robot
 
-TIGHT_JOINT_MARGIN = 0.1
+TIGHT_JOINT_LIMIT_MARGIN = 0.1
 """Distance to a joint limit below which the report of an IK table warns [rad]."""
 
 
@@ -26,7 +26,9 @@ def ik_document(table: PathTable) -> Document:
     extent = f"s = {table.s[0]:g} to {table.s[-1]:g} m"
     return Document(
         title=f"IK table of {table.robot_name}",
-        level=ResultLevel.CAUTION if table.joint_margin < TIGHT_JOINT_MARGIN or overloaded > 1.0 else ResultLevel.GOOD,
+        level=ResultLevel.CAUTION
+        if table.joint_margin < TIGHT_JOINT_LIMIT_MARGIN or overloaded > 1.0
+        else ResultLevel.GOOD,
         verdict=f"{table.s[-1] - table.s[0]:.2f} m of {kind}, {core:.2f} m/s in its core, "
         f"every joint at least {table.joint_margin:.2f} rad from its limits, "
         f"holding still takes up to {100 * overloaded:.0f} % of a torque limit.",

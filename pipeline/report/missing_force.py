@@ -28,7 +28,7 @@ MISSING_FORCE_HINT = (
 )
 BAND_STANDARD_ERRORS = 2.0
 """Half width of a drawn uncertainty band [standard errors]."""
-PANEL_GAP_SHARE = 0.025
+PANEL_GAP_SHARE_OF_WIDTH = 0.025
 """Gap between two panels of the figure, as a share of the figure's width."""
 PANEL_HEIGHT_PIXELS = 330
 """Height of the figure of the missing force [px]."""
@@ -72,7 +72,7 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
 def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     """Panels side by side on one vertical axis; `go.Figure` is avoided because its checks are too slow for a click."""
     unit, count = curves[0].unit, len(curves)
-    width = (1.0 - PANEL_GAP_SHARE * (count - 1)) / count
+    width = (1.0 - PANEL_GAP_SHARE_OF_WIDTH * (count - 1)) / count
     layout: dict[str, Any] = {
         "height": PANEL_HEIGHT_PIXELS,
         "margin": {"t": 40},
@@ -82,7 +82,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     layout["yaxis"] = {"title": {"text": f"missing {QUANTITY_BY_UNIT.get(unit, RATE_QUANTITY)} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
-        number, start = str(i + 1) if i else "", i * (width + PANEL_GAP_SHARE)
+        number, start = str(i + 1) if i else "", i * (width + PANEL_GAP_SHARE_OF_WIDTH)
         title = f"{COVARIATE_WORDS.get(curve.against, curve.against)} [{curve.x_unit}]"
         domain = [start, min(start + width, 1.0)]
         layout[f"xaxis{number}"] = {"title": {"text": title}, "domain": domain, "anchor": "y", "nticks": 5}

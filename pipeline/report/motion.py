@@ -25,7 +25,7 @@ from pipeline.report.theme import (
 MOTION_TITLE = "Motion"
 MOTION_CHART_HEIGHT_PIXELS = 380
 """Height of the figure of a joint's motion [px]."""
-ERROR_PANEL_SHARE, MOTION_GAP = 0.42, 0.06
+ERROR_PANEL_SHARE_OF_HEIGHT, PANEL_GAP_SHARE_OF_HEIGHT = 0.42, 0.06
 """Shares of a figure's height: of the lower panel with the error, and of the gap below the panel with positions."""
 
 
@@ -59,7 +59,10 @@ def _picture(of: SimulatedPositionError) -> dict[str, Any]:
         "meta": WIDE_FIGURE,
     }
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
-    top, bottom = ERROR_PANEL_SHARE + MOTION_GAP, ERROR_PANEL_SHARE - MOTION_GAP
+    top, bottom = (
+        ERROR_PANEL_SHARE_OF_HEIGHT + PANEL_GAP_SHARE_OF_HEIGHT,
+        ERROR_PANEL_SHARE_OF_HEIGHT - PANEL_GAP_SHARE_OF_HEIGHT,
+    )
     layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [top, 1.0]}
     layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, bottom], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}

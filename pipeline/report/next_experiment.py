@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, ProposedExperiment
+from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ExperimentPlan, ProposedExperiment
 from armdyn.experiments.separation import RefittedRival
 from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL_STYLE, GREY, ORANGE, TIME_AXIS, stacked_figure
@@ -60,7 +60,7 @@ def next_experiment_document(plan: ExperimentPlan | None, sentence: str, output:
         sentence: summary for a person.
         output: file with the designed motion, for a next step; None where no motion was written.
     """
-    hopeful = plan is None or any(p.expected.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
+    hopeful = plan is None or any(p.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY for p in plan.proposals)
     steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
     return replace(
         Document("", "") if plan is None else plan.document(),

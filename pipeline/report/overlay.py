@@ -20,9 +20,9 @@ from armdyn.run import Run
 from pipeline.report.page import radio_buttons_html
 from pipeline.report.theme import MAX_PLOTTED_POINTS, channel_quantity, channel_short_name, thinned_signal
 
-MAX_PAGE_VALUES = 200_000
+MAX_CURVE_VALUES_PER_PAGE = 200_000
 """Largest number of values of all curves together: about half a megabyte in the page."""
-MIN_CURVE_POINTS = 300
+MIN_POINTS_PER_CURVE = 300
 """Smallest number of points of each curve, however many curves there are."""
 
 FITTED_RUN, HELD_OUT_RUN, RUN_PREDICTED_IN_TURN, EXAM_RUN = (
@@ -212,7 +212,7 @@ class OverlayFigure:
     def points(self) -> int:
         """Number of points to which each curve is thinned, so that the page stays small."""
         rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in self.curves)
-        return int(np.clip(MAX_PAGE_VALUES // max(rows, 1), MIN_CURVE_POINTS, MAX_PLOTTED_POINTS))
+        return int(np.clip(MAX_CURVE_VALUES_PER_PAGE // max(rows, 1), MIN_POINTS_PER_CURVE, MAX_PLOTTED_POINTS))
 
     def widget(self) -> Widget:
         """HTML of the controls, and the curves as data for the page's script."""

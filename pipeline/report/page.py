@@ -179,7 +179,7 @@ def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html
 
 
-MAX_DRAWING_ERROR_SHARE = 1e-5
+MAX_ROUNDING_SHARE_OF_ARRAY_RANGE = 1e-5
 """Largest rounding error of a drawn value, as a share of its array's range; a screen shows less."""
 
 
@@ -193,7 +193,9 @@ def _light(value: Any) -> Any:
         return {key: _light(entry) for key, entry in value.items()}
     array = np.frombuffer(base64.b64decode(value["bdata"]), dtype="<f8")
     finite = array[np.isfinite(array)]
-    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > MAX_DRAWING_ERROR_SHARE * np.ptp(finite):
+    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > MAX_ROUNDING_SHARE_OF_ARRAY_RANGE * np.ptp(
+        finite
+    ):
         return value
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
 

@@ -7,25 +7,25 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH_STYLE, number_text, percent_text
-from pipeline.trial.table import LENGTH_GUESSES, TableOne
+from pipeline.trial.table import STRING_LENGTH_GUESSES, TableOne
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
     "estimation show that such a box exists and are no prediction. The height of its rim is the sensitive number."
 )
-PAPER_LENGTH_STD = 0.0042
+PAPER_STRING_LENGTH_STD = 0.0042
 """Standard deviation of the string lengths that the paper estimated [m]."""
-MIN_SUCCESS_SHARE = 0.5
+MIN_SUCCESSFUL_SEED_SHARE = 0.5
 """Share of random seeds above which a first guess of the length counts as successful."""
 
 
 def table_one_report(table: TableOne) -> Document:
     """Report of Table I of the paper: share of successful trials and estimated lengths, by first guess of length."""
-    estimates, total = table.estimates, len(LENGTH_GUESSES)
+    estimates, total = table.estimates, len(STRING_LENGTH_GUESSES)
     without, with_estimation = (percent_text(float(shares.mean())) for shares in table.success_shares)
-    as_paper = np.count_nonzero((table.success_shares[0] > MIN_SUCCESS_SHARE) == table.succeeded_in_paper)
-    learnt = np.count_nonzero(table.success_shares[1] > MIN_SUCCESS_SHARE)
-    spread = f"std; {number_text(PAPER_LENGTH_STD, 'm', 2)} in the paper"
+    as_paper = np.count_nonzero((table.success_shares[0] > MIN_SUCCESSFUL_SEED_SHARE) == table.succeeded_in_paper)
+    learnt = np.count_nonzero(table.success_shares[1] > MIN_SUCCESSFUL_SEED_SHARE)
+    spread = f"std; {number_text(PAPER_STRING_LENGTH_STD, 'm', 2)} in the paper"
     return Document(
         title="Table I: does learning the length help?",
         level=ResultLevel.BAD if learnt < total else ResultLevel.GOOD if as_paper == total else ResultLevel.CAUTION,
@@ -47,7 +47,7 @@ def table_one_report(table: TableOne) -> Document:
 
 def _success_section(table: TableOne) -> Section:
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
-    guesses = [f"{guess:.3f}" for guess in LENGTH_GUESSES]
+    guesses = [f"{guess:.3f}" for guess in STRING_LENGTH_GUESSES]
     without, learnt = table.success_shares.tolist()
     for name, colour, shares in (("without estimation", ORANGE, without), ("with estimation", BLUE, learnt)):
         low, high = 100 * np.transpose([success_interval(share, table.seeds) for share in shares])
@@ -64,7 +64,7 @@ def _success_section(table: TableOne) -> Section:
         Column("without", list(map(percent_text, without))),
         Column("with", list(map(percent_text, learnt))),
         Column("paper, without", ["succeeds" if succeeds else "fails" for succeeds in table.succeeded_in_paper]),
-        Column("paper, with", ["succeeds"] * len(LENGTH_GUESSES)),
+        Column("paper, with", ["succeeds"] * len(STRING_LENGTH_GUESSES)),
         Column("mean estimate [m]", table.estimates.mean(axis=1).tolist(), ".4f"),
         Column("std [mm]", (1e3 * table.estimates.std(axis=1)).tolist(), ".2f"),
     ])  # fmt: skip
@@ -85,15 +85,15 @@ def _estimates_section(table: TableOne) -> Section:
     )
     figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
     rng = np.random.default_rng(0)  # spread points that would cover each other
-    for i, (guess, errors) in enumerate(zip(LENGTH_GUESSES, 1e3 * table.errors, strict=True)):
+    for i, (guess, errors) in enumerate(zip(STRING_LENGTH_GUESSES, 1e3 * table.errors, strict=True)):
         figure.add_scatter(
             x=i + rng.uniform(-0.18, 0.18, errors.size), y=errors, name=f"guess {guess:.3f} m",
             mode="markers", marker={"color": BLUE, "size": 6, "opacity": 0.65},
         )  # fmt: skip
-    figure.add_scatter(x=[-0.5, len(LENGTH_GUESSES) - 0.5], y=[0, 0], name="truth", **TRUTH_STYLE)
+    figure.add_scatter(x=[-0.5, len(STRING_LENGTH_GUESSES) - 0.5], y=[0, 0], name="truth", **TRUTH_STYLE)
     figure.update_xaxes(
-        title_text="first guess of the length [m]", tickvals=list(range(len(LENGTH_GUESSES))),
-        ticktext=[f"{guess:.3f}" for guess in LENGTH_GUESSES], showgrid=False, zeroline=False,
+        title_text="first guess of the length [m]", tickvals=list(range(len(STRING_LENGTH_GUESSES))),
+        ticktext=[f"{guess:.3f}" for guess in STRING_LENGTH_GUESSES], showgrid=False, zeroline=False,
     )  # fmt: skip
     figure.update_yaxes(title_text="estimate − truth [mm]")
     return Section("Estimates", sentence, [Chart(figure, "A point per trial; dotted: the truth.")])

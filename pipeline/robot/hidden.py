@@ -55,11 +55,11 @@ class HiddenEffect:
     term: Callable[..., Any] | None = None
 
 
-STANDSTILL_RATE = 1e-3
+FULL_DRY_FRICTION_SWING_RATE = 1e-3
 """Rate of the swing angle below which the dry friction at the pivot is smaller than its full value [rad/s]."""
 STRIBECK_SPEED = 0.1
 """Stribeck speed of the joints: the additional friction near standstill falls as exp(-(v / speed)²) [rad/s]."""
-MAGNET_POSITION, MAGNET_DEPTH = 0.1, 0.04
+MAGNET_POSITION_ALONG_LINE, MAGNET_DEPTH_BELOW_LOAD = 0.1, 0.04
 """Position of the magnet along the gripper's line, and its depth below the load [m]."""
 
 
@@ -70,7 +70,7 @@ def magnet_force(value: float, along: float) -> float:
         value: strength of the magnet [N].
         along: coordinate of the load on the line [m].
     """
-    away = (along - MAGNET_POSITION) / MAGNET_DEPTH
+    away = (along - MAGNET_POSITION_ALONG_LINE) / MAGNET_DEPTH_BELOW_LOAD
     return -value * away / (1.0 + away**2) ** 2.5
 
 
@@ -83,7 +83,7 @@ def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
         reversal: change of the rate by a torque of 1 N m in one step of the simulation [rad/s].
     """
     # A regularised sign is stable where friction cannot reverse the motion within one step.
-    standstill = max(STANDSTILL_RATE, 2.0 * value * reversal)
+    standstill = max(FULL_DRY_FRICTION_SWING_RATE, 2.0 * value * reversal)
     return value * math.tanh(rate / standstill) / rate if rate > 0.0 else 0.0
 
 

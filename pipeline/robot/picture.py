@@ -107,11 +107,11 @@ def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> Non
 
 Pixels = npt.NDArray[np.uint8]
 
-PICTURE_GRID_SHAPE = (3, 2)
+PICTURE_GRID_COLUMNS_AND_ROWS = (3, 2)
 """Columns and rows of a grid of still pictures."""
-TRAIL_STRIDE = 4
+SAMPLES_PER_TRAIL_DOT = 4
 """Samples of the recorded motion between two drawn dots of the load's trail."""
-TRAIL_DOT = (0.004, (0.8, 0.1, 0.1, 0.35))
+TRAIL_DOT_RADIUS_AND_COLOUR = (0.004, (0.8, 0.1, 0.1, 0.35))
 """Radius [m] and colour of the dots that mark the load's path."""
 
 
@@ -149,7 +149,9 @@ def render_swing(
     if animated:
         moments = np.arange(history.time[0], history.time[-1] + 1e-9, 1.0 / frames_per_second)
     else:
-        moments = np.linspace(history.time[0], history.time[-1], PICTURE_GRID_SHAPE[0] * PICTURE_GRID_SHAPE[1])
+        moments = np.linspace(
+            history.time[0], history.time[-1], PICTURE_GRID_COLUMNS_AND_ROWS[0] * PICTURE_GRID_COLUMNS_AND_ROWS[1]
+        )
     images = []
     for pixels in _frames(robot, settings, history, moments, size):
         images.append(Image.fromarray(pixels))
@@ -183,7 +185,7 @@ def _frames(
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
-            yield draw(data, camera, history.load[: index + 1 : TRAIL_STRIDE])
+            yield draw(data, camera, history.load[: index + 1 : SAMPLES_PER_TRAIL_DOT])
 
 
 def _camera(line: urdf.Line) -> mujoco.MjvCamera:
@@ -233,7 +235,7 @@ def _drawing(
 
 def _add_trail(scene: mujoco.MjvScene, points: Vector) -> None:
     """Add dots at the given points (k, 3) [m] to the scene."""
-    radius, colour = TRAIL_DOT
+    radius, colour = TRAIL_DOT_RADIUS_AND_COLOUR
     for point in points[: scene.maxgeom - scene.ngeom]:
         mujoco.mjv_initGeom(
             scene.geoms[scene.ngeom],
@@ -269,7 +271,10 @@ def _egl_context(width: int, height: int) -> "mujoco.egl.GLContext":
 def _sheet(images: list[Image.Image]) -> Image.Image:
     """The pictures in a grid, row by row."""
     width, height = images[0].size
-    sheet = Image.new("RGB", (PICTURE_GRID_SHAPE[0] * width, PICTURE_GRID_SHAPE[1] * height))
+    sheet = Image.new("RGB", (PICTURE_GRID_COLUMNS_AND_ROWS[0] * width, PICTURE_GRID_COLUMNS_AND_ROWS[1] * height))
     for index, image in enumerate(images):
-        sheet.paste(image, (index % PICTURE_GRID_SHAPE[0] * width, index // PICTURE_GRID_SHAPE[0] * height))
+        sheet.paste(
+            image,
+            (index % PICTURE_GRID_COLUMNS_AND_ROWS[0] * width, index // PICTURE_GRID_COLUMNS_AND_ROWS[0] * height),
+        )
     return sheet

@@ -106,7 +106,7 @@ def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
 
 TIME_STEP = 1e-3
 """Time step of the simulation [s]."""
-RIGID_ARMATURE = 1e6
+LOCKED_JOINT_ARMATURE = 1e6
 """Rotor inertia that keeps a joint from moving [kg m^2]."""
 
 
@@ -216,7 +216,7 @@ def _tune_joints(
         joint = model.joint(name)
         dof, body = joint.dofadr[0], joint.bodyid[0]
         armature = servo.armature[i] + hidden["rotor_inertia"] * share[i]
-        model.dof_armature[dof] = RIGID_ARMATURE if settings.rigid_arm else armature
+        model.dof_armature[dof] = LOCKED_JOINT_ARMATURE if settings.rigid_arm else armature
         model.dof_frictionloss[dof] = servo.friction[i] + hidden["joint_coulomb_friction"] * share[i]
         model.dof_damping[dof] += hidden["joint_viscous_friction"] * share[i]
         model.body_mass[body] *= link_scale[i]

@@ -19,9 +19,9 @@ from pipeline.robot.truth import PlantTruth, TrueMotion, swing_angle
 
 MIN_LANDED_SECONDS = 0.2
 """Time for which the load must be in the box without a break to count as landed [s]."""
-HISTORY_STRIDE = 10
+STEPS_PER_TRUE_MOTION_SAMPLE = 10
 """Number of simulation steps between two samples of the true motion."""
-MAX_SQUARED_SPEED = 1e8
+MAX_SUM_OF_SQUARED_SPEEDS = 1e8
 """Sum of squared velocities above which the simulation has diverged [rad^2/s^2, m^2/s^2]."""
 
 
@@ -152,7 +152,7 @@ class SimulatedRobot:
         q = data.qpos[plant.dofs]
         mujoco.mj_step2(plant.model, data)
         # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
-        if not data.qvel @ data.qvel < MAX_SQUARED_SPEED:
+        if not data.qvel @ data.qvel < MAX_SUM_OF_SQUARED_SPEEDS:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
@@ -161,7 +161,7 @@ class SimulatedRobot:
         angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.depends_on_direction else 0.0
         self._cell.apply_tension(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
-        if self._steps % HISTORY_STRIDE == 0:
+        if self._steps % STEPS_PER_TRUE_MOTION_SAMPLE == 0:
             self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))
         self._steps += 1
 

@@ -10,13 +10,13 @@ from pipeline.ros.bridge import Bridge
 
 MIN_POWER_STATE_PERIOD_SECONDS = 0.02
 """Shortest time between two messages on the power state that the bridge passes on [s]."""
-REQUEST_PERIOD_SECONDS = 0.1
+REQUEST_REPEAT_PERIOD_SECONDS = 0.1
 """Time after which a request is repeated if the robot's state has not changed [s], as in the robot's SDK."""
 POWER_STATE_TIMEOUT_SECONDS, RESET_TIMEOUT_SECONDS, ENABLE_TIMEOUT_SECONDS = 3.0, 3.0, 10.0
 """Longest waiting times for the first power state, for a reset and for enabling, which may include homing [s]."""
-BUTTON_PRESSED, BUTTON_RELEASED = 1, 3
+ESTOP_BUTTON_PRESSED, ESTOP_BUTTON_RELEASED = 1, 3
 """Values of the field ``estop_button``, the state of the red emergency-stop button; 0 is untouched, 2 unknown."""
-STOP_SOURCES = {
+ESTOP_SOURCES = {
     0: "",
     1: " by the red button",
     2: " by software",
@@ -35,8 +35,8 @@ class AssemblyState:
         ready: whether homing is finished; robots before SDK 1.2 do not report it and count as ready.
         error: whether there is a fault, which may be harmless while the robot is enabled.
         stopped: whether an emergency stop is active; it must be reset.
-        estop_button: state of the red emergency-stop button, see `BUTTON_PRESSED`.
-        estop_source: cause of the stop, see `STOP_SOURCES`.
+        estop_button: state of the red emergency-stop button, see `ESTOP_BUTTON_PRESSED`.
+        estop_source: cause of the stop, see `ESTOP_SOURCES`.
     """
 
     enabled: bool = False
@@ -68,7 +68,7 @@ class AssemblyState:
     def trouble(self) -> str | None:
         """Reason why the robot does not follow commands, as a sentence; None if it follows them."""
         if self.stopped:
-            return f"the robot was stopped{STOP_SOURCES.get(self.estop_source, '')}: look why, then start again"
+            return f"the robot was stopped{ESTOP_SOURCES.get(self.estop_source, '')}: look why, then start again"
         if not self.enabled:
             return "the robot is not enabled any more: look at its display, then start again"
         return None
@@ -110,7 +110,7 @@ class BaxterPower:
             )
         state = self._state
         assert state is not None, "a state was waited for"
-        if state.estop_button == BUTTON_PRESSED:
+        if state.estop_button == ESTOP_BUTTON_PRESSED:
             raise InputError("the emergency stop is pressed: release it, then start again")
         if state.stopped or (state.error and not state.enabled):
             self._ask("set_super_reset", {}, lambda s: s.is_reset, RESET_TIMEOUT_SECONDS, "could not be reset")
@@ -126,11 +126,11 @@ class BaxterPower:
         self, what: str, message: Mapping[str, Any], done: Callable[[AssemblyState], bool], patience: float, failed: str
     ) -> None:
         """Repeat a request until the robot's state shows that it was followed."""
-        for _ in range(round(patience / REQUEST_PERIOD_SECONDS)):
+        for _ in range(round(patience / REQUEST_REPEAT_PERIOD_SECONDS)):
             if self._wait(done, 0.0):
                 return
             self._bridge.publish(f"{self._name}/{what}", message)
-            if self._wait(done, REQUEST_PERIOD_SECONDS):
+            if self._wait(done, REQUEST_REPEAT_PERIOD_SECONDS):
                 return
         raise InputError(f"the robot {failed} within {patience:g} s: look at its display")
 

@@ -25,7 +25,7 @@ SEND_TIMEOUT_SECONDS = 0.02
 """Longest time in which the operating system must accept a message [s]: two control cycles."""
 CLOSE_TIMEOUT_SECONDS = 1.0
 """Longest time in which the bridge must end the connection after a request to close [s]."""
-RECEIVE_BYTES = 1 << 16
+MAX_BYTES_PER_READ = 1 << 16
 """Largest number of bytes in one read from the connection."""
 
 
@@ -183,7 +183,7 @@ class Bridge(Closable):
 
     def _read(self) -> bytes:
         """Read once and acknowledge at once; empty where the other side has ended the connection."""
-        data = self._socket.recv(RECEIVE_BYTES)
+        data = self._socket.recv(MAX_BYTES_PER_READ)
         if hasattr(socket, "TCP_QUICKACK"):  # Linux only; the option must be set again after every read
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         return data

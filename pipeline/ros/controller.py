@@ -12,7 +12,7 @@ import numpy as np
 
 import urdf
 from pipeline.robot.protocol import Vector
-from pipeline.ros.baxter import BUTTON_PRESSED, BUTTON_RELEASED, AssemblyState
+from pipeline.ros.baxter import ESTOP_BUTTON_PRESSED, ESTOP_BUTTON_RELEASED, AssemblyState
 from pipeline.ros.bridge import Message
 from pipeline.ros.states import finite_array
 from pipeline.ros.topics import JOINT_COMMAND_MODES
@@ -95,20 +95,20 @@ class BaxterController:
         changed, self._changed = self._changed, False
         return (self._reference, self._v, self._a) if changed else None
 
-    def press(self, button: int = BUTTON_PRESSED, source: int = 1) -> None:
+    def press(self, button: int = ESTOP_BUTTON_PRESSED, source: int = 1) -> None:
         """Simulate an emergency stop, which disables the arm until it is released and reset.
 
         Args:
             button: state of the red button.
-            source: cause of the stop, see `STOP_SOURCES`; 1 is the button.
+            source: cause of the stop, see `ESTOP_SOURCES`; 1 is the button.
         """
         self.state = AssemblyState(ready=False, stopped=True, estop_button=button, estop_source=source)
         self._enabled_at = None
 
     def release(self) -> None:
         """Release the red button; the robot stays stopped until it is reset."""
-        if self.state.estop_button == BUTTON_PRESSED:
-            self.state = replace(self.state, estop_button=BUTTON_RELEASED)
+        if self.state.estop_button == ESTOP_BUTTON_PRESSED:
+            self.state = replace(self.state, estop_button=ESTOP_BUTTON_RELEASED)
 
     def handle_enable(self, message: Message, now: float) -> None:
         """Handle a message on ``set_super_enable``, a Bool: enable or disable the arm."""
@@ -119,7 +119,7 @@ class BaxterController:
 
     def handle_reset(self, _message: Message, _now: float) -> None:
         """Handle a message on ``set_super_reset``: reset an emergency stop."""
-        if self.state.estop_button != BUTTON_PRESSED:
+        if self.state.estop_button != ESTOP_BUTTON_PRESSED:
             self.state = DISABLED_STATE
 
     def handle_stop(self, _message: Message, _now: float) -> None:

@@ -55,11 +55,11 @@ class MasterWatch:
 PING_TOPIC = "/armdyn/ping"
 PING_COUNT = 50
 """Number of messages (pings) that are sent to measure the round-trip time."""
-PING_PERIOD = 0.01
+PING_PERIOD_SECONDS = 0.01
 """Time between two pings [s], as between commands, because the bridge's delays depend on it."""
-PING_TIMEOUT = 3.0
+PING_TIMEOUT_SECONDS = 3.0
 """Longest waiting time for the first ping to return, and for the rest after the last ping [s]."""
-MIN_PING_SHARE = 0.5
+MIN_RETURNED_PING_SHARE = 0.5
 """Smallest share of pings that must return through a working bridge."""
 _names = count()
 
@@ -84,19 +84,19 @@ def round_trip_times(bridge: Bridge) -> Percentiles:
 
     bridge.advertise(topic, "std_msgs/Float64")
     bridge.subscribe(topic, "std_msgs/Float64", take)
-    for _ in range(round(PING_TIMEOUT / 0.05)):  # wait until publisher and subscriber are connected
+    for _ in range(round(PING_TIMEOUT_SECONDS / 0.05)):  # wait until publisher and subscriber are connected
         bridge.publish(topic, {"data": -1.0})
         if heard.wait(0.05):
             break
     for number in range(PING_COUNT):
         sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
-        time.sleep(PING_PERIOD)
-    end = time.monotonic() + PING_TIMEOUT
+        time.sleep(PING_PERIOD_SECONDS)
+    end = time.monotonic() + PING_TIMEOUT_SECONDS
     while len(took) < PING_COUNT and time.monotonic() < end:
-        time.sleep(PING_PERIOD)
+        time.sleep(PING_PERIOD_SECONDS)
     spread = Percentiles.of(took.values())
-    if spread is None or spread.count < MIN_PING_SHARE * PING_COUNT:
+    if spread is None or spread.count < MIN_RETURNED_PING_SHARE * PING_COUNT:
         raise InputError(
             f"{bridge.uri}: {len(took)} of {PING_COUNT} messages came back: does the bridge reach the ROS master?"
         )

@@ -12,7 +12,7 @@ import numpy as np
 
 import urdf
 from armdyn.errors import TaskFailedError
-from armdyn.recording.channels import MIN_SAMPLES, Channel
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import ForeignColumn, SampleAccount
 from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
@@ -83,7 +83,7 @@ def record_run(
     said = [f"load cell, {count} times: {fault.value}" for fault, count in faults.items() if count]
     columns, account, notes = heard.columns()
     said += [account.sentence, *notes]
-    if account.kept < MIN_SAMPLES:
+    if account.kept < MIN_COMPARED_CHANNEL_SAMPLES:
         raise TaskFailedError(f"{ended or 'it was ended'}; {account.sentence}: too few to be written")
     run = _run(arm, columns, forces, start, output, used, said)
     write_run_csv(run, output)
@@ -183,7 +183,7 @@ def _run(
             column = sent.get(f"{quantity}.{joint}")
             present = np.isfinite(column.value) if column is not None else np.zeros(0, dtype=bool)
             silent = quantity == "tau" and column is not None and not column.value[present].any()
-            if column is None or column.time is None or silent or present.sum() < MIN_SAMPLES:
+            if column is None or column.time is None or silent or present.sum() < MIN_COMPARED_CHANNEL_SAMPLES:
                 missing.append(joint)
             else:
                 channels[f"{quantity}.{joint}"] = Channel(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.imports.stamps import MAX_CLOCK_DRIFT
+from pipeline.imports.stamps import MAX_RELATIVE_CLOCK_DRIFT
 from pipeline.robot.protocol import JointState, Vector
 from pipeline.ros.bridge import Bridge
 
@@ -41,7 +41,7 @@ class StampClock:
             stamp: time stamp of the message [s].
             received: time of its reception on this program's clock [s].
         """
-        shortest, given = self._offset + MAX_CLOCK_DRIFT * max(received - self._at, 0.0), received - stamp
+        shortest, given = self._offset + MAX_RELATIVE_CLOCK_DRIFT * max(received - self._at, 0.0), received - stamp
         doubted = shortest < inf and given < shortest - MAX_BURST_DELAY_SECONDS
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
         self._doubted = given if doubted else inf
@@ -165,7 +165,7 @@ class JointStates:
 
 MAX_LATE_CYCLES_IN_A_ROW = 5
 """Number of consecutive late cycles from which one cycle counts as left out; single cycles may be late."""
-MAX_CAUGHT_UP_PERIODS = 3.0
+MAX_CYCLE_DELAY_PERIODS = 3.0
 """Delay of a single cycle from which whole cycles count as left out [periods]."""
 
 
@@ -197,10 +197,10 @@ class EvenReadingTimes:
             return self._last
         self._behind.append(behind)
         steps = 1
-        if behind >= MAX_CAUGHT_UP_PERIODS or (
+        if behind >= MAX_CYCLE_DELAY_PERIODS or (
             len(self._behind) == MAX_LATE_CYCLES_IN_A_ROW and min(self._behind) > 0.9
         ):
-            steps += int(behind if behind >= MAX_CAUGHT_UP_PERIODS else min(self._behind) + 0.1)
+            steps += int(behind if behind >= MAX_CYCLE_DELAY_PERIODS else min(self._behind) + 0.1)
             self._behind.clear()
         self._last += steps * self._period
         return self._last

@@ -20,7 +20,7 @@ from pipeline.ros.topics import time_message
 ESTIMATE_TOPIC, REFERENCE_TOPIC, LOAD_FORCE_TOPIC, PHASE_TOPIC = (
     f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase")
 )
-MIN_PUBLISH_PERIOD = 0.04
+MIN_PUBLISH_PERIOD_SECONDS = 0.04
 """Shortest time between two messages on a topic [s]; the recording contains every sample."""
 ESTIMATE_LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
 
@@ -73,7 +73,7 @@ class Telemetry:
         now = time.monotonic()
         if now < self._next.get(topic, now):
             return False
-        self._next[topic] = now + MIN_PUBLISH_PERIOD
+        self._next[topic] = now + MIN_PUBLISH_PERIOD_SECONDS
         return True
 
     def _say(self, topic: str, message: Mapping[str, Any]) -> None:

@@ -15,7 +15,12 @@ import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort, emulated_calibration
+from pipeline.loadcell.emulator import (
+    EMULATED_NEWTONS_PER_COUNT,
+    EMULATED_OFFSET_COUNTS,
+    EmulatedPort,
+    emulated_calibration,
+)
 from pipeline.processes import Closable, request_real_time_priority
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -26,11 +31,11 @@ from pipeline.ros.topics import RosTopics, time_message
 
 TWIN_STEP_SECONDS = 0.002
 """Time between two steps of the twin, at which received messages are handled [s]."""
-STATE_PERIOD_SECONDS = 0.01
+JOINT_STATE_PERIOD_SECONDS = 0.01
 """Time between two joint states [s]."""
-POWER_PERIOD_SECONDS = 0.05
+POWER_STATE_PERIOD_SECONDS = 0.05
 """Time between two messages on the robot's power state [s]."""
-MAX_DELAY_SECONDS = 0.5
+MAX_DELAY_BEHIND_REAL_TIME_SECONDS = 0.5
 """Delay behind real time from which the twin leaves out the lost time [s]."""
 NO_TIMEOUT_SECONDS = 1e6
 """Command timeout of the simulated arm [s]: practically none, because `BaxterController` has the timeout."""
@@ -93,7 +98,7 @@ class Twin(Closable):
     @property
     def calibration(self) -> Calibration:
         """Calibration of the emulated load cell."""
-        return emulated_calibration(max(self.robot.settings.cell.noise, EMULATED_SCALE), "twin")
+        return emulated_calibration(max(self.robot.settings.cell.noise, EMULATED_NEWTONS_PER_COUNT), "twin")
 
     def summary(self) -> dict[str, Any]:
         """JSON ``armdyn.twin/1``: true values of the simulation, whether the load is in the box, counts of commands."""
@@ -134,15 +139,15 @@ class Twin(Closable):
         while not until():
             now = time.monotonic()
             late = now - self.start - self.robot.time
-            if late > MAX_DELAY_SECONDS:
+            if late > MAX_DELAY_BEHIND_REAL_TIME_SECONDS:
                 self.behind += late - TWIN_STEP_SECONDS
                 self.start += late - TWIN_STEP_SECONDS
             self.simulate(now, now - self.start)
             if self.robot.time >= next_state - TWIN_STEP_SECONDS / 2:
-                next_state = max(next_state + STATE_PERIOD_SECONDS, self.robot.time)
+                next_state = max(next_state + JOINT_STATE_PERIOD_SECONDS, self.robot.time)
                 self.publish_joints()
             if self.robot.time >= next_power - TWIN_STEP_SECONDS / 2:
-                next_power = max(next_power + POWER_PERIOD_SECONDS, self.robot.time)
+                next_power = max(next_power + POWER_STATE_PERIOD_SECONDS, self.robot.time)
                 self.publish_power()
             time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 
@@ -163,7 +168,9 @@ class Twin(Closable):
             self.robot.command(*reference)
         self.robot.advance(span)
         for sample in self.robot.load_cell():
-            self.port.send(self.port.next_line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
+            self.port.send(
+                self.port.next_line(round(EMULATED_OFFSET_COUNTS + sample.force / EMULATED_NEWTONS_PER_COUNT))
+            )
 
     def publish_joints(self) -> None:
         """Publish one message with the states of all joints of Baxter, in alphabetical order."""

@@ -26,7 +26,7 @@ from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, Lin
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
-from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
+from pipeline.nodes.drive import MAX_COMMAND_SILENCE_SECONDS, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
@@ -42,11 +42,11 @@ REST_BEFORE_MOTION_SECONDS = 0.5
 """Time at rest before the motion that identifies the length [s], because the estimate assumes a load at rest."""
 PAUSE_BEFORE_SWING_SECONDS = 0.6
 """Time between bringing the load to rest and the swing [s]."""
-LANDING_SECONDS = 1.5
+LOAD_SETTLING_IN_BOX_SECONDS = 1.5
 """Time after the last motion in which the load must come to rest in the box [s]."""
-FIRST_READING_SECONDS = 0.1
+WAIT_FOR_FIRST_READINGS_SECONDS = 0.1
 """Time before the first cycle with a real robot [s], in which its latest readings arrive."""
-MAX_STANDSTILL_SECONDS = 10.0
+MAX_LOOP_PAUSE_AT_REST_SECONDS = 10.0
 """Longest pause of the control loop while the arm is at rest [s]; the planner computes for 1 to 3 s without a break."""
 
 ProgressCallback = Callable[[str, float], None]
@@ -152,10 +152,15 @@ class Experiment:
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if rig.real else None
         self.scheduler = Scheduler(
-            robot, nodes, lambda: MAX_STANDSTILL_SECONDS if self.drive.standing else MAX_COMMAND_SILENCE, each_round
+            robot,
+            nodes,
+            lambda: MAX_LOOP_PAUSE_AT_REST_SECONDS if self.drive.standing else MAX_COMMAND_SILENCE_SECONDS,
+            each_round,
         )
         self.watchdog = (
-            Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE) if rig.real else None
+            Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE_SECONDS)
+            if rig.real
+            else None
         )
 
     def run(self) -> TrialEnding:
@@ -186,7 +191,7 @@ class Experiment:
         self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
-        self._robot.advance(FIRST_READING_SECONDS)
+        self._robot.advance(WAIT_FOR_FIRST_READINGS_SECONDS)
         self.measurement.discard_stale_samples()
         self.scheduler.begin()
 
@@ -214,7 +219,7 @@ class Experiment:
         self._run(Phase.SWING, 0.7, self.task.max_planning_seconds + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
-        self._run(Phase.LOOK, 0.95, LANDING_SECONDS)
+        self._run(Phase.LOOK, 0.95, LOAD_SETTLING_IN_BOX_SECONDS)
         return self._landed()
 
     def _learn(self) -> None:

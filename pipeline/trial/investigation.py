@@ -15,7 +15,7 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ProposedExperiment, designed_motion
+from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ProposedExperiment, designed_motion
 from armdyn.experiments.rivals import Rivals, rivals_of_diagnosis, rivals_of_first_effect, rivals_refitted_to
 from armdyn.experiments.separation import TIE_CHI2, hypothesis_probabilities
 from armdyn.identify.diagnose import Diagnosis, diagnose
@@ -36,7 +36,7 @@ DESIGNED_MOTION_SECONDS = 8.0
 DESIGNED_MOTION_LIMITS = GripperLimits(swing=0.5)
 """Limits of a designed motion: a load with a larger swing angle also begins to swing across the line (on the simulated
 arm by 0.1 rad in 8 s at 1 rad, by 0.05 rad at 0.6 rad), which no motion along the line can damp."""
-MIN_LENGTH_STD = 1e-3
+MIN_STRING_LENGTH_STD = 1e-3
 """Smallest standard deviation of the string's length after an investigation [m], that of a ruler."""
 NUISANCE_CANDIDATES = ("linear_drag",)
 """Nuisance effects of a trial's model that an investigation removes and tests as candidates; drag can hide friction."""
@@ -218,7 +218,7 @@ def settings_after_investigation(settings: S, found: Investigation) -> S:
         return settings
     length = found.model.parameters["length"]
     # The string is the same: its learnt length stays known, but no better than a ruler measures it.
-    model = found.model.with_prior("length", length.value, max(length.std or 0.0, MIN_LENGTH_STD))
+    model = found.model.with_prior("length", length.value, max(length.std or 0.0, MIN_STRING_LENGTH_STD))
     return replace(settings, model=model, length_guess=length.value)
 
 
@@ -261,7 +261,7 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Investi
 
 def _promising(proposal: ProposedExperiment) -> bool:
     """Whether a motion may distinguish at least one pair of rivals."""
-    return proposal.expected.probability > MIN_RIGHT_PROBABILITY or bool(
+    return proposal.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY or bool(
         np.any(proposal.expected.chi2_increase > MIN_EXPECTED_CHI2_INCREASE)
     )
 

@@ -17,13 +17,13 @@ from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.trial.ending import signal_sentence
 
-MAX_APPROACH_SPEED = 0.2
+MAX_APPROACH_JOINT_SPEED = 0.2
 """Largest joint speed of the motion to the start posture [rad/s], slow enough for a person to step back."""
 MAX_REHEARSAL_SPEED = 0.1
 """Largest speed of the rehearsal along the line [m/s]."""
-MIN_MOVE_SECONDS = 2.0
+MIN_SLOW_MOTION_SECONDS = 2.0
 """Shortest duration of a slow motion [s], so that the load does not begin to swing."""
-MAX_CHECK_SPACING = 0.02
+MAX_CHECKED_POSTURE_SPACING = 0.02
 """Largest distance between two checked postures along the line [m]; the check interpolates between them."""
 MINIMUM_JERK_PEAK_RATIO = 1.875
 """Ratio of the largest to the mean speed of a minimum-jerk motion."""
@@ -36,13 +36,15 @@ JointReference = tuple[Vector, Vector, Vector]
 
 def approach_motion(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
     """Slow minimum-jerk motion of an arm from one posture (n,) [rad] to another."""
-    return JointTrajectory(*_slow_move(start, goal, MAX_APPROACH_SPEED, CONTROL_PERIOD_SECONDS), arm.joint_names)
+    return JointTrajectory(*_slow_move(start, goal, MAX_APPROACH_JOINT_SPEED, CONTROL_PERIOD_SECONDS), arm.joint_names)
 
 
 def line_sweep(table: LineTable) -> LineTrajectory:
     """Slow motion from one end of the line to the other, sampled for a feasibility check."""
     begin, end = float(table.s[0]), float(table.s[-1])
-    return LineTrajectory(*_slow_move(begin, end, MAX_REHEARSAL_SPEED, MAX_CHECK_SPACING / MAX_REHEARSAL_SPEED))
+    return LineTrajectory(
+        *_slow_move(begin, end, MAX_REHEARSAL_SPEED, MAX_CHECKED_POSTURE_SPACING / MAX_REHEARSAL_SPEED)
+    )
 
 
 def rehearsal_motion(table: LineTable, finish: float) -> LineTrajectory:
@@ -110,7 +112,7 @@ def _slow_move(
         Times (m,) [s], a `step` apart [s], positions, velocities and accelerations, (m,) or (m, n).
     """
     way = np.subtract(end, begin)
-    duration = max(MIN_MOVE_SECONDS, MINIMUM_JERK_PEAK_RATIO * float(np.max(np.abs(way))) / max_speed)
+    duration = max(MIN_SLOW_MOTION_SECONDS, MINIMUM_JERK_PEAK_RATIO * float(np.max(np.abs(way))) / max_speed)
     number = np.arange(np.ceil(duration / step) + 1)
     time = step * number
     share, speed, acceleration = (np.multiply.outer(x, way) for x in minimum_jerk(number / number[-1], float(time[-1])))

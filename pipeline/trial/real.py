@@ -27,13 +27,13 @@ from pipeline.trial.moves import JointReference, approach_motion, play_motion, p
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
-MAX_START_DISTANCE = 5e-3
+MAX_ANGLE_TO_COUNT_AS_AT_START = 5e-3
 """Largest distance of a joint from the start posture at which no motion to it is needed [rad]."""
-MAX_WEIGHT_ERROR = 0.2
+MAX_RELATIVE_WEIGHT_ERROR = 0.2
 """Largest relative difference between measured force at rest and weight of the load."""
-MAX_STILL_NOISE_RATIO = 2.0
+MAX_STILL_FORCE_STD_TO_NOISE_RATIO = 2.0
 """Largest standard deviation of the force of a load at rest, divided by the noise of one sample."""
-STILL_LOAD_SECONDS, STILL_LOAD_TIMEOUT_SECONDS = 2.0, 60.0
+MIN_STILL_LOAD_SECONDS, STILL_LOAD_TIMEOUT_SECONDS = 2.0, 60.0
 """Time for which the load must hang still before a motion, and longest waiting time for that [s]."""
 FIRST_SAMPLE_TIMEOUT_SECONDS = 6.0
 """Longest waiting time for the load cell's first sample [s]; most boards restart when their port is opened."""
@@ -193,11 +193,11 @@ def _connected(link: RobotLink, prompts: OperatorPrompts) -> Iterator[RealRobot]
 
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
-    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, STILL_LOAD_SECONDS, FIRST_SAMPLE_TIMEOUT_SECONDS)
+    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, MIN_STILL_LOAD_SECONDS, FIRST_SAMPLE_TIMEOUT_SECONDS)
     if not len(seen):
         raise InputError(f"load cell: no sample within {FIRST_SAMPLE_TIMEOUT_SECONDS:g} s: check cable and port")
     shown = float(np.median(seen))
-    if abs(shown - weight) > MAX_WEIGHT_ERROR * weight:
+    if abs(shown - weight) > MAX_RELATIVE_WEIGHT_ERROR * weight:
         raise InputError(
             f"load cell: it shows {shown:.3f} N, and the load weighs {weight:.3f} N: hang the load, weigh it (--mass), "
             "or calibrate the cell"
@@ -231,19 +231,19 @@ def _go_to_start(
     away = float(np.max(np.abs(goal - here)))
     motion = approach_motion(arm, here, goal)
     obstacles = box_and_table(arm.line, c.task.box)
-    if away > MAX_START_DISTANCE:
+    if away > MAX_ANGLE_TO_COUNT_AS_AT_START:
         checked = check_joints(arm, motion, CheckSettings(load_mass=c.mass, obstacles=obstacles))
         if not checked.feasible:
             raise InputError(
                 f"the way to the start posture is not free: {checked.sentence} Move the arm by hand nearer to it"
             )
     first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then "
-    first = first if away > MAX_START_DISTANCE else ""
+    first = first if away > MAX_ANGLE_TO_COUNT_AS_AT_START else ""
     if not prompts.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
         raise TaskFailedError("nothing was moved")
     robot.prepare()
     here = robot.newest_state().q
-    if np.max(np.abs(goal - here)) <= MAX_START_DISTANCE:
+    if np.max(np.abs(goal - here)) <= MAX_ANGLE_TO_COUNT_AS_AT_START:
         return
     motion = approach_motion(arm, here, goal)
     total = float(motion.time[-1])
@@ -260,11 +260,11 @@ def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: ProgressCallbac
     spread = np.inf
     while robot.time < end:
         say("waiting for the load to hang still", 0.0)
-        seen = _forces(robot, STILL_LOAD_SECONDS, STILL_LOAD_SECONDS)
+        seen = _forces(robot, MIN_STILL_LOAD_SECONDS, MIN_STILL_LOAD_SECONDS)
         if not len(seen):
             break
         spread = float(np.std(seen))
-        if spread <= MAX_STILL_NOISE_RATIO * c.force_noise:
+        if spread <= MAX_STILL_FORCE_STD_TO_NOISE_RATIO * c.force_noise:
             return
     raise TaskFailedError(
         f"the load does not hang still: the force varies by {1e3 * spread:.0f} mN, its noise is "

@@ -29,7 +29,7 @@ NUISANCE_EFFECTS: dict[str, tuple[str, float, float]] = {
 Without them the length would be wrong: by 0.25 mm per ms of delay, by 1 mm per 0.01 N of bias.
 """
 
-MIN_UNCERTAIN_REST_ANGLE, REST_ANGLE_STD = 1e-3, 0.05
+MIN_REST_ANGLE_TO_ESTIMATE, REST_ANGLE_PRIOR_STD = 1e-3, 0.05
 """Rest angle of the load from which its start angle is estimated, and the prior's standard deviation [rad]."""
 START_STD_AFTER_SWINGS = {"initial_angle": 0.05, "initial_rate": 0.2}
 """Standard deviations of start angle and rate [rad, rad/s] of a load that was brought to rest after earlier swings."""
@@ -104,8 +104,8 @@ class ProtocolSettings:
                 model = model.with_prior(name, at, START_STD_AFTER_SWINGS[name])
             return model
         model = model.with_fixed("initial_rate")
-        if abs(rest) > MIN_UNCERTAIN_REST_ANGLE:
-            return model.with_prior("initial_angle", rest, REST_ANGLE_STD)
+        if abs(rest) > MIN_REST_ANGLE_TO_ESTIMATE:
+            return model.with_prior("initial_angle", rest, REST_ANGLE_PRIOR_STD)
         return model.with_fixed("initial_angle")
 
 

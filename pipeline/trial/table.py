@@ -14,15 +14,15 @@ from ik.child_processes import worker_pool
 from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
 
-LENGTH_GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
+STRING_LENGTH_GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
 """First guesses of the string's length in the paper's Table I [m]; the true length is 0.368 m."""
-PAPER_SUCCESSES_WITHOUT_ESTIMATION = (0.368, 0.388)
+SUCCESSFUL_GUESSES_WITHOUT_ESTIMATE = (0.368, 0.388)
 """Guesses of the length with which trials without estimation succeed in the paper [m]; with estimation all succeed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TableOne:
-    """Results for Table I of the paper: trials with the 9 `LENGTH_GUESSES` and n random seeds.
+    """Results for Table I of the paper: trials with the 9 `STRING_LENGTH_GUESSES` and n random seeds.
 
     Attributes:
         true_length: true length of the string [m].
@@ -54,7 +54,7 @@ class TableOne:
     @property
     def succeeded_in_paper(self) -> np.ndarray:
         """Whether the paper's trials without estimation succeed, for each guess (9,)."""
-        return np.isin(LENGTH_GUESSES, PAPER_SUCCESSES_WITHOUT_ESTIMATION)
+        return np.isin(STRING_LENGTH_GUESSES, SUCCESSFUL_GUESSES_WITHOUT_ESTIMATE)
 
     @property
     def covered_share(self) -> float:
@@ -63,7 +63,7 @@ class TableOne:
 
     def as_json(self) -> dict[str, Any]:
         """The table as JSON ``armdyn.table/1``."""
-        rows = zip(LENGTH_GUESSES, *self.success_shares.tolist(), self.estimates.tolist(), strict=True)
+        rows = zip(STRING_LENGTH_GUESSES, *self.success_shares.tolist(), self.estimates.tolist(), strict=True)
         names = "length_guess", "without", "with", "length_estimates"
         as_in_paper = (self.succeeded[:, 0] == self.succeeded_in_paper[:, None]).all(axis=0)
         return {
@@ -90,13 +90,13 @@ def run_table_one(seeds: int, first_seed: int = 0, progress: Callable[[int, int]
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds: give at least 1")
-    keys = list(product(LENGTH_GUESSES, (False, True), range(first_seed, first_seed + seeds)))
+    keys = list(product(STRING_LENGTH_GUESSES, (False, True), range(first_seed, first_seed + seeds)))
     with worker_pool(os.cpu_count() or 1) as pool:
         futures = [pool.submit(_outcome, TrialSettings(length_guess=g, estimate=e, seed=s)) for g, e, s in keys]
         for done, _ in enumerate(as_completed(futures), start=1):
             if progress is not None:
                 progress(done, len(futures))
-    outcomes = np.array([future.result() for future in futures]).reshape(len(LENGTH_GUESSES), 2, seeds, 3)
+    outcomes = np.array([future.result() for future in futures]).reshape(len(STRING_LENGTH_GUESSES), 2, seeds, 3)
     return TableOne(TrialSettings().true_length, outcomes[..., 0] > 0.0, outcomes[:, 1, :, 1], outcomes[:, 1, :, 2])
 
 

@@ -28,7 +28,7 @@ from pipeline.view.scene import (
 from pipeline.view.shapes import ArmShapes
 from urdf import Line, Robot
 
-DEFAULT_STRING_LENGTH = 0.35
+DRAWN_LENGTH_OF_UNKNOWN_STRING = 0.35
 """Drawn length of a string of unknown length [m]."""
 VERTICAL_DIRECTION = np.array([0.0, 0.0, 1.0])
 
@@ -168,7 +168,7 @@ def load_swing(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwi
     known = run.known.get("length")
     length = known.value if known is not None else values.get("length")
     if length is None:
-        length = DEFAULT_STRING_LENGTH
+        length = DRAWN_LENGTH_OF_UNKNOWN_STRING
         note = f"{note} The length of the string is not known: drawn as {length} m.".strip()
     channels = run.channels
     return LoadSwing(channels.get("gripper_x"), angle, float(length), channels.get("gripper_z"), note)

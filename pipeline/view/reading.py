@@ -17,7 +17,7 @@ from pipeline.view.shapes import arm_shapes
 
 MAX_VIOLATION_MARKS = 200
 """Largest number of marked violations of limits in the scene of a trajectory."""
-TABLE_VIEW_SPEED = 0.15
+IK_TABLE_PLAYBACK_SPEED = 0.15
 """Speed at which the scene of an IK table follows the path [m/s]."""
 
 
@@ -111,8 +111,8 @@ def _table(path: Path, robot: urdf.Robot | None) -> Scene:
         robot = _known(table.robot_name)
     s = np.concatenate([table.s, table.s[-2::-1]])
     q: FloatArray = np.concatenate([table.q, table.q[-2::-1]])
-    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / TABLE_VIEW_SPEED
-    note = f"The path of the table at {TABLE_VIEW_SPEED} m/s, there and back."
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / IK_TABLE_PLAYBACK_SPEED
+    note = f"The path of the table at {IK_TABLE_PLAYBACK_SPEED} m/s, there and back."
     return arm_scene(path.name, "table", arm_shapes(robot), time, q, note=note)
 
 

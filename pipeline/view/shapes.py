@@ -16,15 +16,15 @@ from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.library_output import captured_output
 
-MAX_TRIANGLES = 40_000
+MAX_ARM_TRIANGLES = 40_000
 """Largest number of triangles of an arm, for a page of about 1 MB that a small computer can rotate smoothly."""
-RESTING_TRIANGLE_SHARE = 0.3
-"""Share of `MAX_TRIANGLES` for links that do not move, such as a torso."""
-MIN_CELL_EDGE, MAX_CELL_EDGE, CELL_GROWTH = 0.003, 0.06, 1.4
+TRIANGLE_SHARE_OF_RESTING_LINKS = 0.3
+"""Share of `MAX_ARM_TRIANGLES` for links that do not move, such as a torso."""
+MIN_MERGE_CELL_EDGE, MAX_MERGE_CELL_EDGE, MERGE_CELL_GROWTH_PER_TRY = 0.003, 0.06, 1.4
 """Smallest and largest edge of the cells in which a mesh's vertices are merged [m], and growth from try to try."""
-MAX_MESH_BYTES = 20e6
+MAX_DRAWN_MESH_BYTES = 20e6
 """Largest size of a mesh file that is read [bytes]; larger ones take too long."""
-ROD_RADIUS_RATIO, MIN_ROD_RADIUS, MAX_ROD_RADIUS = 0.15, 0.012, 0.06
+ROD_RADIUS_TO_LONGEST_LINK, MIN_ROD_RADIUS, MAX_ROD_RADIUS = 0.15, 0.012, 0.06
 """Radius of a rod that is drawn for a link, divided by the longest link's length; and bounds of the radius [m]."""
 
 
@@ -67,8 +67,8 @@ def arm_shapes(robot: Robot) -> ArmShapes:
     if not any(found[1:]):
         return ArmShapes(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
-    still = round(RESTING_TRIANGLE_SHARE * MAX_TRIANGLES)
-    return ArmShapes(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MAX_TRIANGLES - still)], note)
+    still = round(TRIANGLE_SHARE_OF_RESTING_LINKS * MAX_ARM_TRIANGLES)
+    return ArmShapes(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MAX_ARM_TRIANGLES - still)], note)
 
 
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
@@ -107,7 +107,7 @@ def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ..
             size = geometry.cylinder
             return [trimesh.creation.cylinder(radius=size.radius, height=size.length, sections=24)]
         file = locate_mesh(geometry.mesh.filename, urdf_path, folders)
-        if file is None or file.stat().st_size > MAX_MESH_BYTES:
+        if file is None or file.stat().st_size > MAX_DRAWN_MESH_BYTES:
             return None
         with captured_output():
             parts = trimesh.load_scene(file).dump(concatenate=False)
@@ -131,10 +131,10 @@ def _hex(rgba: Sequence[float]) -> str:
 
 def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
     """Meshes simplified to at most a number of triangles together, with cells as fine as this allows."""
-    cell, made = MIN_CELL_EDGE, [list(of_joint) for of_joint in meshes]
-    while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < MAX_CELL_EDGE:
+    cell, made = MIN_MERGE_CELL_EDGE, [list(of_joint) for of_joint in meshes]
+    while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < MAX_MERGE_CELL_EDGE:
         made = [[_clustered(mesh, cell) for mesh in of_joint] for of_joint in made]
-        cell *= CELL_GROWTH
+        cell *= MERGE_CELL_GROWTH_PER_TRY
     return made
 
 
@@ -160,7 +160,7 @@ def _rods(robot: Robot) -> list[list[Mesh]]:
     tool = model.frames[robot.tool_frame_id]
     ends[tool.parentJoint].append(tool.placement.act(robot.tool_offset))
     longest = max(float(np.linalg.norm(end)) for of_joint in ends for end in of_joint)
-    radius = float(np.clip(ROD_RADIUS_RATIO * longest, MIN_ROD_RADIUS, MAX_ROD_RADIUS))
+    radius = float(np.clip(ROD_RADIUS_TO_LONGEST_LINK * longest, MIN_ROD_RADIUS, MAX_ROD_RADIUS))
     found = []
     for j, of_joint in enumerate(ends):
         colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL_COLOUR

@@ -16,9 +16,9 @@ from armdyn.watch.watch import Watch
 from pipeline.processes import Closable
 
 LOCAL_HOST = "127.0.0.1"
-POINT_SECONDS, CURVE_SECONDS = 0.05, 30.0
+POINT_SPACING_SECONDS, SHOWN_CURVE_SECONDS = 0.05, 30.0
 """Time between two drawn points, and duration that a curve shows [s]."""
-MAX_EVENTS = 200
+MAX_LISTED_EVENTS = 200
 """Largest number of events that the page lists."""
 PAGE_FILE = Path(__file__).parent / "templates" / "watch.html"
 
@@ -36,8 +36,8 @@ class LivePage(Closable):
 
     def __init__(self, watch: Watch, port: int | None) -> None:
         self._watch = watch
-        self._points: deque[list[Any]] = deque(maxlen=round(CURVE_SECONDS / POINT_SECONDS))
-        self._events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
+        self._points: deque[list[Any]] = deque(maxlen=round(SHOWN_CURVE_SECONDS / POINT_SPACING_SECONDS))
+        self._events: deque[dict[str, Any]] = deque(maxlen=MAX_LISTED_EVENTS)
         self._lock = threading.Lock()
         try:
             self._server = ThreadingHTTPServer((LOCAL_HOST, port or 0), self._handler())
@@ -54,7 +54,9 @@ class LivePage(Closable):
             return
         with self._lock:
             self._events.extend(event.answer for event in events)
-            if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < POINT_SECONDS):
+            if step.settled and (
+                not self._points or not 0.0 <= step.time - self._points[-1][0] < POINT_SPACING_SECONDS
+            ):
                 limit = self._watch.touches.thresholds(step)
                 mean = step.residual - step.contrast
                 self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])

@@ -21,9 +21,9 @@ from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStates, missing_state_error
 
 RECORDING_SUFFIXES = (".csv", ".mcap")
-QUEUE_SIZE = 2000
+MAX_QUEUED_JOINT_STATES = 2000
 """Largest number of buffered joint states, 2 s at 1 kHz; a new state then replaces the oldest one."""
-RECONNECT_SECONDS = 1.0
+RECONNECT_PERIOD_SECONDS = 1.0
 """Time between attempts to connect to a lost bridge again [s]."""
 
 
@@ -104,7 +104,7 @@ class RosSampleSource:
 
     def __init__(self, uri: str, topic: str, names: Sequence[str]) -> None:
         self._uri, self._topic, self._names = uri, topic, tuple(names)
-        self._waiting: queue.Queue[JointSample] = queue.Queue(QUEUE_SIZE)
+        self._waiting: queue.Queue[JointSample] = queue.Queue(MAX_QUEUED_JOINT_STATES)
         self._ended = False
 
     def samples(self) -> Iterator[JointSample]:
@@ -153,7 +153,7 @@ class RosSampleSource:
                 self._waiting.get_nowait()
 
     def _reconnected(self, stack: ExitStack) -> Bridge | None:
-        time.sleep(RECONNECT_SECONDS)
+        time.sleep(RECONNECT_PERIOD_SECONDS)
         try:
             return stack.enter_context(self._connected())
         except InputError:

@@ -28,7 +28,7 @@ from armdyn.parameter import Parameter
 from armdyn.recording.channels import FloatArray
 from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, SignalOverlay, study_overlays
 
-AS_GIVEN, WITH_TICKED_EFFECTS = "as given", "now"
+AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL = "as given", "now"
 ResidualsByChannel = Mapping[tuple[str, str], FloatArray]
 """Measured minus predicted values (n,), in the channel's unit, by run and channel."""
 

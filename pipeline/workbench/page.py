@@ -18,7 +18,7 @@ from pipeline.workbench.tab import BrowserTab, OpenSession, scene_of_run
 from urdf.bounds import MAX_UPLOAD_BYTES
 from urdf.loader import known_robots
 
-CLICK_PAUSE_SECONDS = 0.25
+REFIT_DELAY_AFTER_CLICK_SECONDS = 0.25
 """Time without another click after which a refit begins [s], because a refit delays the answers to clicks."""
 
 
@@ -100,7 +100,7 @@ class WorkbenchPage(BrowserTab):
         await self._show_missing_force(state)
         if not effects:
             return
-        await asyncio.sleep(CLICK_PAUSE_SECONDS)
+        await asyncio.sleep(REFIT_DELAY_AFTER_CLICK_SECONDS)
         if asked != self._asked:
             return
         fitted = await self._working("refitting", lambda: bench.refit(self._ticked) if asked == self._asked else None)

@@ -14,7 +14,7 @@ from pipeline.report.page import bar_cell_html, key_figure_html, table_html
 from pipeline.report.theme import channel_full_name, number_text
 from pipeline.workbench.bench import ParameterSlider, TickedModel, Workbench
 
-STATE_WORDS = {
+PARAMETER_SOURCE_SENTENCES = {
     "predicted": "predicted from one linearisation; the refit is running",
     "fitted": "fitted to all samples",
     "by hand": "parameters by hand, nothing fitted",
@@ -22,7 +22,7 @@ STATE_WORDS = {
 """Sentence on the source of the shown parameters, by `TickedModel.how`."""
 MAX_LISTED_JOINTS = 2
 """Number of joints up to which an effect's joints are listed by name."""
-MAX_NAMED_PLACES = 2
+MAX_NAMED_FAILING_INTERVALS = 2
 """Largest number of intervals in which the model fails that are named."""
 
 
@@ -88,7 +88,7 @@ def errors_panel(state: TickedModel) -> str:
         for unit, error in total_errors(state.others, units).items():
             text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
             figures.append(key_figure_html(text, number_text(error, unit), "", value))
-    how = f"<p class='how {state.how.replace(' ', '-')}'>{STATE_WORDS[state.how]}</p>"
+    how = f"<p class='how {state.how.replace(' ', '-')}'>{PARAMETER_SOURCE_SENTENCES[state.how]}</p>"
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
 
@@ -101,7 +101,9 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
         worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
     if not worst:
         return ""
-    return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MAX_NAMED_PLACES]))}.</p>"
+    return (
+        f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MAX_NAMED_FAILING_INTERVALS]))}.</p>"
+    )
 
 
 def sliders_panel(state: TickedModel) -> str:

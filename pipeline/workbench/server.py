@@ -30,7 +30,7 @@ LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8080
 ASSETS_PATH = "/armdyn"
 ONE_DAY_CACHE_HEADER = {"Cache-Control": "max-age=86400"}
-GRACEFUL_END_SECONDS, FORCED_END_SECONDS = 0.3, 0.7
+MAX_SECONDS_TO_FINISH_ANSWERS, FORCED_END_SECONDS = 0.3, 0.7
 """Time after a signal for which started answers may be finished, and time after which the program ends in any case,
 because a thread that reads an upload cannot be stopped [s]."""
 
@@ -153,7 +153,7 @@ def _run(
 ) -> NoReturn:
     """Serve until a signal arrives; then end in order, or at once if that takes too long."""
     server = uvicorn.Server(uvicorn.Config(application, log_level="critical", timeout_graceful_shutdown=0))
-    server.config.timeout_graceful_shutdown = GRACEFUL_END_SECONDS
+    server.config.timeout_graceful_shutdown = MAX_SECONDS_TO_FINISH_ANSWERS
     usual, received = server.startup, signal.SIGINT
 
     async def startup(sockets: list[socket.socket]) -> None:

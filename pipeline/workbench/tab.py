@@ -22,10 +22,10 @@ from pipeline.view.scene import Scene
 from pipeline.view.shapes import ArmShapes, arm_shapes
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import ComputingSession, SearchProcess
-from pipeline.workbench.bench import AS_GIVEN, WITH_TICKED_EFFECTS, TickedModel, Workbench
+from pipeline.workbench.bench import AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL, TickedModel, Workbench
 
 TICKED_LABEL = "as ticked"
-CURVES_FIRST_SECONDS = 0.05
+PAUSE_TO_SEND_CURVES_SECONDS = 0.05
 """Pause after a click in which the new curves are sent before other figures are computed [s]."""
 OpenSession = Callable[[ModelAndRunInputs], ComputingSession]
 """Function that returns the computing thread for some files; tabs with the same files share it."""
@@ -123,7 +123,7 @@ class BrowserTab:
             self._call("busy", "")
 
     async def _show_first(self, state: TickedModel) -> None:
-        overlays = OverlayFigure(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS))
+        overlays = OverlayFigure(state.curves, (AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL))
         self._points = overlays.points
         widget = overlays.widget()
         html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget_html(widget)}</form>"
@@ -133,7 +133,7 @@ class BrowserTab:
         await self._show_missing_force(state)
 
     def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
-        totals = OverlayFigure(state.curves, (AS_GIVEN, WITH_TICKED_EFFECTS)).totals()
+        totals = OverlayFigure(state.curves, (AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL)).totals()
         new = {"changed": [updated_curve(curve, self._points) for curve in state.curves], "totals": totals}
         self._call("update", new)
         self._call("panel", "errors", panels.errors_panel(state))
@@ -144,7 +144,7 @@ class BrowserTab:
     async def _show_missing_force(self, state: TickedModel) -> None:
         bench = self._opened().bench
         asked = self._asked
-        await asyncio.sleep(CURVES_FIRST_SECONDS)
+        await asyncio.sleep(PAUSE_TO_SEND_CURVES_SECONDS)
         if asked == self._asked:
             await self._show_charts("missing", lambda: missing_force_charts(bench.missing_force(state), TICKED_LABEL))
 

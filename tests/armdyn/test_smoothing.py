@@ -4,7 +4,13 @@ from scipy.interpolate import BSpline
 
 from armdyn.errors import InputError
 from armdyn.smoothing.choice import SPLINE_ORDERS, MeasuredDerivative, best_smoothing, derivative_noise, smooth_curve
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineCurve, SplineSamples
+from armdyn.smoothing.spline import (
+    MAX_UNDISTORTED_CUTOFF_PER_KNOT,
+    WHITE_RATE_OVER_TWICE_CUTOFF,
+    LowPass,
+    SplineCurve,
+    SplineSamples,
+)
 
 
 def uneven(n=1500, interval=0.01, seed=0):
@@ -34,7 +40,7 @@ def test_a_basis_function_is_that_of_scipy(derivative):
 def test_a_polynomial_below_the_order_passes_unchanged(order):
     t = uneven(400)
     x = np.polynomial.Polynomial([0.3, -1.0, 0.2, 0.1, 0.05, -0.01][:order])
-    curve = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0).curve(x(t))
+    curve = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF_PER_KNOT / 4.0, order), 2.0).curve(x(t))
     for k in range(3):
         assert np.abs(curve(t, k)[:, 0] - x.deriv(k)(t)).max() < 1e-6
 
@@ -43,7 +49,7 @@ def test_a_polynomial_below_the_order_passes_unchanged(order):
 def test_the_amplitude_is_halved_at_the_cutoff_without_phase_shift(order):
     t = np.arange(4000) / 100
     wave = np.exp(2j * np.pi * 2.0 * t)
-    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0)
+    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF_PER_KNOT / 4.0, order), 2.0)
     passed = (low.curve(wave.real)(t) + 1j * low.curve(wave.imag)(t))[1000:3000, 0] / wave[1000:3000]
     assert np.mean(passed).real == pytest.approx(0.5, abs=0.02)
     assert np.abs(passed.imag).max() < 0.01
@@ -108,8 +114,8 @@ def test_a_gap_is_bridged():
 
 def test_white_noise_is_white_again_after_low_pass_and_thinning():
     rng, t, cutoff = np.random.default_rng(6), np.arange(40000) / 100, 4.0
-    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / cutoff), cutoff).curve(rng.standard_normal(len(t)))
-    step = 1 / (2 * WHITE_RATE_SHARE * cutoff)
+    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF_PER_KNOT / cutoff), cutoff).curve(rng.standard_normal(len(t)))
+    step = 1 / (2 * WHITE_RATE_OVER_TWICE_CUTOFF * cutoff)
     kept = low(np.arange(2.0, 398.0, step))[:, 0]
     lags = [np.corrcoef(kept[k:], kept[:-k])[0, 1] for k in (1, 2, 3)]
     assert np.abs(lags).max() < 4 / np.sqrt(len(kept))

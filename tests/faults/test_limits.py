@@ -112,7 +112,7 @@ def test_what_a_table_is_about_is_part_of_its_digest() -> None:
 
 
 def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, complains) -> None:
-    monkeypatch.setattr(table_archive, "MAX_TABLE_ARRAY_BYTES", 2**20)
+    monkeypatch.setattr(table_archive, "MAX_IK_TABLE_ARRAY_BYTES", 2**20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, s=np.zeros(2**18), about=np.array("{}"))
     with complains(ik.StaleTableError):

@@ -13,21 +13,21 @@ from armdyn.physics.pieces import MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion
 from armdyn.recording.channels import is_auxiliary
 
-MAX_TERMS = 3
+MAX_RESIDUAL_TERMS = 3
 """Largest number of terms that describe a residual."""
-SIGNIFICANCE = 1e-3
+TERM_SIGNIFICANCE_LEVEL = 1e-3
 """Probability by chance up to which a term or a frequency is reported."""
-SEGMENT_SECONDS = 1.5
+RESIDUAL_SEGMENT_SECONDS = 1.5
 """Length of a segment, s, in which a fitted start state absorbs missing dynamics but no sensor error."""
 START_STATE_STEPS = 4
 """Number of Gauss-Newton steps for the start state of a segment, in which predictions are nearly linear."""
-MIN_EXCESS_RATIO = 1.05
+MIN_ERROR_TO_NOISE_VARIANCE = 1.05
 """Squared error per sample, over the noise variance, below which the kind of the missing effect is not estimated."""
-MIN_DYNAMICS_SHARE, MAX_SENSOR_SHARE = 0.7, 0.4
+MIN_DYNAMICS_PROCESS_ERROR_SHARE, MAX_SENSOR_PROCESS_ERROR_SHARE = 0.7, 0.4
 """Process-error share above which missing dynamics, and share below which a sensor error, is named as the cause."""
-FREQUENCY_COUNT = 600
+QUARTER_OF_FREQUENCY_COUNT = 600
 """A quarter of the number of frequencies at which the power of a residual is computed."""
-SINES_AT_ONCE = 2**19
+SINE_VALUES_AT_ONCE = 2**19
 """Number of values of sines that are computed at once, which limits the memory."""
 
 
@@ -103,9 +103,13 @@ class ResidualCharacter:
 
 def probable_cause_text(process_error: float) -> str:
     """Words for the probable cause of a residual, missing dynamics or a sensor error, from its process-error share."""
-    if process_error > MIN_DYNAMICS_SHARE:
+    if process_error > MIN_DYNAMICS_PROCESS_ERROR_SHARE:
         return "it behaves like missing dynamics"
-    return "it behaves like a sensor error" if process_error < MAX_SENSOR_SHARE else "dynamics or sensor: undecided"
+    return (
+        "it behaves like a sensor error"
+        if process_error < MAX_SENSOR_PROCESS_ERROR_SHARE
+        else "dynamics or sensor: undecided"
+    )
 
 
 def characterise(fit: Fit) -> ResidualCharacter:
@@ -121,11 +125,11 @@ def process_error_share(fit: Fit) -> float | None:
     """
     problem = fit.problem
     model = as_model_with_motion(problem.model)
-    if model is None or fit.chi2_per_sample < MIN_EXCESS_RATIO:
+    if model is None or fit.chi2_per_sample < MIN_ERROR_TO_NOISE_VARIANCE:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
-        theta, pieces = problem.theta(i, fit.values), MotionPieces(model, run, SEGMENT_SECONDS)
+        theta, pieces = problem.theta(i, fit.values), MotionPieces(model, run, RESIDUAL_SEGMENT_SECONDS)
         states, none = pieces.rolled_out_states(theta), np.zeros(0, dtype=int)
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
@@ -171,7 +175,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTe
         columns = {e: np.concatenate([white(v) for v in values]) for e, values in library.items()}
         total = float(y @ y)
         basis = np.linalg.qr(fitted)[0]
-        for _ in range(MAX_TERMS):
+        for _ in range(MAX_RESIDUAL_TERMS):
             y = y - basis @ (basis.T @ y)
             best, gain, direction = "", 0.0, np.zeros(len(y))
             for expression, column in columns.items():
@@ -180,11 +184,11 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTe
                 if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
                     best, gain, direction = expression, drop, rest / size
             p = min(1.0, len(channels) * len(columns) * float(chdtrc(1, gain)))
-            if not best or p > SIGNIFICANCE:
+            if not best or p > TERM_SIGNIFICANCE_LEVEL:
                 break
             found.append(ResidualTerm(channel, best, gain / total, p))
             basis = np.column_stack([basis, direction])
-    return tuple(sorted(found, key=lambda term: -term.share)[:MAX_TERMS])
+    return tuple(sorted(found, key=lambda term: -term.share)[:MAX_RESIDUAL_TERMS])
 
 
 def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
@@ -198,7 +202,7 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
     for channel, blocks in channels.items():
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
-        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCY_COUNT * 4)
+        frequencies = np.linspace(2.0 / longest, 0.45 / interval, QUARTER_OF_FREQUENCY_COUNT * 4)
         white = filters[channel]
         order = len(white.coefficients)
         power = np.zeros(len(frequencies))
@@ -207,7 +211,7 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
             power += periodogram(b.time[order:], white(b.residual), frequencies)
         best = int(np.argmax(power))
         p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(long_enough), 2 * float(power[best]))))
-        if p < SIGNIFICANCE:
+        if p < TERM_SIGNIFICANCE_LEVEL:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])
             wave = 2 * np.pi * frequencies[best] * time
@@ -230,7 +234,7 @@ def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) ->
         (F,) half of the decrease.
     """
     power = np.empty(len(frequencies))
-    together = max(1, SINES_AT_ONCE // len(time))
+    together = max(1, SINE_VALUES_AT_ONCE // len(time))
     for first in range(0, len(frequencies), together):
         part = slice(first, first + together)
         phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)

@@ -10,15 +10,15 @@ from armdyn.identify.problem import ResidualBlock, blocks_by_channel, chi2_sum, 
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
-LOCATION_BINS = 16
+SIGNAL_BINS_OF_EQUAL_COUNT = 16
 """Number of bins over a signal such as an angle, each with equally many samples."""
 TIME_BINS = 30
 """Number of equally wide bins over the time of a run."""
-SIGNIFICANT_STDS = 5.0
+MIN_BIN_CHI2_EXCESS_STDS = 5.0
 """Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
-MAX_PLACES = 12
+MAX_REPORTED_FAILING_RANGES = 12
 """Largest number of ranges that are reported."""
-MIN_CHI2_RATIO = 1.5
+MIN_RANGE_TO_CHANNEL_CHI2_RATIO = 1.5
 """Ratio of the chi2 per sample of a range to that of the channel from which on the range is reported."""
 
 
@@ -59,7 +59,7 @@ def find_failing_ranges(fit: Fit) -> tuple[FailingRange, ...]:
     for channel, blocks in blocks_by_channel(fit.blocks).items():
         total, samples = chi2_sum(blocks), sample_count(blocks)
         overall = total / samples
-        if chi2_z_value(total, samples) < SIGNIFICANT_STDS:
+        if chi2_z_value(total, samples) < MIN_BIN_CHI2_EXCESS_STDS:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
@@ -71,16 +71,16 @@ def find_failing_ranges(fit: Fit) -> tuple[FailingRange, ...]:
             found += _against(
                 channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
             )
-        far = (p for p in found if p.chi2_per_sample > MIN_CHI2_RATIO * overall or p.against == "run")
+        far = (p for p in found if p.chi2_per_sample > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall or p.against == "run")
         places += [replace(p, share=min(1.0, p.share / total)) for p in far]
-    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_PLACES])
+    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_REPORTED_FAILING_RANGES])
 
 
 def _against(channel: str, name: str, pairs: Sequence[tuple[ResidualBlock, Channel]]) -> list[FailingRange]:
     at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
-    found = _bins(channel, "", name, unit, at, square, LOCATION_BINS, even=False)
+    found = _bins(channel, "", name, unit, at, square, SIGNAL_BINS_OF_EQUAL_COUNT, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
         sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
@@ -105,7 +105,7 @@ def _over_runs(blocks: Sequence[ResidualBlock], overall: float) -> list[FailingR
             b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square
         )
         for b, square in zip(blocks, squares, strict=True)
-        if square / len(b.residual) > MIN_CHI2_RATIO * overall
+        if square / len(b.residual) > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall
     ]
 
 
@@ -125,8 +125,8 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > SIGNIFICANT_STDS * np.sqrt(2 * np.maximum(counts, 1))) & (
-        mean > MIN_CHI2_RATIO * overall
+    failing = (sums - counts > MIN_BIN_CHI2_EXCESS_STDS * np.sqrt(2 * np.maximum(counts, 1))) & (
+        mean > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall
     )
     places, first = [], None
     for i, fails in enumerate([*failing, False]):

@@ -20,16 +20,16 @@ from armdyn.physics.simulated import as_model_with_motion, as_simulated_model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 
-RESOLUTION_PERIODS = 1.0 / 16.0
+TIME_RESOLUTION_SWING_PERIODS = 1.0 / 16.0
 """Time resolution of a missing force, in periods of the swing."""
-KICK_ROUNDS = 3
+PROCESS_NOISE_FIT_ROUNDS = 3
 """Number of rounds in which values and process noise are optimised for a missing acceleration."""
-CURVE_BINS = (32, 24, 16, 12, 8)
-"""Numbers of points that are tried for a curve: the first for which a typical bin has `MIN_INDEPENDENT_SAMPLES`
+CURVE_POINT_COUNTS_TRIED = (32, 24, 16, 12, 8)
+"""Numbers of points that are tried for a curve: the first for which a typical bin has `MIN_INDEPENDENT_SAMPLES_PER_BIN`
 independent samples is used, else the last."""
 JOINT_QUANTITIES = {"speed": "v", "position": "q", "acceleration": "a"}
 """Quantities on which a joint's torque may depend, with the first part of the name of their channels."""
-MIN_INDEPENDENT_SAMPLES = 4.0
+MIN_INDEPENDENT_SAMPLES_PER_BIN = 4.0
 """Number of independent samples that a typical bin needs. On recordings of a UR5 with friction and a payload, eight
 give curves of 8 points, in which dry friction cannot be seen beside viscous friction on three of six joints; four give
 32 points, which show both on all six."""
@@ -135,8 +135,8 @@ def missing_accelerations(fit: Fit) -> list[MissingForce]:
     else:
         free = free & ~problem.unknowns_of(model.start_names)
         values = transfer_values(fit.process_noise_values, fit.problem, problem)
-    box = GreyBox(problem, begin, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
-    point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * KICK_ROUNDS)
+    box = GreyBox(problem, begin, len(problem.runs), np.zeros(len(free), dtype=bool), TIME_RESOLUTION_SWING_PERIODS)
+    point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * PROCESS_NOISE_FIT_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A diverging simulation has no curve.
     return [
@@ -206,7 +206,7 @@ def force_curves(
             for other in (of.get((u.run, u.joint)) for of in others)
         )
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
-            if len(x) >= CURVE_BINS[-1] and np.ptp(x) > 0.0:
+            if len(x) >= CURVE_POINT_COUNTS_TRIED[-1] and np.ptp(x) > 0.0:
                 found.append(_curve(u, name, x, x_unit, left, gain, rest))
     return tuple(found)
 
@@ -240,12 +240,12 @@ def _curve(
 ) -> ForceCurve:
     """The missing force as given, after repair, added by the repair, and with background, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
-    for bins in CURVE_BINS:
-        if bins > max(CURVE_BINS[-1], len(x) / MIN_INDEPENDENT_SAMPLES):
+    for bins in CURVE_POINT_COUNTS_TRIED:
+        if bins > max(CURVE_POINT_COUNTS_TRIED[-1], len(x) / MIN_INDEPENDENT_SAMPLES_PER_BIN):
             continue
         place = rank * bins // len(x)
         mean, std, independent = _means(place, u.value)
-        if independent >= MIN_INDEPENDENT_SAMPLES:
+        if independent >= MIN_INDEPENDENT_SAMPLES_PER_BIN:
             break
     after, after_std = (None, None) if left is None else _means(place, left)[:2]
     at = np.bincount(place, x) / np.bincount(place)

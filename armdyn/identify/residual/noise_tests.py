@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import (
-    EFFECT_PRIOR_SIZE,
+    EFFECT_PRIOR_STD_TYPICAL_SIZES,
     Problem,
     ResidualBlock,
     blocks_by_channel,
@@ -25,7 +25,7 @@ from armdyn.identify.problem import (
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
-MIN_IDENTIFIABLE_SHARE = 1e-3
+MIN_INIMITABLE_DERIVATIVE_SHARE = 1e-3
 """An effect is not identifiable if less than this share of its derivatives remains without the part that the fitted
 parameters can imitate."""
 
@@ -45,7 +45,7 @@ class ScoreTest:
     imitated_by: tuple[str, ...]
 
 
-ROWS_AT_ONCE = 2**13
+SAMPLES_FACTORISED_AT_ONCE = 2**13
 """Number of samples that are factorised at once, which limits the memory."""
 
 
@@ -68,8 +68,8 @@ def compress_residuals(
     """
     table = np.column_stack([np.diag(problem.prior_weight), problem.prior_weight * (problem.prior_mean - values)])
     for block in blocks:
-        for first in range(0, len(block.residual), ROWS_AT_ONCE):
-            part = slice(first, first + ROWS_AT_ONCE)
+        for first in range(0, len(block.residual), SAMPLES_FACTORISED_AT_ONCE):
+            part = slice(first, first + SAMPLES_FACTORISED_AT_ONCE)
             rows = np.column_stack([block.sensitivities[part], block.residual[part]])
             table = np.asarray(np.linalg.qr(np.vstack([table, rows]), mode="r"))
     return table[:, -1], table[:, :-1]
@@ -95,13 +95,13 @@ def score_tests(fit: Fit, candidates: Sequence[Candidate]) -> list[ScoreTest]:
 def linearised_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
     """(P,) values that minimise the cost of the model linearised at a fit, if the parameters `names` are fitted too.
 
-    The values are within their bounds; those that the runs do not identify stay within about `EFFECT_PRIOR_SIZE`
-    typical sizes.
+    The values are within their bounds; those that the runs do not identify stay within about
+    `EFFECT_PRIOR_STD_TYPICAL_SIZES` typical sizes.
     """
     problem = fit.problem
     columns = np.flatnonzero(fit.free | problem.unknowns_of(names))
     residual, jacobian = compress_residuals(problem, problem.blocks(fit.values), fit.values)
-    width = EFFECT_PRIOR_SIZE * problem.typical[columns]
+    width = EFFECT_PRIOR_STD_TYPICAL_SIZES * problem.typical[columns]
     scaled = jacobian[:, columns] * width
     lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
     normal = scaled.T @ scaled + np.eye(len(columns))
@@ -127,7 +127,7 @@ def _score(
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
-    if independence < MIN_IDENTIFIABLE_SHARE:
+    if independence < MIN_INIMITABLE_DERIVATIVE_SHARE:
         weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
@@ -143,11 +143,11 @@ def _score(
     return ScoreTest(candidate, float(change @ change), ())
 
 
-MAX_Z = 5.0
+MAX_RESIDUAL_CHI2_Z = 5.0
 """Largest z value of the residual's chi2 that counts as noise."""
-MIN_WHITENESS = 1e-4
-"""Smallest probability of the whiteness test that counts as noise: with `MAX_Z`, no false alarm in 360 clean runs."""
-MIN_SCORE_PROBABILITY = 5e-3
+MIN_WHITENESS_PROBABILITY = 1e-4
+"""Least p-value of the whiteness test that is noise: with `MAX_RESIDUAL_CHI2_Z`, 0 false alarms in 360 clean runs."""
+MIN_BEST_EFFECT_CHANCE_PROBABILITY = 5e-3
 """Smallest probability by chance of the best effect that counts as noise. Effects resemble one another, so the rate of
 false alarms is half as large."""
 
@@ -171,7 +171,11 @@ class ResidualTests:
     @property
     def fails(self) -> bool:
         """Whether the residual is more than noise."""
-        return self.z > MAX_Z or self.whiteness < MIN_WHITENESS or self.score < MIN_SCORE_PROBABILITY
+        return (
+            self.z > MAX_RESIDUAL_CHI2_Z
+            or self.whiteness < MIN_WHITENESS_PROBABILITY
+            or self.score < MIN_BEST_EFFECT_CHANCE_PROBABILITY
+        )
 
 
 def residual_tests(fit: Fit, promised: list[ScoreTest]) -> ResidualTests:

@@ -15,9 +15,9 @@ from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchS
 from armdyn.identify.selection.select_effects import eliminate, evidence_rule, search_set, share_rule
 from armdyn.identify.selection.set_score import SetScore
 
-FAR_TILT_SIZES = 3.0
+RELINEARISED_TILT_TYPICAL_SIZES = 3.0
 """Tilt of an arm's base, in typical sizes (0.3 rad), beyond which the model is linearised again at the tilt."""
-FEW_VALUES_RATIO = 2.0
+MAX_REPORTED_PARAMETER_COUNT_RATIO = 2.0
 """Ratio of the number of parameters of all effects with strong evidence to that of the leading effects, up to which all
 are reported."""
 
@@ -75,11 +75,11 @@ def select_for_arm(
 
 
 def _is_few(sure: SetScore, leading: LinearPath) -> bool:
-    """Whether all sure effects have at most `FEW_VALUES_RATIO` times as many values as the leading ones."""
+    """Whether the sure effects have few values: `MAX_REPORTED_PARAMETER_COUNT_RATIO` times those of the leading ones."""
     lengths = [
         sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.chosen_set)
     ]
-    return lengths[0] <= FEW_VALUES_RATIO * lengths[1]
+    return lengths[0] <= MAX_REPORTED_PARAMETER_COUNT_RATIO * lengths[1]
 
 
 def _leading(scorer: LinearScorer, now: SetScore, say: ProgressCallback) -> SetScore:
@@ -149,7 +149,7 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
         fit = continue_fit(study.fit_with((*study.present, candidate), given.fit, given.fit.values))  # sums are far off
         own = study.problem.unknowns_of(candidate.names)
         angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
-        if np.any(np.abs(angles) > FAR_TILT_SIZES * typical):
+        if np.any(np.abs(angles) > RELINEARISED_TILT_TYPICAL_SIZES * typical):
             turned = study.scorer(fit, around.given_misfit)
             held = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             whole = _leading(turned, held, say)

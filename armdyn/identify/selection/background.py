@@ -23,11 +23,11 @@ from armdyn.identify.selection.select_effects import evidence_rule, search_set
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.run import Run
 
-PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+PRIOR_STDS_TRIED_TYPICAL_SIZES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Prior widths that are tried for the small values, in typical sizes."""
-BACKGROUND_PRICE_NATS = log(len(PRIOR_WIDTHS))
+BACKGROUND_PRICE_NATS = log(len(PRIOR_STDS_TRIED_TYPICAL_SIZES))
 """Gain of log likelihood, nats, that a background needs, because its width is chosen among several."""
-MAX_EXPANSIONS = 5
+MAX_SUCCESSIVE_LINEARISATIONS = 5
 """Largest number of linearisations, each at the optimum of the one before; two or three suffice nearly always."""
 MAX_BACKGROUND_STEPS = 8
 """Largest number of Gauss-Newton steps of the nonlinear model, from the solution of the linearised one."""
@@ -89,13 +89,13 @@ def fit_all_effects(
         say: called with a text on the progress of the search.
     """
     best: AllEffectsFit | None = None
-    for _ in range(MAX_EXPANSIONS):
+    for _ in range(MAX_SUCCESSIVE_LINEARISATIONS):
         scorer = study.scorer(near)
         sure = search_set(scorer, evidence_rule(scorer), scorer.evaluate(scorer.split_into_candidates(effects)), say)
         by_width = {
             s: scorer.prediction_log_likelihood(scorer.prior_widths(sure.effects, s))
             - BACKGROUND_PRICE_NATS * (s > 0.0)
-            for s in PRIOR_WIDTHS
+            for s in PRIOR_STDS_TRIED_TYPICAL_SIZES
         }
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.prior_widths(sure.effects, width)

@@ -10,8 +10,9 @@ the runs show more, gives the error that remains with any set, and thus the weig
 where E_c is the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the
 training runs; v_c that of the wide model; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i
 sizes, which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent
-samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `MODEL_ERROR_SAMPLES`
-however long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
+samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has
+`INDEPENDENT_MODEL_ERROR_SAMPLES` however long a recording is. With m = 1 - noise variance / v_c, the variance of a mean
+square gives
 
     1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
 """
@@ -30,23 +31,23 @@ from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-MODEL_ERROR_SAMPLES = 20.0
+INDEPENDENT_MODEL_ERROR_SAMPLES = 20.0
 """Number of independent samples of a model's own error in one channel, however long a recording is. With 8 the springs
 of a Gen3 arm are not found; with 20 the error on exam runs is below that of the best single prior width for 10 of 15
 imperfect arms, and at most 1.13 times it for the others."""
-NOISE_POWER_RATIO = 1.2
+MAX_RESIDUAL_TO_NOISE_VARIANCE = 1.2
 """Ratio of the residual variance of the wide model to the noise variance up to which the residual counts as noise: for
 clean simulations with many samples it is up to 1.1; see `max_noise_ratio`."""
-EFFECT_PRICE, VALUE_PRICE = 0.05, 0.01
+EFFECT_PRICE_ERROR_SHARE, PARAMETER_PRICE_ERROR_SHARE = 0.05, 0.01
 """Share of the squared error that an effect on a joint, and each of its parameters, must remove to be a leading effect.
 """
-MIN_DISTINCT_SHARE = 1e-6
+MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
-SINGLE_RUN_PIECES = 5
+SINGLE_RUN_CROSS_VALIDATION_PARTS = 5
 """Number of parts of a single training run that are predicted in turn."""
-MAX_WEIGHT_ROUNDS = 6
+MAX_REWEIGHTING_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
-TRAINING, HELD_OUT = 0, 1
+TRAINING_ROW, HELD_OUT_ROW = 0, 1
 """Row index of training runs, and of held-out runs, in arrays of errors."""
 
 
@@ -57,7 +58,7 @@ def max_noise_ratio(samples: float) -> float:
         samples: number of independent samples; by chance the ratio varies about one with a standard deviation of
             sqrt(2 / samples).
     """
-    return NOISE_POWER_RATIO * (1.0 + sqrt(2.0 / max(samples, 1.0)))
+    return MAX_RESIDUAL_TO_NOISE_VARIANCE * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
 def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
@@ -142,10 +143,12 @@ class LinearScorer(SetScorer):
         parts, unit, fold = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            for k, rows in enumerate(np.array_split(np.arange(len(r)), SINGLE_RUN_PIECES if s.training[i] else 1)):
+            for k, rows in enumerate(
+                np.array_split(np.arange(len(r)), SINGLE_RUN_CROSS_VALIDATION_PARTS if s.training[i] else 1)
+            ):
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
-                fold.append(k if s.training[i] else SINGLE_RUN_PIECES)
+                fold.append(k if s.training[i] else SINGLE_RUN_CROSS_VALIDATION_PARTS)
         return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
@@ -160,8 +163,8 @@ class LinearScorer(SetScorer):
         least = np.maximum(self.mean_squared_errors(change), noise)
         self._variance[:] = np.maximum(least / 30.0, noise)
         widths = self.prior_widths((), 1.0)
-        for _ in range(MAX_WEIGHT_ROUNDS):
-            self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
+        for _ in range(MAX_REWEIGHTING_ROUNDS):
+            self._samples[:] = [self._counted(k) for k in (TRAINING_ROW, HELD_OUT_ROW)]
             self._normals.clear()
             change = self.best_change(widths, self.training)
             widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
@@ -169,10 +172,10 @@ class LinearScorer(SetScorer):
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
-        m = np.clip(1.0 - NOISE_POWER_RATIO * noise / self._variance, 0.0, 1.0)
-        count = np.array([self._counted(k) for k in (TRAINING, HELD_OUT)])
+        m = np.clip(1.0 - MAX_RESIDUAL_TO_NOISE_VARIANCE * noise / self._variance, 0.0, 1.0)
+        count = np.array([self._counted(k) for k in (TRAINING_ROW, HELD_OUT_ROW)])
         with np.errstate(divide="ignore"):
-            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / MODEL_ERROR_SAMPLES)
+            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / INDEPENDENT_MODEL_ERROR_SAMPLES)
         return self._variance, np.where(count > 0.0, samples, 0.0)
 
     def _counted(self, stage: int) -> np.ndarray:
@@ -196,7 +199,7 @@ class LinearScorer(SetScorer):
 
     def _weight(self) -> np.ndarray:
         """(c,) weight of a squared error in training runs."""
-        return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
+        return np.asarray(self._samples[TRAINING_ROW] / (self._counted(TRAINING_ROW) * self._variance[TRAINING_ROW]))
 
     def prior_widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
         """(c,) prior widths of the unknowns, in typical sizes: wide for some effects and the base, narrow for others.
@@ -229,7 +232,7 @@ class LinearScorer(SetScorer):
         scale = 1.0 / np.sqrt(np.diag(G))[both]
         G = G[np.ix_(both, both)] * np.outer(scale, scale)
         within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
-        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_DISTINCT_SHARE) else 1
+        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_INIMITABLE_EFFECT_SHARE) else 1
 
     def best_change(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(c,) change of the unknowns, in typical sizes, that fits some units best.
@@ -258,7 +261,7 @@ class LinearScorer(SetScorer):
 
     def _of_stages(self) -> NormalEquations:
         """Sums of every channel over all training runs, then over all held-out runs."""
-        stage = np.where(self._is_training, TRAINING, HELD_OUT) * len(self._noise) + self._channel
+        stage = np.where(self._is_training, TRAINING_ROW, HELD_OUT_ROW) * len(self._noise) + self._channel
         parts = (self.equations.gram, self.equations.slope, self.equations.square, self.equations.count)
         found = [np.zeros((2 * len(self._noise), *part.shape[1:])) for part in parts]
         for total, part in zip(found, parts, strict=True):
@@ -287,7 +290,7 @@ class LinearScorer(SetScorer):
             change = self.best_change(widths, units[self._fold[units] != k])
             error = self.equations.squared_error(change, mine)
             total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
-        return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
+        return np.asarray(total / np.maximum(self._counted(TRAINING_ROW), 1.0))
 
     def prediction_errors(self, widths: np.ndarray) -> np.ndarray:
         """(2, c) mean squared error, by channel, of training runs predicted from the others, and of held-out runs.
@@ -295,7 +298,7 @@ class LinearScorer(SetScorer):
         Args:
             widths: (c,) prior widths of the unknowns.
         """
-        held_out = self.mean_squared_errors(self.best_change(widths, self.training))[HELD_OUT]
+        held_out = self.mean_squared_errors(self.best_change(widths, self.training))[HELD_OUT_ROW]
         return np.array([self.leave_one_out_errors(widths), held_out])
 
     def prediction_log_likelihood(self, widths: np.ndarray) -> float:
@@ -351,7 +354,8 @@ class LinearScorer(SetScorer):
     def reporting_cost(self, one: SetScore) -> float:
         """Cost of a set in the choice of leading effects: the share of the squared error that it leaves, plus a price.
 
-        The price is `EFFECT_PRICE` for each effect and `VALUE_PRICE` for each of its parameters.
+        The price is `EFFECT_PRICE_ERROR_SHARE` for each effect and `PARAMETER_PRICE_ERROR_SHARE` for each of its
+        parameters.
         """
         if one.score == -np.inf:
             return np.inf
@@ -364,7 +368,9 @@ class LinearScorer(SetScorer):
 
     @staticmethod
     def _length(effects: Sequence[Candidate]) -> float:
-        return EFFECT_PRICE * len(effects) + VALUE_PRICE * sum(len(c.names) for c in effects)
+        return EFFECT_PRICE_ERROR_SHARE * len(effects) + PARAMETER_PRICE_ERROR_SHARE * sum(
+            len(c.names) for c in effects
+        )
 
     @cached_property
     def least_misfit(self) -> float:

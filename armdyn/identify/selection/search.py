@@ -15,7 +15,7 @@ from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchS
 from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
+from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
 from armdyn.identify.study import Study
 from armdyn.identify.whole_runs import improve_by_whole_runs
 
@@ -141,7 +141,10 @@ def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[Se
         later = range(k + 1, len(steps))
         if any(c.effect in study.asked for j in later for c in steps[j].added):
             continue  # in an experiment made for this effect, its evidence counts
-        if all(left[j] > left[k] * (1.0 - MIN_SHARE_PER_VALUE) ** max(values[j] - values[k], 1) for j in later):
+        if all(
+            left[j] > left[k] * (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** max(values[j] - values[k], 1)
+            for j in later
+        ):
             return steps[: k + 1]
     return steps
 

@@ -16,7 +16,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 
-SCORED_CHANGES = 12
+SCORED_CHANGES_PER_KIND = 12
 """Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
 
 SetCost = Callable[[SetScore], float]
@@ -133,4 +133,4 @@ def _promising(scorer: LinearScorer, rule: SetRule, now: SetScore, changes: Sequ
         rest = scorer.evaluate([c for c in now.effects if c not in gone])
         costs = rule.first_order(rest, options).tolist()
         found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.evaluate(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]
+    return [scorer.evaluate(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES_PER_KIND]]

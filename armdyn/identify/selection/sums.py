@@ -13,12 +13,12 @@ from functools import partial
 
 import numpy as np
 
-from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Problem, ResidualBlock
+from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem, ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.thresholds import likeliest_thresholds
 from armdyn.linear.solve import solve_bounded
 
-DRIVEN_FIT_STEPS = 3
+INDIRECT_UNKNOWN_FIT_STEPS = 3
 """Number of steps of the fits that optimise unknowns which act only through another one."""
 
 
@@ -255,7 +255,7 @@ def _gains(
 def _width(problem: Problem) -> np.ndarray:
     """(P,) prior standard deviation of the unknowns; see `Sums.width`."""
     with np.errstate(divide="ignore"):
-        return np.minimum(EFFECT_PRIOR_SIZE * problem.typical, 1.0 / problem.prior_weight)
+        return np.minimum(EFFECT_PRIOR_STD_TYPICAL_SIZES * problem.typical, 1.0 / problem.prior_weight)
 
 
 def _with_columns(block: ResidualBlock, other: ResidualBlock, of_other: np.ndarray) -> ResidualBlock:
@@ -308,7 +308,7 @@ def _settled(
     groups = {d: others for d, others in groups.items() if len(others)}
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
-    for _ in range(DRIVEN_FIT_STEPS if groups else 0):
+    for _ in range(INDIRECT_UNKNOWN_FIT_STEPS if groups else 0):
         there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
         pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():

@@ -11,10 +11,10 @@ import numpy as np
 
 from armdyn.identify.fit import independent_columns
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import PIECE_PERIODS, GreyBoxRun, LinearisedRun, RunNoise, scale_noise
+from armdyn.identify.state_space.grey_run import PIECE_SWING_PERIODS, GreyBoxRun, LinearisedRun, RunNoise, scale_noise
 from armdyn.identify.state_space.innovations import ColouredNoise
 from armdyn.identify.state_space.noise_evidence import (
-    LOG_KICKS,
+    TRIED_LOG_KICK_SIZES,
     NoiseTable,
     RunNoiseTables,
     evaluate_all_noises,
@@ -35,7 +35,7 @@ NEARBY_EVALUATIONS: Sequence[NoiseEvaluation] = (evaluate_nearby_noises,) * 6
 """Noise settings of each round of an optimisation: always near the best ones of the round before."""
 WIDE_FIRST_EVALUATIONS: Sequence[NoiseEvaluation] = (evaluate_all_noises, *NEARBY_EVALUATIONS[1:])
 """Noise settings of each round of an optimisation: over the whole range first, then near the best ones."""
-KICK_SHRINK_FACTOR, NO_KICK_SHARE = 0.03, 1e-6
+KICK_SHRINK_FACTOR, NO_KICK_SHARE_OF_FIRST_KICKS = 0.03, 1e-6
 """Factor on the kicks from round to round, and the share of the first kicks that counts as no kick."""
 
 
@@ -78,7 +78,7 @@ class GreyBox:
         values: np.ndarray,
         training: int,
         removable: np.ndarray,
-        share: float = PIECE_PERIODS,
+        share: float = PIECE_SWING_PERIODS,
     ) -> None:
         self.problem, self.training, self.removable = problem, training, removable
         self.runs = [GreyBoxRun(problem, i, values, share) for i in range(len(problem.runs))]
@@ -250,9 +250,12 @@ class GreyBox:
         share, way = 1.0, list[np.ndarray]()
         white = tuple(replace(n, coloured_noise=(ColouredNoise(),) * len(n.coloured_noise)) for n in point.noises)
         arounds: Sequence[LinearisedRun] = self.linearise(point, free)
-        while share > NO_KICK_SHARE:
+        while share > NO_KICK_SHARE_OF_FIRST_KICKS:
             noises = tuple(
-                replace(n, kick_std=share * float(np.clip(n.kick_std, *(a.kick_unit * np.exp(LOG_KICKS[[0, -1]])))))
+                replace(
+                    n,
+                    kick_std=share * float(np.clip(n.kick_std, *(a.kick_unit * np.exp(TRIED_LOG_KICK_SIZES[[0, -1]])))),
+                )
                 for n, a in zip(white, arounds, strict=True)
             )
             before = replace(point, noises=noises)

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE
-from armdyn.identify.least_squares import GROSS_ERROR_RATIO
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE
+from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     ChannelRows,
@@ -26,20 +26,20 @@ from armdyn.physics.simulated import as_simulated_model
 from armdyn.recording.gaps import run_until
 from armdyn.recording.noise import smallest_noise_std
 
-PIECE_PERIODS = 0.5
+PIECE_SWING_PERIODS = 0.5
 """Length of a piece of the motion, between two kicks, in periods of the swing. Within a piece the motion follows the
 model, so friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With
 white process noise in place of kicks real recordings contain 10 to 1000 times less information."""
 MAX_ERROR_GROWTH = 100.0
 """Factor by which an error of the state may grow within a piece; above it the piece is divided."""
-LINEAR_PRIOR_SIZE = 100.0
+LINEARISED_PRIOR_STD_TYPICAL_SIZES = 100.0
 """Prior width of the unknowns of a linearised run, in typical sizes; it only limits what the run does not identify."""
-FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
+FIRST_ROUND_PIECES, PIECE_COUNT_FACTOR_PER_ROUND, MAX_SMOOTHER_STEPS_PER_ROUND = 2, 2, 2
 """Number of pieces over which a motion is first derived from a force, factor on this number from round to round, and
 largest number of smoother steps in a round."""
-GLITCH_STDS = 4.0
+MIN_GLITCH_INNOVATION_STDS = 4.0
 """Number of standard deviations of an innovation above which a sample is a glitch: one in 16,000 by chance."""
-MAX_INFLUENTIAL_SHARE = 0.75
+MAX_INFLUENTIAL_UNKNOWN_SHARE = 0.75
 """Share of the unknowns with influence above which the other unknowns are not left out, as this would save no time."""
 MAX_GLITCH_SHARE = 0.1
 """Largest share of samples that can be glitches; with more of them, none is treated as a glitch."""
@@ -78,7 +78,7 @@ class GreyBoxRun:
         share: length of a piece, between two kicks, in periods of the swing.
     """
 
-    def __init__(self, problem: Problem, index: int, values: np.ndarray, share: float = PIECE_PERIODS) -> None:
+    def __init__(self, problem: Problem, index: int, values: np.ndarray, share: float = PIECE_SWING_PERIODS) -> None:
         model, run = as_simulated_model(problem.model), problem.runs[index]
         self.problem, self.unknowns = problem, problem.unknowns_of_run(index)
         self.swing = model.oscillation_period(run, values[self.unknowns])
@@ -118,13 +118,16 @@ class GreyBoxRun:
         simulation; kicks keep the difference small while the stretch grows.
         """
         theta, even = values[self.unknowns], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
-        states, known = self.pieces.rolled_out_states(theta), FIRST_PIECES
+        states, known = self.pieces.rolled_out_states(theta), FIRST_ROUND_PIECES
         none = np.zeros(len(values), dtype=bool)
         around = self.linearise(values, states, even, none)
-        while known < len(states) and not around.mean_squared_residual(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
-            begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
-            for _ in range(MAX_SMOOTHER_STEPS):
-                if not around.finite or around.mean_squared_residual(begin, known) < MAX_CHI2_NEAR_NOISE:
+        while (
+            known < len(states)
+            and not around.mean_squared_residual(FIRST_ROUND_PIECES, len(states)) < GROSS_ERROR_TO_NOISE_VARIANCE
+        ):
+            begin, known = known, min(len(states), PIECE_COUNT_FACTOR_PER_ROUND * known)
+            for _ in range(MAX_SMOOTHER_STEPS_PER_ROUND):
+                if not around.finite or around.mean_squared_residual(begin, known) < MAX_CHI2_PER_SAMPLE_NEAR_NOISE:
                     break
                 states = around.smooth_first_pieces(known)
                 states[known:] = self.pieces.rolled_out_states(theta, known - 1, states[known - 1])[1:]
@@ -164,7 +167,7 @@ class GreyBoxRun:
         start = np.zeros((states.shape[1], len(unknowns) + 1))
         start[~free, -1] = (begin - states[0])[~free]
         start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
-        wide = by_start * (LINEAR_PRIOR_SIZE * self._typical)
+        wide = by_start * (LINEARISED_PRIOR_STD_TYPICAL_SIZES * self._typical)
         chain = PieceChain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
@@ -278,7 +281,9 @@ class LinearisedRun:
         )
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.sum() < MAX_INFLUENTIAL_SHARE * len(acting) else np.ones_like(acting))
+        return np.asarray(
+            acting if acting.sum() < MAX_INFLUENTIAL_UNKNOWN_SHARE * len(acting) else np.ones_like(acting)
+        )
 
     def _sums(self, noises: Sequence[RunNoise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces for C noises, as input of `filter_run` with `kicks` sizes of the kicks."""
@@ -358,7 +363,7 @@ class LinearisedRun:
         found = []
         for rows, colour, level in zip(self.rows, noise.coloured_noise, noise.white_noise_ratios, strict=True):
             z = rows.deviates(colour, level, moved, change)
-            bad = z > GLITCH_STDS
+            bad = z > MIN_GLITCH_INNOVATION_STDS
             few = bad.sum() < MAX_GLITCH_SHARE * len(bad)
             found.append(np.where(bad & few, z**2, 1.0))
         return tuple(found)

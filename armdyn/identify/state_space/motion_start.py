@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, first_seconds, identifiable, run_duration
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
-FITTED_STARTS = 8
+FITTED_START_STATES = 8
 """Number of start states, those with the least cost, from which a fit starts on the first part of a run."""
-FOLLOWED_STARTS = 4
+MAX_FOLLOWED_START_STATES = 4
 """Largest number of start states that are compared over longer parts of a run."""
 RIVAL_COST_RATIO = 2.0
 """Ratio of the cost of a start state to that of the best, multiplied over all parts so far, up to which both are kept.
@@ -66,14 +66,14 @@ def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> n
     window, end = model.start_window(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_PER_SAMPLE_NEAR_NOISE * cut.samples
     if near_noise and np.array_equal(identifiable(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, free, window, rows[i]) for i in order[:FITTED_STARTS]]
+    found = [_descended(cut, free, window, rows[i]) for i in order[:FITTED_START_STATES]]
     rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
         window *= STRETCH_GROWTH
@@ -91,7 +91,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.expansion.cost >= MAX_CHI2_NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.expansion.cost >= MAX_CHI2_PER_SAMPLE_NEAR_NOISE * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)
@@ -157,7 +157,7 @@ def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
     order = sorted(rivals, key=lambda rival: round(rival.cost, 4))
     kept: list[_Rival] = []
     for rival in order:
-        if len(kept) == FOLLOWED_STARTS or rival.cost > order[0].cost + np.log(RIVAL_COST_RATIO):
+        if len(kept) == MAX_FOLLOWED_START_STATES or rival.cost > order[0].cost + np.log(RIVAL_COST_RATIO):
             break
         if not any(_same(single, rival.now, other.now) for other in kept):
             kept.append(rival)

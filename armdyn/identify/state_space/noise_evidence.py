@@ -12,25 +12,30 @@ from itertools import product
 import numpy as np
 
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, RunNoise, scale_noise
+from armdyn.identify.state_space.grey_run import (
+    LINEARISED_PRIOR_STD_TYPICAL_SIZES,
+    LinearisedRun,
+    RunNoise,
+    scale_noise,
+)
 from armdyn.identify.state_space.innovations import ColouredNoise
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-LOG_KICKS = np.arange(-7.0, 10.1, 1.2)
+TRIED_LOG_KICK_SIZES = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the tried sizes of the kicks, relative to the accuracy with which one piece of the motion
 determines a speed."""
-COLOUR_RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
+TRIED_COLOURED_TO_WHITE_VARIANCES = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Tried variances of the correlated sensor error, over that of the white noise."""
-COLOUR_PERIODS = (0.02, 0.08, 1.0 / 3.0)
+TRIED_CORRELATION_TIMES_IN_PERIODS = (0.02, 0.08, 1.0 / 3.0)
 """Tried correlation times of the sensor error, in periods of the swing: with a longer one the error would be an offset.
 """
 NOISE_LEVEL_FACTORS = (0.6, 1.6)
 """Tried factors, besides 1, on the noise of one of several channels."""
-MAX_BOUND_PULL_NATS = float(np.log(100.0))
+MAX_GAIN_BEYOND_BOUND_NATS = float(np.log(100.0))
 """Gain of log evidence, nats, of a value beyond its bound, above which the bound decides on the value."""
 COARSE_STRIDES = (3, 3)
 """Strides in the grids of sensor errors and of kicks for a first coarse search."""
-NOISE_ROUNDS = 3
+NOISE_OPTIMISATION_ROUNDS = 3
 """Number of rounds in which the noises of several runs, and the values and noise levels, are optimised in turn."""
 
 
@@ -88,7 +93,7 @@ def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
 
 def evaluate_all_kicks(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run over the whole range of kicks, with one sensor noise."""
-    return evaluate_noises(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
+    return evaluate_noises(around, [noise], around.kick_unit * np.exp(TRIED_LOG_KICK_SIZES))
 
 
 def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
@@ -97,8 +102,11 @@ def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     That channel is the one with the most information on the motion; the others keep the sensor noise of `noise`.
     """
     noise = scale_noise(noise, 1.0 / min(noise.white_noise_ratios))
-    swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
-    colours = [ColouredNoise()] + [ColouredNoise(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(TRIED_LOG_KICK_SIZES)
+    colours = [ColouredNoise()] + [
+        ColouredNoise(r, t * swing)
+        for r, t in product(TRIED_COLOURED_TO_WHITE_VARIANCES[1:], TRIED_CORRELATION_TIMES_IN_PERIODS)
+    ]
     k = around.most_informative_channel
     noises = [
         replace(noise, coloured_noise=(*noise.coloured_noise[:k], colour, *noise.coloured_noise[k + 1 :]))
@@ -110,7 +118,10 @@ def evaluate_all_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
 def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at noise settings near a given one."""
     noise = scale_noise(noise, 1.0 / min(noise.white_noise_ratios))
-    kicks = np.clip(noise.kick_std / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
+    kicks = (
+        np.clip(noise.kick_std / around.kick_unit, np.exp(TRIED_LOG_KICK_SIZES[0]), np.exp(TRIED_LOG_KICK_SIZES[-1]))
+        * around.kick_unit
+    )
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
     for c, colour in enumerate(noise.coloured_noise):
@@ -135,13 +146,24 @@ def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable
 def _neighbours(colour: ColouredNoise, swing: float) -> list[ColouredNoise]:
     """Neighbours of a colour in the grid."""
     if colour.variance_ratio == 0.0:
-        return [ColouredNoise(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
-    r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.variance_ratio)))
-    t = int(np.argmin([abs(x * swing - colour.correlation_time) for x in COLOUR_PERIODS]))
+        return [
+            ColouredNoise(TRIED_COLOURED_TO_WHITE_VARIANCES[1], t * swing)
+            for t in TRIED_CORRELATION_TIMES_IN_PERIODS[1::2]
+        ]
+    r = TRIED_COLOURED_TO_WHITE_VARIANCES.index(
+        min(TRIED_COLOURED_TO_WHITE_VARIANCES, key=lambda x: abs(x - colour.variance_ratio))
+    )
+    t = int(np.argmin([abs(x * swing - colour.correlation_time) for x in TRIED_CORRELATION_TIMES_IN_PERIODS]))
     found = [ColouredNoise()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
-        if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
-            found.append(ColouredNoise(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
+        if 0 < r + dr < len(TRIED_COLOURED_TO_WHITE_VARIANCES) and 0 <= t + dt < len(
+            TRIED_CORRELATION_TIMES_IN_PERIODS
+        ):
+            found.append(
+                ColouredNoise(
+                    TRIED_COLOURED_TO_WHITE_VARIANCES[r + dr], TRIED_CORRELATION_TIMES_IN_PERIODS[t + dt] * swing
+                )
+            )
     return found
 
 
@@ -192,14 +214,14 @@ class RunNoiseTables:
         removable: np.ndarray,
         begin: Sequence[int] | None = None,
     ) -> None:
-        self._begin, self._rounds = begin, NOISE_ROUNDS if begin is None else 1
+        self._begin, self._rounds = begin, NOISE_OPTIMISATION_ROUNDS if begin is None else 1
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
             known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
-            self._width = np.minimum(LINEAR_PRIOR_SIZE * problem.typical, known)
+            self._width = np.minimum(LINEARISED_PRIOR_STD_TYPICAL_SIZES * problem.typical, known)
         self._typical = np.minimum(problem.typical, self._width)
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
@@ -277,7 +299,7 @@ class RunNoiseTables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((pulled > MAX_BOUND_PULL_NATS) & ends & p.is_effect[c])
+        inside = not np.any((pulled > MAX_GAIN_BEYOND_BOUND_NATS) & ends & p.is_effect[c])
         occam = float(self._freedom(H, c)) + spread
         return SetEvidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 

@@ -11,31 +11,31 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit, continue_fit, fit
-from armdyn.identify.least_squares import GROSS_ERROR_RATIO
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit, continue_fit, fit
+from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
 from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
 from armdyn.identify.state_space.threshold_search import find_thresholds
 from armdyn.physics.simulated import as_simulated_model
 
-DIFFERENT_VALUE_SHARE = 0.1
+MIN_TRIED_VALUE_DIFFERENCE_SHARE = 0.1
 """Relative difference above which a value that a recording shows directly is tried in addition to the model's value."""
-SKETCH_STEPS = 5
+FIT_STEPS_BEFORE_SELECTION = 5
 """Number of steps after which only the better ones of several fits are continued."""
-OTHER_STARTS = 3
+OTHER_START_VALUES_TRIED = 3
 """Number of further start values that are tried where a fit has large errors."""
-OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
+TRIED_EFFECT_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
 """Factors on the sizes of effects that are tried as start values where a fit has large errors."""
-SMALLER_MOTION_FACTORS = (0.4, 0.7)
+TRIED_START_STATE_FACTORS = (0.4, 0.7)
 """Factors on the start states that are tried where a fit without effects has large errors: without friction a decaying
 swing is best imitated by a smaller one. For two free swings of a link the error falls from 0.94 to 0.50 rad."""
-WRONG_MOTION_KICK = 10.0
+MIN_WRONG_MOTION_KICK_RATIO = 10.0
 """Size of the kicks, relative to the accuracy with which one piece of the motion determines a speed, above which a
 motion that was derived from a force may be wrong."""
-MAX_FIT_STEPS, RANKING_STEPS = 30, 10
+MAX_FIT_STEPS, MAX_RANKING_FIT_STEPS = 30, 10
 """Largest number of steps of a fit, and of a fit that only ranks a set of effects among others."""
-MAX_PREDICTED_SAMPLES = 5_000_000
+MAX_SAMPLES_PREDICTED_FOR_STARTS = 5_000_000
 """Number of samples that may be predicted (in five seconds) to try other start values where a fit has large errors. All
 start values are tried for recordings of up to 37,000 samples (five minutes of a swing), fewer for longer ones, none
 above 111,000."""
@@ -114,7 +114,7 @@ class EffectSetOptimiser:
             name = problem.columns[j].parameter.name
             if name in shown:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
-        if np.any(np.abs(other - values) > DIFFERENT_VALUE_SHARE * np.abs(values)):
+        if np.any(np.abs(other - values) > MIN_TRIED_VALUE_DIFFERENCE_SHARE * np.abs(values)):
             options = [*options, other]
         if self.motion_measured:
             options = likeliest_start_values(problem, self.box.training, wanted, values) or options
@@ -123,7 +123,7 @@ class EffectSetOptimiser:
             if any(nearly_equal(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.motion_measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
+            if not self.motion_measured and self.box.largest_kick(found[-1][1]) < MIN_WRONG_MOTION_KICK_RATIO:
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
@@ -173,7 +173,7 @@ class EffectSetOptimiser:
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.motion_measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
+        if self.motion_measured or self.box.largest_kick(point) < MIN_WRONG_MOTION_KICK_RATIO:
             return point
         other = self.box.optimise(free, self.box.initial_point(self.box.values_with_start_states(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
@@ -218,12 +218,12 @@ class EffectSetOptimiser:
         if sized.any():
             found = list(islice(starts, 2))
             yield from (
-                np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in OTHER_SIZE_FACTORS
+                np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in TRIED_EFFECT_SIZE_FACTORS
             )
             yield from self._of_single_runs(free, found[0])
         else:
             first = next(iter(starts))
-            yield from (np.where(self.start_unknowns, size * first, first) for size in SMALLER_MOTION_FACTORS)
+            yield from (np.where(self.start_unknowns, size * first, first) for size in TRIED_START_STATE_FACTORS)
 
     def likeliest_start_values(self, free: np.ndarray) -> list[np.ndarray]:
         """(P,) start values for a model whose values are only guesses; see `likeliest_start_values`.
@@ -254,7 +254,9 @@ class EffectSetOptimiser:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def best_fit(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
+def best_fit(
+    problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_START_VALUES_TRIED
+) -> Fit:
     """Fit whole simulated runs from several start values and return the best fit.
 
     Further start values are computed and tried only where the fit is far above the noise.
@@ -266,16 +268,20 @@ def best_fit(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], o
         others: largest number of start values that are tried after the first two; 0 for a quick fit that only ranks a
             set of effects.
     """
-    values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
+    values, steps = iter(starts), MAX_FIT_STEPS if others else MAX_RANKING_FIT_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (MAX_CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
+    if found[0].chi2_per_sample > (MAX_CHI2_PER_SAMPLE_NEAR_NOISE if others else GROSS_ERROR_TO_NOISE_VARIANCE):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
-    others = min(others, MAX_PREDICTED_SAMPLES // (problem.samples * (3 * SKETCH_STEPS + MAX_FIT_STEPS)))
-    if best.chi2_per_sample > GROSS_ERROR_RATIO and others:
+    others = min(
+        others, MAX_SAMPLES_PREDICTED_FOR_STARTS // (problem.samples * (3 * FIT_STEPS_BEFORE_SELECTION + MAX_FIT_STEPS))
+    )
+    if best.chi2_per_sample > GROSS_ERROR_TO_NOISE_VARIANCE and others:
         # With large errors the shrinking kicks may have left the best minimum; earlier values may be nearer.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
-        sketched = sorted((_bounded_fit(problem, free, v, SKETCH_STEPS) for v in nearer), key=lambda one: one.cost)
+        sketched = sorted(
+            (_bounded_fit(problem, free, v, FIT_STEPS_BEFORE_SELECTION) for v in nearer), key=lambda one: one.cost
+        )
         found += [_bounded_fit(problem, free, one.values, MAX_FIT_STEPS) for one in sketched[:others]]
     best = min(found, key=lambda one: one.cost)
     return continue_fit(best) if steps == MAX_FIT_STEPS else best

@@ -11,17 +11,17 @@ from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
 from armdyn.identify.state_space.grey_box import CONVERGED_NATS, LinearisationPoint
-from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE
+from armdyn.identify.state_space.grey_run import LINEARISED_PRIOR_STD_TYPICAL_SIZES
 from armdyn.identify.state_space.noise_evidence import RunNoiseTables, evaluate_all_noises
-from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
+from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
 
-SCORED_SETS = 16
+FULLY_SCORED_EFFECT_SETS = 16
 """Number of changed sets, those with the best score at a few noise settings, that are scored in full."""
-VERIFIED_SETS = 4
+OPTIMISED_EFFECT_SETS = 4
 """Number of changed sets, those with the best score, that are optimised before one of them is chosen."""
-COMPARED_STEPS = 3
+EFFECTS_COMPARED_BY_RESIDUAL = 3
 """Number of effects, those with the best score, whose residuals are compared to choose the next step of a path."""
-PAIRED_EFFECTS = 36
+MAX_EFFECTS_TRIED_IN_PAIRS = 36
 """Number of effects, those with the best score alone, of which pairs are added."""
 MAX_SET_FOR_PAIRS = 3
 """Largest number of effects in a set to which pairs of effects are added, because one effect may imitate two."""
@@ -131,7 +131,7 @@ class StateSpaceScorer(SetScorer):
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
             promised = [self.evaluate(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.score > now.score + CONVERGED_NATS), key=lambda o: -o.score)
-            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED_SETS]
+            options = _unlike([one.effects for one in promised], now.effects)[:OPTIMISED_EFFECT_SETS]
             refused |= {frozenset(option) for option in options}
             found = []
             for i, option in enumerate(options):
@@ -167,7 +167,9 @@ class StateSpaceScorer(SetScorer):
             return False
         least = study.squared_error(found)
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
-        return left * (1.0 - MIN_SHARE_PER_VALUE) < least and left - least < MIN_SHARE_PER_VALUE * (most - least)
+        return left * (
+            1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER
+        ) < least and left - least < MIN_EXPLAINED_SHARE_PER_PARAMETER * (most - least)
 
     def effects_on_other_states(
         self, whole: SetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
@@ -188,7 +190,9 @@ class StateSpaceScorer(SetScorer):
         """The sets of many that are worth a full score."""
         coarse = self._coarse()
         ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
-        return list(dict.fromkeys([*ranked[:SCORED_SETS], *_unlike(ranked, self._at)[:SCORED_SETS]]))
+        return list(
+            dict.fromkeys([*ranked[:FULLY_SCORED_EFFECT_SETS], *_unlike(ranked, self._at)[:FULLY_SCORED_EFFECT_SETS]])
+        )
 
     def _coarse(self) -> RunNoiseTables:
         """Sums at few noises, those near the one that suits the present set."""
@@ -207,9 +211,9 @@ class StateSpaceScorer(SetScorer):
         """Sets that differ from a set by a small change."""
         left = [c for c in self.candidates if c not in effects]
         paired = left
-        if len(left) > PAIRED_EFFECTS:
+        if len(left) > MAX_EFFECTS_TRIED_IN_PAIRS:
             coarse = self._coarse()
-            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:PAIRED_EFFECTS]
+            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:MAX_EFFECTS_TRIED_IN_PAIRS]
         coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MAX_SET_FOR_PAIRS else ())]
         for gone in (None, *effects):
             rest = tuple(c for c in effects if c != gone)
@@ -222,7 +226,7 @@ class StateSpaceScorer(SetScorer):
         """
         self.optimise(now.effects)
         promised = sorted((self.evaluate((*now.effects, *one)) for one in options), key=lambda one: -one.score)
-        compared = promised if not now.effects else promised[:COMPARED_STEPS]
+        compared = promised if not now.effects else promised[:EFFECTS_COMPARED_BY_RESIDUAL]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
         return self.optimise(best.effects)
 
@@ -249,7 +253,7 @@ class StateSpaceScorer(SetScorer):
         T = self.problem.typical
         told = np.isfinite(found.information).all()  # where a simulation diverges, nothing is determined
         information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
-        spread = np.linalg.pinv(np.eye(len(T)) / LINEAR_PRIOR_SIZE**2 + information, hermitian=True)
+        spread = np.linalg.pinv(np.eye(len(T)) / LINEARISED_PRIOR_STD_TYPICAL_SIZES**2 + information, hermitian=True)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
         return transfer_values(fit.values, fit.problem, self.problem), deviations
 

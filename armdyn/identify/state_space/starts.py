@@ -14,21 +14,21 @@ from armdyn.identify.state_space.grey_box import GreyBox
 from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
 from armdyn.physics.simulated import as_simulated_model
 
-TRIED_STARTS, KEPT_STARTS = 24, 3
+TRIED_START_VALUE_COUNT, MAX_RETURNED_OPTIMA = 24, 3
 """Number of start values that are tried, and largest number of different results that are returned."""
-START_SPREAD_FACTOR = 3.0
+MAX_START_TO_MODEL_VALUE_RATIO = 3.0
 """Largest ratio of a tried value to the model's value, or of the model's value to a tried one. Where the model's value
 is 0: largest tried value, in typical sizes."""
-SHORT_PIECE_PERIODS = 1.0 / 8.0
+SHORT_PIECE_SWING_PERIODS = 1.0 / 8.0
 """Length of the short pieces of the motion, in periods of the swing: in half a swing, a stiffness four times too large
 is already another oscillation."""
-START_SEARCH_PERIODS = 8.0
+START_SEARCH_SWING_PERIODS = 8.0
 """Length of the first part of every run that is used for the search, in periods of the swing."""
-START_ROUNDS = 4
+START_OPTIMISATION_ROUNDS = 4
 """Number of rounds in which values are optimised in short pieces."""
-REPEATED_BEST_STARTS = 3
+STARTS_REACHING_SAME_BEST_OPTIMUM = 3
 """Number of start values that lead to the best optimum so far, after which the search ends."""
-SAME_START_SHARE = 0.05
+SAME_OPTIMUM_RELATIVE_TOLERANCE = 0.05
 """Relative difference up to which two results are the same optimum."""
 
 
@@ -49,7 +49,7 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
         return []
     needed = problem.needed_effects(values, wanted)
     runs = [
-        first_seconds(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
+        first_seconds(run, START_SEARCH_SWING_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only_effects(needed), runs, problem.noise)
@@ -60,25 +60,25 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
         if np.isfinite(evidence):
             ends.append((evidence, transfer_values(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
-            if sum(nearly_equal(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
+            if sum(nearly_equal(end, best, guessed) for _, end in ends) == STARTS_REACHING_SAME_BEST_OPTIMUM:
                 break
     told = list[np.ndarray]()
     for _, end in sorted(ends, key=lambda one: -one[0]):
-        if len(told) < KEPT_STARTS and not any(nearly_equal(end, other, guessed) for other in told):
+        if len(told) < MAX_RETURNED_OPTIMA and not any(nearly_equal(end, other, guessed) for other in told):
             told.append(end)
     return told
 
 
 def nearly_equal(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
     """Whether two vectors (P,) of values are nearly equal for the unknowns `where`, (P,) bool."""
-    return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
+    return bool(np.allclose(one[where], other[where], rtol=SAME_OPTIMUM_RELATIVE_TOLERANCE, atol=0.0))
 
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
     """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
-    box = GreyBox(cut, values, len(cut.runs), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
+    box = GreyBox(cut, values, len(cut.runs), np.zeros(len(values), dtype=bool), SHORT_PIECE_SWING_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
-        point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * START_ROUNDS)
+        point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * START_OPTIMISATION_ROUNDS)
     return point.evidence, box.values_with_start_states(point)
 
 
@@ -94,7 +94,7 @@ def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterat
         ratio = (1.0 + ratio) ** (1.0 / (len(places) + 1))
     steps = ratio ** -np.arange(1.0, len(places) + 1)
     yield values
-    for k in range(1, TRIED_STARTS):
+    for k in range(1, TRIED_START_VALUE_COUNT):
         tried = values.copy()
         for j, share in zip(places, (0.5 + k * steps) % 1.0, strict=True):
             tried[j] = _between(problem, j, values[j], share)
@@ -109,9 +109,9 @@ def _between(problem: Problem, unknown: int, value: float, share: float) -> floa
         lower, upper = max(lower, mean - 2.0 / weight), min(upper, mean + 2.0 / weight)
     typical = problem.typical[unknown]
     ends = (
-        np.sort([value / START_SPREAD_FACTOR, value * START_SPREAD_FACTOR])
+        np.sort([value / MAX_START_TO_MODEL_VALUE_RATIO, value * MAX_START_TO_MODEL_VALUE_RATIO])
         if value
-        else START_SPREAD_FACTOR * np.array([-typical, typical])
+        else MAX_START_TO_MODEL_VALUE_RATIO * np.array([-typical, typical])
     )
     low, high = np.clip(ends, lower, upper)
     if low * high > 0.0:

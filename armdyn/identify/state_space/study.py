@@ -9,20 +9,26 @@ from itertools import chain, tee
 import numpy as np
 
 from armdyn.identify.failed_fit import residual_variance_ratio
-from armdyn.identify.fit import MAX_CHI2_NEAR_NOISE, Fit
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit
 from armdyn.identify.holdout import predict_runs
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
+from armdyn.identify.selection.linear_scorer import MAX_RESIDUAL_TO_NOISE_VARIANCE
 from armdyn.identify.state_space.motion_start import find_start_state, find_start_states
-from armdyn.identify.state_space.output_error import OTHER_STARTS, EffectSetOptimiser, best_fit, fit_run, shows_motion
-from armdyn.identify.study import CHANCE_DEVIATES, SURE_DEVIATES, Study
+from armdyn.identify.state_space.output_error import (
+    OTHER_START_VALUES_TRIED,
+    EffectSetOptimiser,
+    best_fit,
+    fit_run,
+    shows_motion,
+)
+from armdyn.identify.study import MAX_NOISE_RESIDUAL_EXCESS_STDS, MIN_RESIDUAL_EXCESS_STDS, Study
 from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
 """Largest number of times of glitches that a sentence lists."""
-MIN_SHARE_PER_VALUE = 0.125
+MIN_EXPLAINED_SHARE_PER_PARAMETER = 0.125
 """Share of the squared error above the noise that each parameter of an added effect must explain: parameters that the
 public recordings of pendulums need explain 0.17 or more, a lag that errors of the simulated robot imitate 0.10."""
 
@@ -31,7 +37,7 @@ class StateSpaceStudy(Study):
     """Fits a model that simulates a motion, with any effects, to runs; see `Study`."""
 
     later_ties = True
-    ignored_chi2 = NOISE_POWER_RATIO
+    ignored_chi2 = MAX_RESIDUAL_TO_NOISE_VARIANCE
 
     @cached_property
     def motion(self) -> EffectSetOptimiser:
@@ -66,7 +72,7 @@ class StateSpaceStudy(Study):
         return {}
 
     def _fit_as_given(self) -> Fit:
-        return self._fit_around(self.present, OTHER_STARTS)
+        return self._fit_around(self.present, OTHER_START_VALUES_TRIED)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit | None = None, values: np.ndarray | None = None) -> Fit:
         """Fit the base model with some effects and no others to whole runs, from the measured motion.
@@ -77,7 +83,7 @@ class StateSpaceStudy(Study):
             values: not used.
         """
         del near, values
-        return self._fit_around(effects, OTHER_STARTS)
+        return self._fit_around(effects, OTHER_START_VALUES_TRIED)
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
         """Fit the base model with some effects quickly, to rank them: from few start values, even with large errors."""
@@ -98,7 +104,11 @@ class StateSpaceStudy(Study):
         places = chain(copy(starts), motion.rescaled_start_values(free, copy(starts)))
         fitted = transfer_mask(free | motion.start_unknowns, motion.problem, self.problem)
         found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
-        if others and found.chi2_per_sample > MAX_CHI2_NEAR_NOISE and (likely := motion.likeliest_start_values(free)):
+        if (
+            others
+            and found.chi2_per_sample > MAX_CHI2_PER_SAMPLE_NEAR_NOISE
+            and (likely := motion.likeliest_start_values(free))
+        ):
             other = best_fit(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
             found = min(found, other, key=lambda one: one.cost)
         if point is not None:
@@ -118,7 +128,7 @@ class StateSpaceStudy(Study):
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
-        return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
+        return bool(np.all(excess <= MAX_NOISE_RESIDUAL_EXCESS_STDS / MIN_RESIDUAL_EXCESS_STDS * by_chance))
 
     def explained_share(self, before: Fit, after: Fit) -> float:
         """Share of the squared error of the fit `before` that the fit `after` removes, on training and held-out runs.
@@ -144,7 +154,7 @@ class StateSpaceStudy(Study):
 
         A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
         """
-        if fit.chi2_per_sample < MAX_CHI2_NEAR_NOISE:
+        if fit.chi2_per_sample < MAX_CHI2_PER_SAMPLE_NEAR_NOISE:
             return False
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
         return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)

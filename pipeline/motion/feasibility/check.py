@@ -16,11 +16,11 @@ from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuanti
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
-CHECKS_PER_SAMPLE = 5
+CHECKED_INSTANTS_PER_SAMPLE = 5
 """Number of checked instants per sample of the motion, so that peaks between two samples are found."""
-MAX_LINE_DISTANCE, MAX_TILT = 1e-4, 1e-3
+MAX_TOOL_TO_LINE_DISTANCE, MAX_TOOL_TO_LINE_ANGLE = 1e-4, 1e-3
 """Largest distance of the tool point from the line [m], and largest angle between tool and line's orientation [rad]."""
-MAX_START_DISTANCE = 0.02
+MAX_FIRST_TO_MEASURED_JOINT_ANGLE = 0.02
 """Largest distance of a joint's first position from its measured position [rad]."""
 
 
@@ -125,7 +125,7 @@ def _series(
         here = np.asarray(at, dtype=float)
         if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        start = -MAX_START_DISTANCE, MAX_START_DISTANCE
+        start = -MAX_FIRST_TO_MEASURED_JOINT_ANGLE, MAX_FIRST_TO_MEASURED_JOINT_ANGLE
         apart = fine.q[:1] - here
         series.append(
             LimitedQuantity.from_values("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start)
@@ -134,10 +134,14 @@ def _series(
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-    """Interpolate samples (n, ...) `CHECKS_PER_SAMPLE` times finer: x and v by cubics, a linearly."""
+    """Interpolate samples (n, ...) `CHECKED_INSTANTS_PER_SAMPLE` times finer: x and v by cubics, a linearly."""
     if time.size == 1:
         return time, x, v, a
-    fine = np.interp(np.arange(CHECKS_PER_SAMPLE * (time.size - 1) + 1) / CHECKS_PER_SAMPLE, np.arange(time.size), time)
+    fine = np.interp(
+        np.arange(CHECKED_INSTANTS_PER_SAMPLE * (time.size - 1) + 1) / CHECKED_INSTANTS_PER_SAMPLE,
+        np.arange(time.size),
+        time,
+    )
     return (
         fine,
         CubicHermiteSpline(time, x, v)(fine),
@@ -203,8 +207,10 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        LimitedQuantity.from_values("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
-        LimitedQuantity.from_values("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
+        LimitedQuantity.from_values(
+            "distance_off_line", "m", tool, fine.time, distance, upper=MAX_TOOL_TO_LINE_DISTANCE
+        ),
+        LimitedQuantity.from_values("tilt", "rad", tool, fine.time, tilt, upper=MAX_TOOL_TO_LINE_ANGLE),
     ]
 
 

@@ -16,17 +16,17 @@ from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes, convex_hull, link_of_shape
 from urdf.robot import Array
 
-MIN_CLEARANCE, MIN_SWING_CLEARANCE = 0.01, 0.02
+MIN_LINK_CLEARANCE, MIN_LOAD_AND_STRING_CLEARANCE = 0.01, 0.02
 """Smallest allowed distance between links or between a link and an obstacle, and between load or string and arm [m]."""
 TABLE_SIZE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
-CHECKED_DISTANCE_SHARE = 0.25
+TRAVEL_PER_CHECK_SHARE_OF_DISTANCE = 0.25
 """Share of the present distance by which the arm may move until the next check, so that no contact is missed."""
-MIN_CHECK_TRAVEL = 5e-3
+MIN_TRAVEL_BETWEEN_CHECKS = 5e-3
 """Smallest travel of the arm between two checks, also where bodies touch [m]."""
 EQUAL_DISTANCE_TOLERANCE = 1e-9
 """Difference below which two distances count as equal, so that the first pair is reported [m]."""
-HAND_REACH = 0.15
+MAX_HAND_OR_LINK_EXTENT = 0.15
 """Upper bound of the hand's extent beyond the tool frame, and of a link's extent beyond its middle line [m]."""
 
 
@@ -142,7 +142,7 @@ def collision_series(
 
     series = []
     if itself.pairs:  # a URDF whose meshes are missing has none
-        series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_CLEARANCE)
+        series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_LINK_CLEARANCE)
     if obstacles:
         around = ObstacleDistances(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
@@ -152,7 +152,7 @@ def collision_series(
             distance, part, block = around.closest(motion.q[k])
             return distance, f"{part} - {block}"
 
-        series += _where_it_matters("collision", motion.time, travel, to_obstacles, MIN_CLEARANCE)
+        series += _where_it_matters("collision", motion.time, travel, to_obstacles, MIN_LINK_CLEARANCE)
     return series
 
 
@@ -188,7 +188,7 @@ def swing_series(
 
     travel = _travel(robot, motion.q)
     travel += np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))]) * (swing.length + swing.radius)
-    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, MIN_SWING_CLEARANCE)]
+    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, MIN_LOAD_AND_STRING_CLEARANCE)]
 
 
 def _where_it_matters(
@@ -206,7 +206,7 @@ def _where_it_matters(
         found.setdefault(pair, []).append((float(time[k]), apart))
         if k == last:
             break
-        room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
+        room = max(TRAVEL_PER_CHECK_SHARE_OF_DISTANCE * (apart - least), MIN_TRAVEL_BETWEEN_CHECKS)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
         LimitedQuantity.from_values(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
@@ -218,7 +218,7 @@ def _travel(robot: urdf.Robot, q: Array) -> Array:
     """Upper bound of how far any point of the arm has moved until each posture q (m, n): (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
-    lengths.append(float(np.linalg.norm(tool)) + HAND_REACH)
+    lengths.append(float(np.linalg.norm(tool)) + MAX_HAND_OR_LINK_EXTENT)
     # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ reach)])

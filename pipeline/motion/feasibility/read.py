@@ -62,7 +62,7 @@ def is_line_csv(path: Path) -> bool:
     return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
 
 
-DEGREES_RANGE_FACTOR = 2.0
+DEGREES_POSITION_TO_RANGE_RATIO = 2.0
 """Ratio of a joint position to the joint's range above which positions are probably in degrees."""
 
 
@@ -141,7 +141,7 @@ def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
         channel = channels[f"q.{name}"]
         if channel.unit == "rad" and np.isfinite(lower) and np.isfinite(upper):
             far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
-            if far > DEGREES_RANGE_FACTOR * widest:
+            if far > DEGREES_POSITION_TO_RANGE_RATIO * widest:
                 reached[name] = far, widest
             turned = np.radians(channel.value)
             within = within and bool(np.all((turned >= lower) & (turned <= upper)))

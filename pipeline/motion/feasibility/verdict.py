@@ -16,9 +16,9 @@ from urdf.robot import Array, read_only_copy
 
 CHECK_SCHEMA = "armdyn.check/1"
 
-LIMIT_EXCESS_SHARE = 1e-6
+RELATIVE_LIMIT_TOLERANCE = 1e-6
 """Relative tolerance by which a value may exceed its limit, because recordings are rounded to seven digits."""
-MIN_TOLERANCE_BOUND = 1e-3
+MIN_LIMIT_FOR_TOLERANCE = 1e-3
 """Smallest limit from which the tolerance is computed, in the limit's unit."""
 MIN_VIOLATION_GAP_SECONDS = 0.05
 """Two violations of one limit count as one if less time lies between them [s]."""
@@ -121,7 +121,7 @@ class LimitedQuantity:
         """
         scale = np.max([np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.lower, self.upper)], axis=0)
         margin = self.margin
-        beyond = margin < -LIMIT_EXCESS_SHARE * np.maximum(scale, MIN_TOLERANCE_BOUND)
+        beyond = margin < -RELATIVE_LIMIT_TOLERANCE * np.maximum(scale, MIN_LIMIT_FOR_TOLERANCE)
         found = []
         for k, column in enumerate(beyond.T):
             samples = np.flatnonzero(column)

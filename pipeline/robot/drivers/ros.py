@@ -40,8 +40,8 @@ READING_LAG_SECONDS = 0.01
 WAIT_AFTER_ADVERTISE_SECONDS = 1.2
 """Time without motion after `advertise` [s], because rosbridge repeats messages to new subscribers for a second."""
 RECENT_STATE_TIMEOUT_SECONDS = 2 * CONTROL_PERIOD_SECONDS
-"""Longest time that a command waits for a recent joint state [s], below `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
-COMMAND_CHECK_SECONDS = 0.002
+"""Longest wait of a command for a recent joint state [s], below `pipeline.nodes.drive.MAX_COMMAND_SILENCE_SECONDS`."""
+MAX_COMMAND_CHECK_SECONDS = 0.002
 """Longest time from the end of the wait for a recent joint state to the end of the command's check [s]."""
 MAX_REMEMBERED_COMMANDS = 300
 """Number of sent commands that are kept to recognise those of other programs: 3 s, longer than a bridge may stall."""
@@ -135,7 +135,7 @@ class RosRobot(Closable):
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
             self._states.wait_for_recent(
-                lambda: self.time - MAX_STATE_AGE_SECONDS + COMMAND_CHECK_SECONDS, RECENT_STATE_TIMEOUT_SECONDS
+                lambda: self.time - MAX_STATE_AGE_SECONDS + MAX_COMMAND_CHECK_SECONDS, RECENT_STATE_TIMEOUT_SECONDS
             )
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
                 self.advance(min(self._sent_at + CONTROL_PERIOD_SECONDS - self.time, CONTROL_PERIOD_SECONDS))

@@ -9,7 +9,7 @@ from worlds.generated_arm import generate
 
 from armdyn.arm.drive import drive_low_passes
 from armdyn.arm.model import arm_model
-from armdyn.arm.prepared import NOISE_FREQUENCIES, recorded_torques
+from armdyn.arm.prepared import POSITION_NOISE_FREQUENCIES_HZ, recorded_torques
 from armdyn.readout import LowPassSampler
 
 robot_of = cache(generate)
@@ -21,7 +21,7 @@ def drives_of(seed, cut=None):
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
     arm = model.arm
     found = drive_low_passes(
-        [recorded_torques(run, arm.model, arm.joints) for run in runs], arm.model, NOISE_FREQUENCIES
+        [recorded_torques(run, arm.model, arm.joints) for run in runs], arm.model, POSITION_NOISE_FREQUENCIES_HZ
     )
     return robot, model, runs, found
 

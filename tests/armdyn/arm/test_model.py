@@ -6,7 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from worlds.baxter import JOINTS, OUTSIDE, generate, motion
 
-from armdyn.arm.prepared import COMPARED_CUTOFF_SHARE
+from armdyn.arm.prepared import COMPARED_SHARE_OF_DRIVE_CUTOFF
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
@@ -236,9 +236,9 @@ def test_a_torque_that_was_smoothed_before_it_was_stored_is_compared(baxter, cut
     model = baxter.with_effect(find("joint_viscous_friction"))
     run = model.prepare_run(low_passed(generate("joint_viscous_friction", 1.0, 0), cutoff))
     for name, done in run.preparations.items():
-        assert done.cutoff >= min(cutoff, 10.0 if done.smoothed is None else COMPARED_CUTOFF_SHARE * done.smoothed), (
-            name
-        )
+        assert done.cutoff >= min(
+            cutoff, 10.0 if done.smoothed is None else COMPARED_SHARE_OF_DRIVE_CUTOFF * done.smoothed
+        ), name
     found, _ = fitted(model, [run])
     assert found.value("joint_viscous_friction.coefficient[right_s0]") == pytest.approx(2.0, rel=0.02)
 

@@ -20,7 +20,7 @@ from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
-from armdyn.identify.thresholds import THRESHOLD_RANGE_SIZES
+from armdyn.identify.thresholds import THRESHOLD_RANGE_TYPICAL_SIZES
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
@@ -82,7 +82,7 @@ def test_a_place_is_looked_for_where_its_joint_reaches(model):
             place = parameters[f"{law.name}.place[{joint}]"]
             assert q.min() <= place.lower < place.upper <= q.max()
             assert (place.value - place.lower, place.prior) == (
-                pytest.approx(THRESHOLD_RANGE_SIZES * place.typical),
+                pytest.approx(THRESHOLD_RANGE_TYPICAL_SIZES * place.typical),
                 None,
             )
         if "cubic_drag" in law.name:

@@ -8,7 +8,7 @@ from worlds import baxter as hidden_arm
 from armdyn.errors import InputError
 from armdyn.experiments.columns import TorqueRegressor, at_active_values, random_joint_states
 from armdyn.experiments.criteria import RivalSeparation, d_optimality, log_condition, log_harmonic_separation
-from armdyn.experiments.series import JOINT_MAX_PERIOD, FourierSeries
+from armdyn.experiments.series import JOINT_MAX_PERIOD_SECONDS, FourierSeries
 
 
 def extended(model, effects):
@@ -105,7 +105,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position():
 
 def test_a_long_motion_repeats_a_period():
     series = FourierSeries(50.0)
-    assert series.period <= JOINT_MAX_PERIOD
+    assert series.period <= JOINT_MAX_PERIOD_SECONDS
     time = np.linspace(0.0, 5.0, 20)
     x = coefficients(series)
     assert series.basis_at(time + series.period).motion(x).q == pytest.approx(series.basis_at(time).motion(x).q)

@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
+from armdyn.experiments.gripper import GRIPPER_NODE_INTERVAL_SECONDS, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable_pairs
@@ -41,7 +41,7 @@ def separation(truth, rival):
     return RefittedRival(rival, truth.predict(truth.start)[0]).best_refit()[0]
 
 
-def gripper(effects, seconds=4.0, limits=None, step=NODE_SECONDS):
+def gripper(effects, seconds=4.0, limits=None, step=GRIPPER_NODE_INTERVAL_SECONDS):
     hypotheses = [hypothesis(name) for name in effects]
     cell = PlannedExperiment("motion", "", noise=LOAD_CELL)
     return GripperProblem(hypotheses, cell, motion_series(seconds), limits or GripperLimits(), step)

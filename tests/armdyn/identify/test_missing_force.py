@@ -11,7 +11,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.residual.force_law import SQUARE_SHAPE, STEP_SHAPE, VISCOUS_SHAPE, find_force_law
 from armdyn.identify.residual.missing_force import (
-    MIN_INDEPENDENT_SAMPLES,
+    MIN_INDEPENDENT_SAMPLES_PER_BIN,
     MissingForce,
     compare_missing_forces,
     force_curves,
@@ -189,7 +189,7 @@ def test_bins_hold_equally_many_samples_and_enough_of_them():
         for curve in found:
             assert 8 <= len(curve.x) <= 32
             assert np.all(np.diff(curve.x) > 0.0)
-            assert len(curve.x) == 8 or samples / len(curve.x) >= MIN_INDEPENDENT_SAMPLES
+            assert len(curve.x) == 8 or samples / len(curve.x) >= MIN_INDEPENDENT_SAMPLES_PER_BIN
 
 
 def test_nothing_is_drawn_against_what_stands_still():

@@ -13,7 +13,7 @@ from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, Predict
 from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
-from armdyn.physics.vibration import IGNORED_FREQUENCY, Vibration
+from armdyn.physics.vibration import MIN_IGNORED_RADIANS_PER_SAMPLE, Vibration
 from armdyn.smoothing.even import smoothed_motion
 
 DT = 0.01
@@ -40,7 +40,7 @@ def test_it_is_what_scipy_simulates(w, damping):
 
 
 def test_what_is_too_fast_for_the_samples_is_left_out():
-    after, by_theta = passed([1.0, (DT / (1.01 * IGNORED_FREQUENCY)) ** 2, 0.05])
+    after, by_theta = passed([1.0, (DT / (1.01 * MIN_IGNORED_RADIANS_PER_SAMPLE)) ** 2, 0.05])
     assert np.array_equal(after, SIGNAL)
     assert np.max(np.abs(by_theta)) < 1e-9
 

@@ -31,7 +31,7 @@ def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm):
     found = steps(arm, work(arm, 0, 12.0, begin=8.0, outside=np.array([0, 0, 5.0, 0, 0, 0])))
     time = np.array([step.time for step in found])
     contrast = np.array([step.contrast for step in found])
-    after = contrast[np.argmin(np.abs(time - 8.0 - observing.DETECTION_SECONDS))]
+    after = contrast[np.argmin(np.abs(time - 8.0 - observing.MAX_DETECTION_SECONDS))]
     assert after[2] == pytest.approx(5.0 * visible_share_of_step(40.0), abs=0.3)
     assert np.abs(np.delete(after, 2)).max() < 0.4
 
@@ -49,7 +49,7 @@ def test_samples_that_come_rarely_make_the_filter_slower(arm):
     observer = Observer(arm, 75.0)
     for i in range(60):
         observer.process_sample(0.04 * i, np.zeros(6), np.zeros(6))
-    assert observer.bandwidth == pytest.approx(observing.MAX_BANDWIDTH_STEP / 0.04)
+    assert observer.bandwidth == pytest.approx(observing.MAX_BANDWIDTH_TIMES_INTERVAL / 0.04)
 
 
 def test_a_sample_that_lacks_something_or_comes_again_is_no_sample(arm):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armdyn.watch.observer import Observer
-from armdyn.watch.onset import ONSET_SECONDS, OnsetEstimator, step_response
+from armdyn.watch.onset import ONSET_STEP_AGE_SECONDS, OnsetEstimator, step_response
 
 
 def stages(arm, tau, interval):
@@ -15,7 +15,7 @@ def stages(arm, tau, interval):
 
 @pytest.mark.parametrize("interval", [0.001, 0.002])
 def test_a_step_stands_in_the_stages_as_the_onset_expects(arm, interval):
-    before, after = round(0.5 / interval), round(ONSET_SECONDS / interval)
+    before, after = round(0.5 / interval), round(ONSET_STEP_AGE_SECONDS / interval)
     found = stages(arm, np.repeat([0.0, 5.0], [before, after + 1]), interval)
     # Between samples a torque is straight, so that its step is half an interval early; a stage rises by 27 /s at most.
     early = 5.0 * 27.0 * interval / 2.0

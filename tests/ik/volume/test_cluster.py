@@ -39,7 +39,7 @@ def test_a_volume_survives_the_death_of_a_worker(cluster, baxter, small, tmp_pat
 
 
 def test_a_scheduler_that_does_not_answer_is_bad_input(baxter, small, tmp_path, monkeypatch, complains) -> None:
-    monkeypatch.setattr("ik.workers.CONNECT_TIMEOUT_SECONDS", 0.5)
+    monkeypatch.setattr("ik.workers.DASK_CONNECT_TIMEOUT_SECONDS", 0.5)
     started = time.monotonic()
     with complains(InputError):
         build_volume(baxter, small, tmp_path / "none.zarr", scheduler=f"tcp://127.0.0.1:{free_port()}")

@@ -24,7 +24,7 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCES, Observer
+from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCE_COUNT, Observer
 from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
@@ -169,7 +169,7 @@ def test_the_observer_in_c_says_what_the_watch_says(in_c):
         since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
         given = ([since], [0.0], [40.0], q, tau, [0.0] * n)
         following, predicted, residual, contrast, *others = (
-            numbers([0.0] * size) for size in (STATES_PER_JOINT * n + 1, n, n, n, VARIANCE_SOURCES * n, 3 * n)
+            numbers([0.0] * size) for size in (STATES_PER_JOINT * n + 1, n, n, n, VARIANCE_SOURCE_COUNT * n, 3 * n)
         )
         done = library.armdyn_watch(state, *map(numbers, given), following, predicted, residual, contrast, *others)
         assert done == 0

@@ -12,7 +12,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
-from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionClock
+from pipeline.loadcell.cell import MIN_SAMPLE_SPACING_SECONDS, LoadCell, ReceptionClock
 from pipeline.loadcell.emulator import EmulatedPort
 from pipeline.loadcell.faults import LoadCellFault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
@@ -141,7 +141,7 @@ def test_a_board_that_restarts_when_opened_has_time_to_do_so(clock, cell):
 
 
 def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(wire, clock, until, monkeypatch):
-    monkeypatch.setattr("pipeline.loadcell.cell.QUEUE_LENGTH", 10)
+    monkeypatch.setattr("pipeline.loadcell.cell.MAX_QUEUED_SAMPLES_OR_EVENTS", 10)
     with LoadCell(wire.port, CALIBRATION, clock=clock) as cell:
         for counts in COUNTS[:50]:
             assert wire.send(wire.next_line(counts), 10.0)
@@ -217,7 +217,7 @@ def test_times_strictly_increase_and_are_not_in_the_future(pieces):
         assert len(new) == count
         stamps += new
         # Only a clock that stands still pushes them ahead, by a microsecond each.
-        assert all(stamp <= now + len(stamps) * MIN_SAMPLE_SPACING for stamp in new)
+        assert all(stamp <= now + len(stamps) * MIN_SAMPLE_SPACING_SECONDS for stamp in new)
     assert np.all(np.diff(stamps) > 0)
 
 

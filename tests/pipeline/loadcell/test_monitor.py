@@ -13,7 +13,7 @@ from rich.console import Console
 from pipeline.loadcell.faults import LoadCellFault, LoadCellFaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit, KnownWeight, WeightMeasurement
 from pipeline.loadcell.monitor import (
-    LATEST_SECONDS,
+    STATISTICS_WINDOW_SECONDS,
     ForceStatistics,
     calibration_json,
     calibration_table,
@@ -55,7 +55,7 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
     values = np.array([sample.force for sample in samples])
     assert (seen.samples, seen.minimum, seen.maximum) == (len(values), values.min(), values.max())
     assert (seen.mean, seen.std) == pytest.approx((values.mean(), values.std(ddof=1)), abs=1e-9)
-    last = values[time >= time[-1] - LATEST_SECONDS]
+    last = values[time >= time[-1] - STATISTICS_WINDOW_SECONDS]
     force, mean, std = seen.latest
     assert (force, mean) == pytest.approx((values[-1], last.mean()))
     assert std == pytest.approx(last.std(ddof=1), abs=1e-9) if len(last) > 1 else math.isnan(std)

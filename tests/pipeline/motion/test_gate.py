@@ -12,7 +12,7 @@ from pipeline.motion.gate import (
     CONTROL_PERIOD_SECONDS,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    STREAM_GAP_SECONDS,
+    NEW_STREAM_PAUSE_SECONDS,
     RefusalReason,
     StreamGate,
 )
@@ -147,7 +147,10 @@ def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
 
 
 def test_a_motion_that_paused_does_not_go_on(moving):
-    assert judge(moving, *smooth(40), now=39 * CONTROL_PERIOD_SECONDS + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
+    assert (
+        judge(moving, *smooth(40), now=39 * CONTROL_PERIOD_SECONDS + NEW_STREAM_PAUSE_SECONDS + 0.001)
+        is RefusalReason.GAP
+    )
 
 
 def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pipeline.motion import CommandGate, LineGate, LineLimits, LineState
 from pipeline.motion.gate import (
     CONTROL_PERIOD_SECONDS,
+    MAX_JOINT_SPEED_AT_REST,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
-    REST_SPEED,
-    STREAM_GAP_SECONDS,
+    NEW_STREAM_PAUSE_SECONDS,
     StreamGate,
 )
 from pipeline.robot.protocol import JointState
@@ -54,7 +54,7 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
         v[0], a[1] = (0.0 if wanted[name] is None else wanted[name] for name in ("v", "a"))
         a *= 20.0
         state = JointState(now - wanted["age"], sent[-1] + [wanted["behind"], 0.0], np.zeros(2), np.zeros(2))
-        standing = np.all(np.abs(sent[-1] - sent[-2]) <= REST_SPEED * CONTROL_PERIOD_SECONDS)
+        standing = np.all(np.abs(sent[-1] - sent[-2]) <= MAX_JOINT_SPEED_AT_REST * CONTROL_PERIOD_SECONDS)
         if gate.check_next(q, v, a, state, now) is not None:
             continue
         assert np.isfinite([q, v, a]).all()
@@ -63,10 +63,10 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
         assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
         assert np.all(np.abs(v) <= MORE * LIMITS.velocity)
         assert np.all(np.abs(a) <= MORE * LIMITS.acceleration)
-        if now - at > STREAM_GAP_SECONDS:
+        if now - at > NEW_STREAM_PAUSE_SECONDS:
             assert standing  # a motion that paused does not go on
             assert np.all(np.abs(q - state.q) <= MAX_STREAM_START_OFFSET)
-            assert np.all(np.abs(v) <= REST_SPEED)
+            assert np.all(np.abs(v) <= MAX_JOINT_SPEED_AT_REST)
             sent, spacings = [q] * 3, [CONTROL_PERIOD_SECONDS] * 3
         sent, spacings = [*sent[-3:], q], [*spacings[-2:], min(max(now - at, 1e-6), CONTROL_PERIOD_SECONDS)]
         assert_within_limits(sent, spacings)

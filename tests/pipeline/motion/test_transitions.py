@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, LIMIT_TOLERANCE_SHARE
-from pipeline.motion.transitions import BRAKING_SHARE, BrakingMotion
+from pipeline.motion.transitions import BRAKING_SHARE_OF_JOINT_LIMITS, BrakingMotion
 
 from .lines import TWO_JOINTS as LIMITS
 
@@ -23,9 +23,10 @@ def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pu
     assert np.all(v[-1] == 0.0)
     assert np.all(a[-1] == 0.0)
     assert np.array_equal(q[-1], brake.state_at(1e3)[0])
-    assert np.all(np.abs(a) <= np.maximum(BRAKING_SHARE * LIMITS.acceleration, np.abs(start[2])) + 1e-9)
+    assert np.all(np.abs(a) <= np.maximum(BRAKING_SHARE_OF_JOINT_LIMITS * LIMITS.acceleration, np.abs(start[2])) + 1e-9)
     assert np.all(
-        np.abs(np.diff(a, axis=0)) / CONTROL_PERIOD_SECONDS <= (BRAKING_SHARE + LIMIT_TOLERANCE_SHARE) * LIMITS.jerk
+        np.abs(np.diff(a, axis=0)) / CONTROL_PERIOD_SECONDS
+        <= (BRAKING_SHARE_OF_JOINT_LIMITS + LIMIT_TOLERANCE_SHARE) * LIMITS.jerk
     )
     within = np.abs(v[:-1]).max(axis=0, initial=0.0) * CONTROL_PERIOD_SECONDS + 1e-6
     assert np.all(np.abs(np.diff(q, axis=0)) <= within + 0.5 * LIMITS.acceleration * CONTROL_PERIOD_SECONDS**2)

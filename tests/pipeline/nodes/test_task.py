@@ -9,7 +9,14 @@ from armdyn.control.task import SwingPlan
 from armdyn.errors import TaskFailedError
 from armdyn.pendulum.model import pendulum_model
 from pipeline.motion import LineState
-from pipeline.nodes.task import FIRST_LEAD_SECONDS, MAX_PLANNING_SECONDS, MAX_PLANS, TaskNode, TaskSettings, _Planned
+from pipeline.nodes.task import (
+    FIRST_PLAN_LEAD_SECONDS,
+    MAX_PLANNING_ATTEMPTS,
+    MAX_PLANNING_SECONDS,
+    TaskNode,
+    TaskSettings,
+    _Planned,
+)
 
 
 class Slow:
@@ -57,14 +64,16 @@ def until(case, time):
 
 
 def test_a_plan_that_came_too_late_is_never_played(node):
-    until(node, FIRST_LEAD_SECONDS + 1.0)
+    until(node, FIRST_PLAN_LEAD_SECONDS + 1.0)
     node.beside.done(planned("late"))
-    until(node, node.time + 3.0 * FIRST_LEAD_SECONDS)  # the next one, for an instant farther ahead, is late as well
+    until(
+        node, node.time + 3.0 * FIRST_PLAN_LEAD_SECONDS
+    )  # the next one, for an instant farther ahead, is late as well
     assert node.drive.played == []
     node.beside.done(planned("late again"))
-    until(node, node.time + FIRST_LEAD_SECONDS)
+    until(node, node.time + FIRST_PLAN_LEAD_SECONDS)
     node.beside.done(planned("in time"))
-    until(node, node.time + 4.0 * FIRST_LEAD_SECONDS)
+    until(node, node.time + 4.0 * FIRST_PLAN_LEAD_SECONDS)
     assert node.drive.played == ["in time"]
 
 
@@ -79,8 +88,8 @@ def test_a_plan_that_is_not_given_up_begins_within_the_longest_time(node, took):
 
 
 def test_a_computer_that_is_too_busy_is_a_sentence(node, complains):
-    for _ in range(MAX_PLANS):
-        until(node, node.time + 10.0 * FIRST_LEAD_SECONDS)
+    for _ in range(MAX_PLANNING_ATTEMPTS):
+        until(node, node.time + 10.0 * FIRST_PLAN_LEAD_SECONDS)
         node.beside.done(planned("late"))
     with complains(TaskFailedError):
         until(node, node.time + 0.2)

@@ -20,7 +20,7 @@ from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 
 import urdf
 from armdyn.run import read_run
-from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, STREAM_GAP_SECONDS
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, NEW_STREAM_PAUSE_SECONDS
 from pipeline.robot.drivers.ros import WAIT_AFTER_ADVERTISE_SECONDS
 from pipeline.ros.bridge import Bridge
 
@@ -94,7 +94,7 @@ def standing_after(trace, fault):
 def largest_share(trace):
     """Largest share of a limit that a command used, over the streams of commands."""
     limits, worst = urdf.load("baxter").limits, 0.0
-    breaks = np.flatnonzero(np.diff(trace["received"]) > STREAM_GAP_SECONDS) + 1
+    breaks = np.flatnonzero(np.diff(trace["received"]) > NEW_STREAM_PAUSE_SECONDS) + 1
     for q in np.split(trace["positions"], breaks):
         for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
             if len(q) > order:

@@ -6,11 +6,11 @@ import pytest
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
-from pipeline.motion.transitions import BLEND_SECONDS, MAX_START_OFFSET, StreamBlend
+from pipeline.motion.transitions import MAX_BRIDGED_COMMAND_OFFSET, START_OFFSET_DECAY_SECONDS, StreamBlend
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.trial.moves import (
-    MAX_APPROACH_SPEED,
+    MAX_APPROACH_JOINT_SPEED,
     MAX_REHEARSAL_SPEED,
     approach_motion,
     play_motion,
@@ -24,7 +24,7 @@ def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feas
     motion = approach_motion(baxter, start, goal)
     assert motion.q[0] == pytest.approx(start)
     assert motion.q[-1] == pytest.approx(goal)
-    assert np.max(np.abs(motion.v)) <= MAX_APPROACH_SPEED * 1.001
+    assert np.max(np.abs(motion.v)) <= MAX_APPROACH_JOINT_SPEED * 1.001
     assert motion.v[[0, -1]] == pytest.approx(0.0)
     assert np.gradient(motion.q, CONTROL_PERIOD_SECONDS, axis=0) == pytest.approx(motion.v, abs=2e-4)
     assert np.gradient(motion.v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(motion.a[1:-1], abs=2e-3)
@@ -82,7 +82,10 @@ def test_a_refused_command_stops_the_robot(complains):
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
     blend = StreamBlend(here, told)
-    steps = [blend.next_command(told, zero, zero) for _ in range(round(BLEND_SECONDS / CONTROL_PERIOD_SECONDS) + 2)]
+    steps = [
+        blend.next_command(told, zero, zero)
+        for _ in range(round(START_OFFSET_DECAY_SECONDS / CONTROL_PERIOD_SECONDS) + 2)
+    ]
     q, v, a = (np.array(x) for x in zip(*steps, strict=True))
     assert q[0] == pytest.approx(here)
     assert q[-1] == pytest.approx(told, abs=0.0)
@@ -91,7 +94,7 @@ def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_j
     assert np.gradient(q, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
     assert np.gradient(v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
     assert StreamBlend(here + 0.5, here).next_command(here, zero, zero)[0] == pytest.approx(
-        here + MAX_START_OFFSET
+        here + MAX_BRIDGED_COMMAND_OFFSET
     )  # too far
 
 

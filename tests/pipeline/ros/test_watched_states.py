@@ -46,7 +46,7 @@ def test_states_are_samples_of_the_arms_joints_and_nothing_is_published(loopback
 
 
 def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
-    monkeypatch.setattr(sources, "RECONNECT_SECONDS", 0.05)
+    monkeypatch.setattr(sources, "RECONNECT_PERIOD_SECONDS", 0.05)
     states = RosSampleSource(loopback.uri, TOPIC, arm.joints).samples()
     threading.Thread(target=speak, args=(loopback, arm, 50), daemon=True).start()
     before = [next(states) for _ in range(20)]

@@ -15,7 +15,7 @@ from armdyn.model_file import base_pendulum
 from armdyn.run import Channel, Run, write_run_csv
 from pipeline.view.reading import scene_of_file
 from pipeline.view.scene import Mesh, block_mesh, scene_page_html
-from pipeline.view.shapes import MAX_TRIANGLES, _clustered, arm_shapes
+from pipeline.view.shapes import MAX_ARM_TRIANGLES, _clustered, arm_shapes
 
 TIME = np.arange(0.0, 4.0, 0.01)
 
@@ -91,7 +91,7 @@ def test_an_arm_without_meshes_is_drawn_as_rods(ur5, tmp_path):
 
 def test_heavy_meshes_become_coarse_and_keep_their_size(ur5):
     links = arm_shapes(ur5)
-    assert sum(len(mesh.faces) for of_joint in links.meshes for mesh in of_joint) <= MAX_TRIANGLES
+    assert sum(len(mesh.faces) for of_joint in links.meshes for mesh in of_joint) <= MAX_ARM_TRIANGLES
     fine = block_mesh((1.0, 1.0, 1.0))
     vertices = fine.vertices[fine.faces].reshape(-1, 3)
     once = _clustered(Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3)), 0.1)
