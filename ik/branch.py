@@ -27,9 +27,13 @@ from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
 
-NEWTON_TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
+NEWTON_TOLERANCE = 1e-12
+"""Largest error of the pose and the branch's equation at which Newton's method ends [m, rad]: double precision allows
+no less for an arm of about 1 m."""
 MAX_NEWTON_ITERATIONS = 30
-MAX_NEWTON_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
+"""Largest number of iterations of Newton's method."""
+MAX_NEWTON_STEP = 0.3
+"""Largest change of a joint in one iteration of Newton's method [rad or m]; it is not accurate for larger changes."""
 
 
 @dataclass(frozen=True)
@@ -118,13 +122,23 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
-WANTED_JOINT_LIMIT_MARGIN = 0.53  # rad or m; wanted distance from every joint limit
-MARGIN_COST_SECONDS_PER_RADIAN = 10.0  # s of traverse time that a radian of missing margin is worth
-CORE_SPEED_SHORTFALL_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
-BRANCH_CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
+WANTED_JOINT_LIMIT_MARGIN = 0.53
+"""Wanted distance of every joint from its limits [rad or m]."""
+MARGIN_COST_SECONDS_PER_RADIAN = 10.0
+"""Cost of each radian by which the smallest distance from a joint limit is less than the wanted one, as seconds of
+traverse time [s/rad]."""
+CORE_SPEED_SHORTFALL_WEIGHT = 3000.0
+"""Weight of missing speed on the core, the part of the path on which a speed is required, relative to traverse time."""
+BRANCH_CURVATURE_WEIGHT = 3e-3
+"""Weight of the squared second derivatives of the joint positions by the path coordinate, relative to the joints' speed
+limits, in the cost of a branch [m^2 s]; it keeps accelerations small."""
 MAX_BRANCH_REFINEMENT_ROUNDS = 40
-MIN_TIME_GAIN_PER_ROUND_SECONDS = 1e-5  # s of traverse time
-INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
+"""Largest number of rounds in which a branch is improved."""
+MIN_TIME_GAIN_PER_ROUND_SECONDS = 1e-5
+"""Gain of traverse time in a round below which the improvement of a branch ends [s]."""
+INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4
+"""Change of the branch's polynomial h that the first round allows, the largest and the smallest one of any round [rad
+or m]."""
 
 
 def core_indicator(path: Path, s: Array) -> Array:

@@ -19,8 +19,11 @@ from ik.torque import JointTorque
 from ik.unreachable_targets import find_unreachable_targets
 from urdf import CollisionModel, Line, Robot
 
-TABLE_NODE_SPACING_METRES = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-FAILED_PATH_CHECKED_TARGETS = 86  # targets that are checked to find the reason when a path cannot be followed
+TABLE_NODE_SPACING_METRES = 0.0005
+"""Distance between the nodes of an IK table along the path [m]; fourth-order differences of the nodes then agree with
+the derivative to 1e-9."""
+FAILED_PATH_CHECKED_TARGETS = 86
+"""Number of targets on a path that are checked to find out why the arm cannot follow it."""
 Progress = Callable[[str], None]
 
 

@@ -10,10 +10,12 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from armdyn.errors import InputError
 from urdf.robot import Array, freeze_arrays
 
-MAX_PATH_LENGTH = 20.0  # m; longest accepted path; no arm on a fixed base follows a longer one
+MAX_PATH_LENGTH = 20.0
+"""Length of the longest accepted path [m]; no arm on a fixed base follows a longer one."""
 CORE_SPEED_WITHOUT_REQUIREMENT = (
     1e-3  # m/s; a required speed that every arm reaches, for paths without a required speed
 )
+"""Required speed of a path for which none is given [m/s]; every arm reaches it."""
 
 
 class Path(Protocol):
@@ -140,8 +142,10 @@ class CirclePath(_WithoutCore):
         )
 
 
-ARC_LENGTH_INTERVALS_PER_SEGMENT = 64  # intervals between two points of a spline, for the arc length
+ARC_LENGTH_INTERVALS_PER_SEGMENT = 64
+"""Number of intervals between two points of a spline in which its arc length is integrated."""
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
+"""Points and weights of Gauss-Legendre quadrature on the interval from -1 to 1."""
 ARC_LENGTH_NEWTON_STEPS = 4  # Newton steps from a linear guess to double precision
 
 

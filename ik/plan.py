@@ -17,13 +17,18 @@ from ik.solver import REACHED_POSE_TOLERANCE, IkSolver, damped_least_squares
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-PLAN_NODE_SPACING_METRES = 0.01  # m between the nodes of the plan
-PLAN_NODES_PER_COARSE_NODE = 5  # nodes of the plan per node of the global search
+PLAN_NODE_SPACING_METRES = 0.01
+"""Distance between the nodes of a planned joint path along the tool's path [m]."""
+PLAN_NODES_PER_COARSE_NODE = 5
+"""Number of nodes of the plan per node of the global search."""
 BRANCH_POLYNOMIAL_DEGREE = (
     9  # degree of the polynomial that selects the branch; a higher one gains no speed and bends more
 )
-SELF_MOTION_STEP = 0.02  # rad; step along the self-motion, the joint motion that leaves the tool at rest
-MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
+"""Degree of the polynomial that selects the branch; a higher one gains no speed and bends more."""
+SELF_MOTION_STEP = 0.02
+"""Step along the self-motion, the motion of the joints that leaves the tool at rest [rad]."""
+MAX_SELF_MOTION = 3.2
+"""Longest examined self-motion to either side [rad]: about half a turn of the elbow."""
 
 
 class BranchPlanner:

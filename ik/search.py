@@ -18,22 +18,33 @@ from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
-COARSE_GRID_SPACING_METRES = 0.1  # m between the targets of the coarse grid
-COARSE_GRID_STARTS_PER_TARGET = 3  # starting postures per target of the coarse grid
-BEST_LINES_PLANNED = 8  # lines of the coarse grid that are planned: the best ones
-START_POSTURES_PER_LINE = 3  # different postures from which each of these lines is planned
-BEST_LINE_SHIFTS_METRES = (0.05, 0.025, 0.0125)  # m by which the best line is then moved, one after the other
-JOINT_LIMIT_MARGIN_OF_FULL_SCORE = 0.5  # rad; a larger margin does not raise the score
-WHOLE_LINE_SPEED_WEIGHT = 0.3  # weight of the speed outside the core
+COARSE_GRID_SPACING_METRES = 0.1
+"""Distance between the targets of the coarse grid of the search for the best line [m]."""
+COARSE_GRID_STARTS_PER_TARGET = 3
+"""Number of starting postures per target of the coarse grid."""
+BEST_LINES_PLANNED = 8
+"""Number of lines of the coarse grid that are planned: those that look best."""
+START_POSTURES_PER_LINE = 3
+"""Number of different postures from which each of the planned lines is planned."""
+BEST_LINE_SHIFTS_METRES = (0.05, 0.025, 0.0125)
+"""Distances by which the best line is moved, one after the other [m]."""
+JOINT_LIMIT_MARGIN_OF_FULL_SCORE = 0.5
+"""Distance from the joint limits above which a line's score no longer rises [rad]."""
+WHOLE_LINE_SPEED_WEIGHT = 0.3
+"""Weight of the lowest speed on the whole line in a line's score; the lowest speed on the core has weight 1."""
 TRIED_CORE_SPEEDS = (
     3.0,
     0.8,
     0.3,
-)  # m/s required on the core in the search; the next is tried where a limit is violated
+)
+"""Speeds required on the core in the search [m/s]; the next one is tried if a limit is violated."""
 REQUIRED_SHARE_OF_FOUND_SPEED = (
     0.97  # share of the speed found that the final line requires; the rest serves the joint margin
 )
-CHECKED_TARGETS_PER_LINE = 9  # targets on a line of the coarse grid that must be reachable
+"""Required speed of the final line, as a share of the speed that the search found; the rest serves the distance from
+joint limits."""
+CHECKED_TARGETS_PER_LINE = 9
+"""Number of targets on a line of the coarse grid that must be reachable."""
 
 
 class LineCandidate(NamedTuple):

@@ -11,17 +11,26 @@ from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
 from urdf import Limits, Robot
 from urdf.robot import Array
 
-REACHED_POSE_TOLERANCE = 1e-9  # m and rad
+REACHED_POSE_TOLERANCE = 1e-9
+"""Largest error of a pose at which its target counts as reached [m and rad]."""
 MAX_DESCENT_ITERATIONS = 20
-MAX_JOINT_STEP_PER_ITERATION = 0.6  # rad or m
-STEPS_BEFORE_GIVING_UP = 4  # steps after which a target that is still further off than `hopeless` is given up
-RANDOM_START_POSTURES = 10_000  # random postures to start from; more cost more to search than they save in iterations
+"""Default number of iterations of the damped least squares."""
+MAX_JOINT_STEP_PER_ITERATION = 0.6
+"""Largest change of a joint in one iteration of the damped least squares [rad or m]."""
+STEPS_BEFORE_GIVING_UP = 4
+"""Number of iterations after which a target whose error is still above `hopeless` is given up."""
+RANDOM_START_POSTURES = 10_000
+"""Number of random postures to start from; more cost more to search than they save in iterations."""
 START_POSTURE_SEED = (
     1_618_033  # seed of the random postures; unusual, so that no test draws its targets from the same seed
 )
-MAX_STARTS_PER_TARGET = 32  # nearest random postures that are tried in turn
-STARTS_FOR_DIFFERENT_POSTURES = 64  # nearest random postures that are tried to find different postures for one target
-METRES_EQUAL_TO_ONE_RADIAN = 0.5  # m; distance that counts as much as an angle of 1 rad when poses are compared
+"""Seed of the random postures; unusual, so that no test draws its targets from the same seed."""
+MAX_STARTS_PER_TARGET = 32
+"""Number of nearest random postures that are tried in turn for a target."""
+STARTS_FOR_DIFFERENT_POSTURES = 64
+"""Number of nearest random postures from which different postures for one target are searched."""
+METRES_EQUAL_TO_ONE_RADIAN = 0.5
+"""Distance that counts as much as an angle of 1 rad when poses are compared [m]."""
 
 
 def damped_least_squares(

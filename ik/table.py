@@ -25,7 +25,8 @@ from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, freeze_arrays, read_only_copy
 
-LOOKUP_END_TOLERANCE = 1e-9  # m; a lookup this far beyond the ends is accepted, because of rounding
+LOOKUP_END_TOLERANCE = 1e-9
+"""Distance beyond the ends of the path at which a lookup is still accepted, because of rounding [m]."""
 
 NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")

@@ -22,7 +22,8 @@ from urdf import Robot
 from urdf.bounds import MAX_IK_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
-TABLE_FORMAT_VERSION = 6  # version of the file format; raise it when a change of the code changes the table of a robot
+TABLE_FORMAT_VERSION = 6
+"""Version of the file format of IK tables; it is raised when a change of the code changes a robot's table."""
 REBUILD_REMEDY = "build it again with 'armdyn ik build'"
 
 

@@ -9,7 +9,8 @@ from ik.solver import IkSolver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-STARTS_WITHOUT_JOINT_LIMITS = 200  # starting postures per target in the search without joint limits
+STARTS_WITHOUT_JOINT_LIMITS = 200
+"""Number of starting postures per target in the search without joint limits."""
 
 
 @dataclass(frozen=True)

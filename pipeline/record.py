@@ -25,6 +25,7 @@ from pipeline.processes import Closable
 FLUSH_PERIOD_SECONDS = 0.5
 """Interval at which the MCAP file is flushed: the part of a recording that a crash may lose [s]."""
 DROPPED_RECORD = "armdyn.dropped"
+"""Name of the MCAP metadata record with the number of samples that were left out, by channel."""
 
 
 class Recorder(Closable):

@@ -13,13 +13,16 @@ from urdf.robot import Array, UrdfError
 from urdf.settings import ArmSettings, LimitSettings, RobotSettings, ToolSettings, UrdfSettings
 from urdf.validate import MOVING_JOINT_TYPES, joint_link, mimicked_joints
 
-ASSUMED_SECONDS_TO_FULL_SPEED = 0.1  # s from rest to full speed
-ASSUMED_SECONDS_TO_FULL_ACCELERATION = 0.02  # s from none to full acceleration
+ASSUMED_SECONDS_TO_FULL_SPEED = 0.1
+"""Assumed time in which a joint reaches its full speed from rest, at its largest acceleration [s]."""
+ASSUMED_SECONDS_TO_FULL_ACCELERATION = 0.02
+"""Assumed time in which a joint's acceleration rises from zero to its largest value [s]."""
 ASSUMED_LIMITS_EXPLANATION = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-HOME_POSTURE_CANDIDATES = 2000  # random postures among which the home posture is chosen
+HOME_POSTURE_CANDIDATES = 2000
+"""Number of random postures among which the home posture is chosen."""
 GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names in a recording that mark a gripper's joint; in a URDF, `urdf.gripper` finds these by their mass."""
 

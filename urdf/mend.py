@@ -78,15 +78,22 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
     return sentences
 
 
-MIN_SHAPE_EXTENT = 0.01  # m; smaller shapes are placeholders
-MIN_GYRATION_TO_SHAPE_RATIO = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
-MIN_LINK_MASS = 1e-3  # kg; lighter links only mark a place
+MIN_SHAPE_EXTENT = 0.01
+"""Smallest extent of a link's shape that is believed [m]; smaller shapes are placeholders."""
+MIN_GYRATION_TO_SHAPE_RATIO = 0.1
+"""Smallest credible radius of gyration of a link, divided by that which its shapes suggest; a smaller one is that of a
+point mass."""
+MIN_LINK_MASS = 1e-3
+"""Smallest mass of a real link [kg]; lighter links only mark a place."""
 MIN_GYRATION_RADIUS_TO_OPEN_MESH = (
     0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
 )
+"""Radius of gyration from which a link's mesh is opened and measured [m]; primitive shapes are always measured."""
 TRIANGLE_INEQUALITY_TOLERANCE = (
     1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
 )
+"""Relative tolerance of the triangle inequality of moments of inertia, because numbers are rounded when they are
+written."""
 MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCT_NAMES = ("ixy", "ixz", "iyz")
 

@@ -15,7 +15,7 @@ from armdyn.arm.arm import Arm
 from armdyn.run import Run
 
 MIN_JOINT_DISTANCE_FROM_ZERO = 1e-3
-"""Least distance from zero of a joint that moves, rad or m."""
+"""Least distance of a joint's position from zero, rad or m, at which the joint counts as one that moves."""
 MIN_JOINT_WEIGHT_CHANGE_SHARE = 3e-4
 """Least change of the weight on a joint by the motion of another one, as a share of the largest weight. A Panda's
 fingers that open and close change 1.3e-4, its last joint, which turns a hand almost about its own axis, 5.8e-4."""

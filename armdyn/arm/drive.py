@@ -44,10 +44,12 @@ MIN_NOISE_DENSITY_RATIO_AT_CUTOFF = 6.0
 """Amplitude density of the noise below the cut-off over that after the low-pass, median over joints, from which drives
 have a low-pass. Of generated robots it is up to 4 without one, and 10 with one."""
 MIN_JOINTS_FOR_COMMON_FILTER = 3
-"""Number of joints that must show it: the residual of one alone is its model's error as often as a low-pass."""
+"""Least number of joints whose noise must show a low-pass before the drives are said to have one: the residual of one
+joint alone is its model's error as often as a low-pass."""
 MIN_DRIVE_CUTOFF_HZ, MAX_DRIVE_CUTOFF_SHARE_OF_RATE = 3.0, 0.2
 """Lowest cut-off, Hz, and highest as a share of the sampling rate: below is motion, above too little of the band."""
 DRIVE_CUTOFFS_TRIED = 40
+"""Number of cut-offs of a drive's low-pass that are tried between the lowest and the highest one."""
 DIFFERENCE_WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Weights of a difference of fourth order, which keeps the variance of white noise."""
 FREQUENCIES_OVER_CUTOFF = np.linspace(0.005, 6.0, 1200)

@@ -38,11 +38,12 @@ from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 DRIVE_COMPARISON_CUTOFF_HZ = 6.0
-"""Cut-off below which both sides are compared: position-controlled arms hardly move faster."""
+"""Cut-off, Hz, of the low-pass for the servo's error and for the torque of the physics, which are compared:
+position-controlled arms hardly move faster."""
 LOW_PASSED_INTERVAL_SECONDS = 0.01
 """Interval of the samples that are low-passed."""
 LOW_PASSED_SAMPLES_PER_KEPT = 4
-"""Of so many low-passed samples one is kept: at this rate they are independent."""
+"""Number of low-passed samples of which one is kept: at this rate the kept ones are independent."""
 MIN_VELOCITY_SIGN_FOR_FRICTION = 0.9
 """Expected sign of a velocity from which its friction is known; other samples are left out."""
 DRIVE_DELAYS_TRIED_SECONDS, DRIVE_DELAY_TOLERANCE_SECONDS = np.arange(0.0, 0.0651, 0.0025), 5e-5

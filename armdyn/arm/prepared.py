@@ -35,11 +35,13 @@ from armdyn.smoothing.spline import (
 MAX_RIGID_LINK_FREQUENCY_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
 BAND_SHARE_OF_SMOOTHING_CUTOFF = 0.7
-"""Share of the frequency at which a torque equals its noise; there its power is 16 times that of the noise."""
+"""End of a torque's own band, as a share of the cut-off of its smoothing, at which the torque equals its noise; at the
+end of the band its power is 16 times that of the noise."""
 MAX_THINNED_TORQUE_RATE_HZ = 125.0
 """Largest sampling rate of thinned torques, Hz: no arm's rigid-body motion is faster."""
 COMPARED_SHARE_OF_DRIVE_CUTOFF = 0.5
-"""Share of the cut-off of a drive's low-pass that is compared: there 0.06 of the amplitude is gone."""
+"""Highest compared frequency, as a share of the cut-off of a drive's low-pass: there the low-pass has removed 6 % of
+the amplitude."""
 MIN_KEPT_TORQUE_SAMPLES = 20
 """Least number of samples of a torque that are kept, where so many were recorded."""
 INERTIA_AVERAGE_POSTURES = 20

@@ -29,6 +29,7 @@ from armdyn.codegen import BufferedFunction, compile_functions
 from armdyn.effects.effect import Effect
 
 ARM_STEPS_PER_CALL = 50
+"""Number of integration steps of an arm's simulation in one call of a compiled function."""
 SLIDING_NEWTON_STEPS = 3
 """Iterations that find which joints stick, and in which direction the others slide; the last one is hardly needed."""
 COORDINATE_SWEEPS = 2

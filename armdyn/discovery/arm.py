@@ -19,7 +19,8 @@ COGGING_PERIODS_TRIED = 28
 """Number of periods that are tried for a torque that repeats along the position; neighbours differ by 15 %, so that a
 fit from the nearest one reaches any period between them."""
 MIN_COGGING_PERIOD_SHARE_OF_RANGE, MAX_COGGING_PERIOD_SHARE_OF_RANGE = 0.03, 1.5
-"""Shortest and longest of these periods, as a share of the range of the joint's position."""
+"""Shortest and longest period that is tried for a torque that repeats along a joint's position, as a share of the range
+of the position."""
 
 
 def arm_terms(fit: Fit) -> Iterator[CandidateTerm]:

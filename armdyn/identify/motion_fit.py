@@ -32,10 +32,11 @@ from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 CLOSED_LOOP_WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
-"""Lengths of the windows of successive fits, s; the second list is for drives without a position command, whose
+"""Lengths, s, of the windows of successive fits: for drives with a position command, and for those without one, whose
 simulation drifts away."""
 MAX_LAST_WINDOW_FIT_STEPS, MAX_EARLIER_WINDOW_FIT_STEPS = 30, 6
-"""Largest number of steps of the last fit, and of the earlier ones, which only lead near its solution."""
+"""Largest number of steps of the fit over the last, longest windows, and of the fits over shorter windows before it,
+which only lead near its solution."""
 MIN_LIKELIHOOD_GAIN_PER_STEP_NATS = 0.1
 """Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
 DIFFERENCE_STEP_TYPICAL_SIZES = 0.02

@@ -50,7 +50,8 @@ NO_BACKGROUND_SENTENCE = (
     " Small values beside that, on every joint, would predict other runs no better: there is no background."
 )
 MIN_IMPROVEMENT_EXPLAINED_SHARE = 0.5
-"""Share of the squared error above which a repair counts as an improvement although its residual is more than noise."""
+"""Share of the squared error that a repair must explain to count as an improvement although its residual is more than
+noise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -38,7 +38,8 @@ TORQUE_AVERAGE_HALF_WIDTH_SECONDS = 0.03
 SEPARATELY_HANDLED_EFFECTS = frozenset(
     {"torque_delay", "base_tilt", "payload", "joint_asymmetric_friction", "joint_stribeck_friction", "joint_coupling"}
 )
-"""Effects whose columns are made here in another form (a delay, a tilt, a payload), or are close to those of others."""
+"""Effects whose columns the inspection of an arm computes itself in another form (a delay, a tilt, a payload), or that
+are close to other effects."""
 LARGE_EFFECTS_IN_TYPICAL_SIZES = {
     "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
 }  # fmt: skip
@@ -60,7 +61,7 @@ USUAL_DRIVE_TORQUES_PER_EFFORT = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
 MIN_EFFORT_LIMIT_MEANING_NONE = 1e4
-"""Effort limit, N m or N, from which a description is taken to state no limit."""
+"""Effort limit, N m or N, from which on a description is taken to state no limit at all."""
 LIMIT_VIOLATION_PRICE_NATS = 10.0
 """Log odds, in nats, against a hypothesis, for each joint that would leave its limits."""
 IMPOSSIBLE_POSITION_LIMIT_EXCESS, IMPOSSIBLE_POSITION_PRICE_NATS = 4.0 * np.pi, 20.0

@@ -28,8 +28,8 @@ MIN_STUCK_END_JUMP_USUAL_STEPS = 6.0
 MIN_STUCK_END_JUMP_RANGE_SHARE = 0.03
 """Least jump at the end of a stuck sensor's stretch, as a share of the signal's range."""
 NOISE_ONLY_DIFFERENCE_SHARE, NOISE_ONLY_ABS_NORMAL_QUANTILE = 0.3, 0.3853
-"""Share of a signal's differences that contain only noise, and this quantile of |x| over the standard deviation, for
-normally distributed x."""
+"""Share of a signal's differences, the smallest ones, that contain only noise; and the quantile of |x| at this share,
+in standard deviations of a normally distributed x."""
 MAX_SAME_STOP_DISTANCE_RANGE_SHARE = 0.02
 """Largest distance of stops that count as stops at one position, as a share of the joint's range."""
 MAX_SAME_STOP_PROBABILITY = 0.01

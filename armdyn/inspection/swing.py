@@ -68,9 +68,9 @@ TRIED_STRING_LENGTH_FACTORS, TRIED_SWING_DECAY_RATES = np.linspace(0.8, 1.25, 91
 """Lengths, over the model's, half a percent apart, and decay rates, 1/s, for which a swing that no sensor measures is
 simulated. In 30 s the phases of neighbouring lengths differ by half a radian."""
 SWING_SIMULATION_STEP_SECONDS = 0.02
-"""Step of that simulation, s."""
+"""Step, s, of the simulation of a swing that no sensor measures."""
 CORRELATION_LAG_PERIODS = 0.5
-"""Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
+"""Time between two moments that show whether a reading is more than noise, in periods of the swing divided by 2 pi."""
 SwingMotion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

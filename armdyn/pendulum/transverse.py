@@ -20,6 +20,7 @@ import casadi as ca
 from armdyn.pendulum.physics import Expression
 
 TRANSVERSE_MOMENTS = 3
+"""Number of second moments Y, Z, W that describe the swing of a load across the gripper's line."""
 
 
 class StringShortening(NamedTuple):

@@ -35,15 +35,17 @@ hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
 ALLOWED_FAULTS = 4
 """Number of faulty samples that even a short run may have."""
 MIN_EVENT_ROUGHNESS_RATIO, MIN_FAULT_RATIO_IN_EVENT = 2.0, 4.0
-"""Where differences are typically so many times those of the quietest stretch, an event occurs, such as a load that
-hits something and vibrates; a fault there is so many times larger than everything that is left without it."""
+"""Ratio of the typical size of differences to that in the quietest stretch from which an event occurs, such as a load
+that hits something and vibrates; and least ratio, during an event, of a faulty difference to all that is left without
+it."""
 MAX_LARGE_DIFFERENCE_SHARE = 0.4
 """Largest share of too large differences for which single faulty samples are searched."""
 MIN_SATURATED_COUNT_RATIO = 5.0
 """Ratio of the number of samples with the extreme value to that with the next value (plus one) from which the sensor
 was saturated: of a coarsely rounded sine 2.4 times as many are at the peak."""
 MAX_UNAVERAGED_RATE_HZ = 125.0
-"""Sampling rate, Hz, above which samples are averaged in groups: a swing contains nothing faster."""
+"""Sampling rate, Hz, above which neighbouring samples are averaged before a comparison with a prediction: a swing
+contains nothing faster."""
 SAMPLES_BESIDE_SATURATION = 2
 """Number of samples to either side of a saturated one that are left out as well."""
 

@@ -7,7 +7,7 @@ from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from armdyn.smoothing.choice import resolution
 
 MIN_SECOND_SERIES_USUAL_STEPS = 12.0
-"""Least distance of a second series, in usual steps from sample to sample."""
+"""Least distance between two series of samples recorded under one name, in usual steps from sample to sample."""
 MIN_SECOND_SERIES_DISTANCE = 0.01
 """Least distance of a second series, rad or m; also `MIN_SECOND_SERIES_RESOLUTIONS` times the encoder's resolution."""
 MIN_SECOND_SERIES_RESOLUTIONS = 5.0

@@ -28,7 +28,8 @@ from armdyn.watch.observer import ObserverOutput
 from armdyn.watch.variances import MIN_TORQUE_VARIANCE
 
 USED_SAMPLE_INTERVAL_SECONDS, BLOCK_MOTION_SECONDS = 0.04, 1.0
-"""Time between the samples that are used, s (F removes faster signals), and time of motion in a block, s."""
+"""Time between the samples that are used, s (the observer's low-pass F removes faster signals), and time of motion in a
+block, s."""
 WINDOW_SIZES_IN_BLOCKS = (3, 7, 14, 28)
 """Blocks per window; each size about doubles the one before, so that one window covers 70 % or more of a change."""
 JOINT_CHANGES = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "torque_gain")
@@ -41,9 +42,11 @@ POOLED_MEAN_WEIGHT_IN_WINDOWS = 4.0
 LOAD_PRIOR_STD = np.array([1.0, 0.2, 0.2, 0.2])
 """Prior standard deviations of a load's mass, kg, and mass times position, kg m: 1 kg at 0.2 m."""
 LOAD_PRIOR_INFORMATION = np.diag(1.0 / LOAD_PRIOR_STD**2)
-"""Inverse covariance of that prior; it only matters where the motion does not identify the load."""
+"""Inverse covariance of the prior of a load's mass and mass times position; it only matters where the motion does not
+identify the load."""
 EM_STEPS, SUMS_RIDGE = 10, 1e-6
-"""Iterations of the fit of P and n; and what is added to sums of mean 1, for joints that do not move."""
+"""Number of iterations that fit the covariance P of apparent changes and the noise factor n; and ridge that is added to
+sums of mean 1, for joints that do not move."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 
 FILTER_ORDER = 3
-"""Order of F: the lowest that gives an acceleration."""
+"""Order of the low-pass F of torque and motion: the lowest that gives an acceleration."""
 RUNNING_MEAN_SECONDS = 0.5
 """Memory of the running mean, s: half the shortest contact that a person notices, less than half a typical motion."""
 MAX_SAMPLE_GAP_SECONDS = 0.2
@@ -45,7 +45,8 @@ SETTLING_TIME_CONSTANTS = 15.0
 CANDIDATE_BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
 """Candidates for K, 1/s; fault-free recordings select one. Neighbours detect torques that differ by less than 10 %."""
 DEFAULT_OBSERVER_BANDWIDTH, MAX_BANDWIDTH_TIMES_INTERVAL = 40.0, 0.8
-"""K, 1/s, without fault-free recordings; and the largest product of K and the interval between samples."""
+"""Bandwidth K of the low-pass F, 1/s, without fault-free recordings; and the largest product of K and the interval
+between samples."""
 INTERVALS_FOR_SAMPLING_RATE = 20
 """Number of intervals from which the sampling rate is estimated."""
 MAX_DETECTION_SECONDS = 0.05

@@ -26,9 +26,11 @@ from armdyn.watch.observer import (
 from armdyn.watch.variances import fitted_variance_factors
 
 ONSET_STEP_AGE_SECONDS = 0.03
-"""Age of the step that the sum is tuned to, s; the remaining 20 of 50 ms are for the filter of a drive."""
+"""Time since the start of the torque step to which the weighted sum of the filter stages is tuned, s; the remaining 20
+of 50 ms are for the filter of a drive."""
 ONSET_FIT_PASSES = 3
-"""Alternating fits of w and of the variance of w'x; w changes little after two."""
+"""Number of times that the weights w of the filter stages and the variance of their sum w'x are fitted in turn; w
+changes little after two."""
 ONSET_RIDGE_SHARE = 1e-9
 """Share of the mean variance that is added to each stage; the stages are nearly equal in slow motion."""
 

@@ -18,7 +18,8 @@ import numpy as np
 from scipy.stats import chi
 
 MIN_STRETCHES_FOR_TAIL = 7
-"""Least number of stretches for a tail; with three excesses the threshold is a hundred times their mean."""
+"""Least number of stretches of fault-free recordings from which the tail of the errors is fitted; with three excesses
+the threshold is a hundred times their mean."""
 
 
 class StatisticDistribution(Protocol):

@@ -21,7 +21,8 @@ MAX_CONTACT_SECONDS = 5.0
 CONTACT_END_THRESHOLD_SHARE = 0.5
 """Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
 CONTACT_END_SECONDS = 0.3
-"""Time below that share until the event ends, s; the filters of the onset have then forgotten its start."""
+"""Time below `CONTACT_END_THRESHOLD_SHARE` until a contact ends, s; the filters of the onset have then forgotten its
+start."""
 LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 

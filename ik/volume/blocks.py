@@ -12,10 +12,14 @@ from ik.volume.grid import Block, TargetGrid, TargetStatus
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-MAX_ITERATIONS_PER_TARGET = 9  # four are enough wherever the skeleton is smooth
-GIVE_UP_POSE_ERROR = 1e-2  # m or rad; a target with a larger error after a few steps is given up
-TARGETS_SOLVED_TOGETHER = 4096  # targets that are solved together: their arrays fit into the processor's cache
-MAX_CORNER_POSTURE_DIFFERENCE = 1.5  # rad; corners of a skeleton's cell that differ more are not averaged
+MAX_ITERATIONS_PER_TARGET = 9
+"""Largest number of iterations per target; four are enough where the skeleton is smooth."""
+GIVE_UP_POSE_ERROR = 1e-2
+"""Error above which a target is given up after a few iterations [m or rad]."""
+TARGETS_SOLVED_TOGETHER = 4096
+"""Number of targets that are solved together: their arrays fit into the processor's cache."""
+MAX_CORNER_POSTURE_DIFFERENCE = 1.5
+"""Largest difference of a joint between the postures at a skeleton cell's corners that are averaged [rad]."""
 
 
 class BlockSolution(NamedTuple):

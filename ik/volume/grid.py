@@ -10,7 +10,8 @@ import numpy as np
 from armdyn.errors import InputError
 from urdf.robot import Array, freeze_arrays
 
-TARGETS_PER_BLOCK_EDGE = 25  # targets along each edge of a block: a second of computation, a megabyte on disk
+TARGETS_PER_BLOCK_EDGE = 25
+"""Number of targets along each edge of a block: a second of computation, a megabyte on disk."""
 MAX_GRID_COORDINATE = 100.0
 """Largest coordinate of a target [m]; no arm on a fixed base reaches further."""
 MAX_VOLUME_TARGETS = 10**9
@@ -18,6 +19,7 @@ MAX_VOLUME_TARGETS = 10**9
 SKELETON_TARGET_SPACING = (
     0.06  # m between the targets of the coarse grid; postures are nearly linear over this distance
 )
+"""Distance between the targets of the coarse grid [m]; postures are nearly linear over it."""
 
 Block = tuple[int, int, int, int]
 """Index of an orientation, and indices of a block of its targets along x, y and z."""

@@ -9,13 +9,19 @@ from ik.volume.grid import TargetGrid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-MAX_NEIGHBOUR_POSTURE_DIFFERENCE = 0.7  # rad; neighbouring postures that differ more belong to different branches
-SMOOTHING_SWEEPS = 30  # smoothing sweeps; more change nothing
-MAX_EXTRA_BRANCHES = 8  # branches besides the first; postures jump at the border of each, and later ones are small
-RANDOM_STARTS_PER_TARGET = 4  # random starting postures per target that no neighbour's posture leads to
+MAX_NEIGHBOUR_POSTURE_DIFFERENCE = 0.7
+"""Largest difference of a joint between neighbouring postures of one branch [rad]."""
+SMOOTHING_SWEEPS = 30
+"""Number of sweeps in which postures are smoothed; more change nothing."""
+MAX_EXTRA_BRANCHES = 8
+"""Largest number of branches besides the first; postures jump at the border of each, and later ones are small."""
+RANDOM_STARTS_PER_TARGET = 4
+"""Number of random starting postures for a target to which no neighbour's posture leads."""
 CENTRING_SHARE_PER_SWEEP = (
     0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 )
+"""Share of the way to the middle of the joints' ranges by which the first sweep moves a posture, less in each later
+sweep, so that no posture creeps to a limit."""
 
 
 def build_skeleton(robot: Robot, grid: TargetGrid) -> Array:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     import zarr
 
 
-VOLUME_FORMAT_VERSION = 3  # version of the format; raise it when a change of the code changes the volume of a robot
+VOLUME_FORMAT_VERSION = 3
+"""Version of the format of volumes; it is raised when a change of the code changes a robot's volume."""
 REMOVE_REMEDY = "remove it and build it again with 'armdyn ik volume'"
 ZARR_REMEDY = "volumes need zarr: run 'pip install armdyn[volume]'"
 

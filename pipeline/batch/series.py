@@ -33,7 +33,7 @@ The unit is the standard deviation. The five are the recording itself and two on
 step is not an outlier, because three of its five have the new value.
 """
 MAX_VALUES_SIMULATED_AT_ONCE = 2_000_000
-"""Largest number of values that are simulated at once: 16 MB."""
+"""Largest number of values of simulated series that are held in memory at once: 16 MB."""
 AUTOCORRELATION_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi, the correlation of neighbours, for which residuals are simulated in order to estimate phi."""
 SERIES_PER_AUTOCORRELATION = 400

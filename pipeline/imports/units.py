@@ -18,7 +18,8 @@ MAX_JOINT_ANGLE_IN_RADIANS = 7.0
 MIN_CERTAIN_DEGREES = 40.0
 """Position above which numbers are certainly degrees; in radians the joint would have turned six times."""
 MIN_JOINTS_TO_INFER_RADIANS = 3
-"""Number of joints below which all positions in degrees may be as small as positions in radians."""
+"""Smallest number of joints from whose positions radians are told from degrees; with fewer, all positions in degrees
+may be as small as positions in radians."""
 MAX_JOINT_RATE_RADIANS_PER_SECOND = 10.0 * MAX_JOINT_ANGLE_IN_RADIANS
 """Largest rate of a joint [rad/s]; without a recorded position, larger numbers are in degrees per second."""
 MAX_PRISMATIC_POSITION_IN_METRES = 10.0

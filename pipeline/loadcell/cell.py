@@ -24,7 +24,7 @@ from pipeline.robot.protocol import ForceSample
 MIN_SAMPLE_SPACING_SECONDS = 1e-6
 """Smallest time between two samples [s]: the times of a recording must increase."""
 SAMPLES_PER_RATE_ESTIMATE = 100
-"""Number of samples over which the rate is measured."""
+"""Number of latest samples over which the sample rate is measured."""
 
 
 class ReceptionClock:

@@ -116,7 +116,7 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 SPIKE_WINDOW_SAMPLES = 100
 """Number of latest samples among which spikes are counted."""
 MAX_SPIKES_WITHOUT_FAULT, MAX_SPIKES_AT_END_OF_FAULT = 2, 1
-"""The fault `SPIKES` begins with more spikes than the first number, and ends with at most the second number."""
+"""Largest number of spikes without the fault `SPIKES`, and largest number of spikes at which that fault ends."""
 IMPOSSIBLE_SAMPLES_UNTIL_FAULT = 10
 """Number of successive samples with an impossible force that is a fault; a bouncing load gives fewer."""
 DRIFT_BLOCK_SECONDS, ONE_WAY_CHANGES_UNTIL_DRIFT = 0.5, 4

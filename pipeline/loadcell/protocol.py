@@ -30,7 +30,7 @@ MAXIMUM_COUNTS = 0x7FFFFF
 SEQUENCE_MODULUS = 0x10000
 """Number of different sequence numbers."""
 MAX_LINE_BYTES = 64
-"""Largest length of a line [bytes]; a sample takes at most 26 bytes."""
+"""Largest length of a line from the load cell's board [bytes]; a sample takes at most 26 bytes."""
 LINE_START = b"HX711 "
 """First bytes of a line with a sample."""
 
@@ -129,7 +129,7 @@ def _is_remark(line: bytes) -> bool:
 
 
 DEFAULT_BAUD_RATE = 115200
-"""Default baud rate."""
+"""Default baud rate of the serial connection to the load cell's board [bit/s]."""
 READ_TIMEOUT_SECONDS = 0.05
 """Longest wait of a read for the first byte [s]."""
 

@@ -20,7 +20,8 @@ MAX_SAMPLE_SPACING_SECONDS = 2.5e-3
 MAX_SPEED_EXCESS_BETWEEN_SAMPLES = 5e-4
 """Largest excess of the speed limit between two samples, as a share of the limit."""
 MAX_PROFILE_SAMPLES = 4000
-"""Largest number of samples; in a motion of more than 10 s, which is slow, they are less than 1 mm apart."""
+"""Largest number of samples at which a motion is compared with its limits; in a motion of more than 10 s, which is
+slow, they are less than 1 mm apart."""
 
 
 class JerkProfile:

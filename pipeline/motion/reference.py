@@ -26,7 +26,8 @@ SPEED_DEVIATION_WEIGHT = 0.1
 JERK_WEIGHT = 1e-12
 """Weight of the squared jerk in the cost, which makes parts without demands smooth [s^6/m^2]."""
 TRUST_SHRINK_ROUND_AND_FACTOR = (3, 0.4)
-"""Number of rounds after which the trust region shrinks, and the factor per round; it prevents oscillations."""
+"""Number of rounds after which the trust region shrinks, and the factor by which each further round shrinks it; this
+prevents oscillations."""
 
 
 def smooth_reference(

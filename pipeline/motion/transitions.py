@@ -12,7 +12,8 @@ BRAKING_SHARE_OF_JOINT_LIMITS = 0.5
 MAX_BRIDGED_COMMAND_OFFSET = 0.02
 """Largest distance of a stream's first command from the arm's position that is bridged smoothly [rad]."""
 START_OFFSET_DECAY_SECONDS = 0.5
-"""Time in which this distance decays to zero [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2 and 10 rad/s^3."""
+"""Time in which the distance of a stream's first command from the arm's position decays to zero [s]; peaks are 0.08
+rad/s, 0.5 rad/s^2 and 10 rad/s^3."""
 
 
 class BrakingMotion:

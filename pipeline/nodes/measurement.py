@@ -25,14 +25,12 @@ MIN_SLACK_STRING_SECONDS = 0.05
 RECORDING_DELAY_SECONDS = 2 * MIN_SLACK_STRING_SECONDS
 """Time for which samples wait before they are recorded [s]."""
 MAX_FORCE_JUMP_SHARE_OF_WEIGHT = 0.25
-"""Largest change of the force between two samples while the string is taut, as a share of the load's weight.
-
-Trials without faults show 0.10.
-"""
+"""Largest change of the measured force between two samples while the string is taut, as a share of the load's weight.
+Trials without faults show 0.10."""
 EXTRA_JUMP_SHARE_PER_WAITING_SAMPLE = 0.05
 """Further change of the force per sample that waits after a jump, as a share of the load's weight."""
 JUMP_MARGIN_STANDARD_DEVIATIONS = 10.0
-"""Standard deviations of one sample that are added to the largest change."""
+"""Standard deviations of one force sample that are added to the largest allowed change between two samples."""
 LINE_CHANNEL_UNITS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 """Unit of each channel that describes gripper and load."""
 

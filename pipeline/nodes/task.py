@@ -29,7 +29,8 @@ BOX_TOUCH_DISTANCE = 0.05
 LINE_END_MARGIN = 0.01
 """Distance of planned motions from the ends of the line [m]."""
 FIRST_PLAN_LEAD_SECONDS = 2.0
-"""Time between the begin of planning and the begin of the motion on a real robot [s]; planning takes about 1 s."""
+"""Time that the first plan of a motion on a real robot has, from the begin of planning to the begin of the motion [s];
+planning takes about 1 s."""
 MAX_PLANNING_ATTEMPTS = 3
 """Largest number of plans that are tried if planning is too slow; each has twice the time of the one before."""
 MAX_PLANNING_SECONDS = MAX_PLANNING_ATTEMPTS * FIRST_PLAN_LEAD_SECONDS * 2 ** (MAX_PLANNING_ATTEMPTS - 1) + 2.0

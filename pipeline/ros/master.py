@@ -17,7 +17,8 @@ from pipeline.ros.bridge import Bridge, BridgeError, Message
 MASTER_SERVICE = "/rosapi/get_time"
 """Service that is called to test the master; it need not exist, since the bridge asks the master first."""
 MASTER_CALL_PERIOD_SECONDS = 0.05
-"""Time between two calls [s]: the arm must stand 0.3 s after the fault, which leaves about 0.2 s for its detection."""
+"""Time between two test calls of the ROS master [s]: the arm must stand 0.3 s after the fault, which leaves about 0.2 s
+for its detection."""
 MASTER_LOST_TEXT = "communicate with master"
 """Part of the bridge's answer when the master does not answer: ``Unable to communicate with master!``."""
 

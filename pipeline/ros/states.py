@@ -166,7 +166,7 @@ class JointStates:
 MAX_LATE_CYCLES_IN_A_ROW = 5
 """Number of consecutive late cycles from which one cycle counts as left out; single cycles may be late."""
 MAX_CYCLE_DELAY_PERIODS = 3.0
-"""Delay of a single cycle from which whole cycles count as left out [periods]."""
+"""Delay of a single control cycle from which the cycles that it covers count as left out [periods of the cycle]."""
 
 
 class EvenReadingTimes:

@@ -32,7 +32,7 @@ from pipeline.ros.topics import RosTopics, time_message
 TWIN_STEP_SECONDS = 0.002
 """Time between two steps of the twin, at which received messages are handled [s]."""
 JOINT_STATE_PERIOD_SECONDS = 0.01
-"""Time between two joint states [s]."""
+"""Time between two joint-state messages of the twin [s]."""
 POWER_STATE_PERIOD_SECONDS = 0.05
 """Time between two messages on the robot's power state [s]."""
 MAX_DELAY_BEHIND_REAL_TIME_SECONDS = 0.5

@@ -43,7 +43,7 @@ REST_BEFORE_MOTION_SECONDS = 0.5
 PAUSE_BEFORE_SWING_SECONDS = 0.6
 """Time between bringing the load to rest and the swing [s]."""
 LOAD_SETTLING_IN_BOX_SECONDS = 1.5
-"""Time after the last motion in which the load must come to rest in the box [s]."""
+"""Time after the last motion for which the load is watched; within it, it must come to rest in the box [s]."""
 WAIT_FOR_FIRST_READINGS_SECONDS = 0.1
 """Time before the first cycle with a real robot [s], in which its latest readings arrive."""
 MAX_LOOP_PAUSE_AT_REST_SECONDS = 10.0

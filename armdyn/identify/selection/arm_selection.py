@@ -75,7 +75,7 @@ def select_for_arm(
 
 
 def _is_few(sure: SetScore, leading: LinearPath) -> bool:
-    """Whether the sure effects have few values: `MAX_REPORTED_PARAMETER_COUNT_RATIO` times those of the leading ones."""
+    """Whether sure effects have few values: `MAX_REPORTED_PARAMETER_COUNT_RATIO` times those of the leading ones."""
     lengths = [
         sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.chosen_set)
     ]

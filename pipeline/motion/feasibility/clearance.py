@@ -21,7 +21,8 @@ MIN_LINK_CLEARANCE, MIN_LOAD_AND_STRING_CLEARANCE = 0.01, 0.02
 TABLE_SIZE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
 TRAVEL_PER_CHECK_SHARE_OF_DISTANCE = 0.25
-"""Share of the present distance by which the arm may move until the next check, so that no contact is missed."""
+"""Share of the present distance between bodies by which the arm may move until the next check, so that no contact is
+missed."""
 MIN_TRAVEL_BETWEEN_CHECKS = 5e-3
 """Smallest travel of the arm between two checks, also where bodies touch [m]."""
 EQUAL_DISTANCE_TOLERANCE = 1e-9

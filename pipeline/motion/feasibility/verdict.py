@@ -19,7 +19,7 @@ CHECK_SCHEMA = "armdyn.check/1"
 RELATIVE_LIMIT_TOLERANCE = 1e-6
 """Relative tolerance by which a value may exceed its limit, because recordings are rounded to seven digits."""
 MIN_LIMIT_FOR_TOLERANCE = 1e-3
-"""Smallest limit from which the tolerance is computed, in the limit's unit."""
+"""Smallest size of a limit for its tolerance [the limit's unit]: smaller limits have the tolerance of this one."""
 MIN_VIOLATION_GAP_SECONDS = 0.05
 """Two violations of one limit count as one if less time lies between them [s]."""
 
