@@ -69,7 +69,7 @@ def channels_from_arrays(
     return found
 
 
-def split_frame(frame: Any) -> tuple[Any, dict[str, Any]]:
+def time_and_columns_of_frame(frame: Any) -> tuple[Any, dict[str, Any]]:
     """Split a data frame (pandas, polars, pyarrow or a mapping) into its time, (n,) s, and its other columns by name.
 
     The time is the column ``time`` (``time [ms]`` in another unit), else the index of a pandas frame; durations and

@@ -131,7 +131,7 @@ def _stream(path: Path) -> BinaryIO:
     return os.fdopen(os.dup(descriptor), "wb")
 
 
-class GrowingFile:
+class CrashSafeGrowingFile:
     """A file that is useful before it is complete, such as a recording: after a crash it holds all that was written.
 
     A new file is written under its own name. Where an old file has this name, the new one is written beside it under

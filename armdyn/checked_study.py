@@ -180,7 +180,7 @@ class CheckedStudy:
         model = self.study.model
         for label in labels:
             model = model.with_effect(find(label, self.known.catalogue))
-        return replace(self, study=self.study.choosing_from(self.effects, model)) if labels else self
+        return replace(self, study=self.study.with_other_catalogue(self.effects, model)) if labels else self
 
     def compare(self) -> Comparison:
         """Fit the model and find where it fails."""
@@ -204,11 +204,11 @@ class CheckedStudy:
         found = repair(self.study, say)
         self._require_plausible(found.model)
         moved = self._moved(found)
-        absent = absent_in_motion(moved) if moved.model is not found.model else frozenset()
+        absent = effects_zero_in_simulation(moved) if moved.model is not found.model else frozenset()
         if not absent:
             return moved
         left = tuple(effect for effect in self.effects if effect.name not in absent)
-        return replace(self, study=self.study.choosing_from(left), effects=left).repair(say)
+        return replace(self, study=self.study.with_other_catalogue(left), effects=left).repair(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add effects to the model, one after the other, whether or not the recordings need them, and refit it."""
@@ -223,7 +223,7 @@ class CheckedStudy:
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
-        arm, declared = model.as_arm(), None if self.declared is None else self.declared.as_arm()
+        arm, declared = model.arm_model_or_none(), None if self.declared is None else self.declared.arm_model_or_none()
         if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
             model = fit_to_motion(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
@@ -237,7 +237,7 @@ class CheckedStudy:
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
         """A comparison with the identified drives, and the simulated against the recorded motion."""
-        arm = model.as_arm()
+        arm = model.arm_model_or_none()
         if arm is None:
             return found
         return replace(found, rollout=arm.motion_errors(self.study.recordings), drives=arm.drives)
@@ -251,7 +251,7 @@ class CheckedStudy:
             require_plausible(model, self.inspection.runs, self.study.model)
 
 
-def absent_in_motion(found: Repair) -> frozenset[str]:
+def effects_zero_in_simulation(found: Repair) -> frozenset[str]:
     """Names of the effects, added by a repair, whose values are zero within their uncertainty in simulated motion."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]

@@ -98,7 +98,7 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
         return product.replace(directory / _library_name(stem, product.read_bytes()))
 
 
-class BufferedFunction:
+class PreallocatedFunction:
     """A CasADi function with preallocated input and output arrays, so that a call has little overhead.
 
     Inputs and outputs must be dense; the arrays are (rows, columns), column-major. The next call overwrites the

@@ -102,7 +102,7 @@ class Table:
         return [c for c in self.columns if any(value not in (None, "", (), []) for value in c.values)]
 
     @property
-    def narrow_columns(self) -> list[Column]:
+    def columns_kept_when_narrow(self) -> list[Column]:
         """Columns that are kept where the table must be narrow."""
         return [column for column in self.nonempty_columns if not column.dropped_when_narrow]
 

@@ -98,7 +98,7 @@ class EffectModel(ABC):
         held = self.background.names if self.background is not None else ()
         return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
-    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
+    def joints_effect_can_act_on(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect can act, in the model's order; ``("",)`` where its stage has no joints.
 
         Raises:
@@ -118,25 +118,27 @@ class EffectModel(ABC):
         """
         return quantity.parameter(effect, short, joint)
 
-    def joints_with(self, effect: str) -> tuple[str, ...]:
+    def joints_having_effect(self, effect: str) -> tuple[str, ...]:
         """Joints on which the model has an effect.
 
         ``("",)`` where the effect's stage has no joints; empty where the model does not have the effect.
         """
-        return next((e.joints or self.possible_joints(e) for e in self.effects if e.name == effect), ())
+        return next((e.joints or self.joints_effect_can_act_on(e) for e in self.effects if e.name == effect), ())
 
     def parameter_names_by_joint(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by joint; the joint is ``""`` where the effect has none."""
         return {
             joint: tuple(p.name for p in self.parameters.values() if p.effect == effect and p.joint == joint)
-            for joint in self.joints_with(effect)
+            for joint in self.joints_having_effect(effect)
         }
 
     def can_add_effect(self, effect: Effect) -> bool:
         """Whether the model can have an effect that it does not have yet, on all of its joints or on some."""
         if effect.acts_on not in self.stages:
             return False
-        return not set(effect.joints or self.possible_joints(effect)) <= set(self.joints_with(effect.name))
+        return not set(effect.joints or self.joints_effect_can_act_on(effect)) <= set(
+            self.joints_having_effect(effect.name)
+        )
 
     def with_effect(self, effect: Effect) -> Self:
         """A copy of the model with one more effect, or with an effect on more joints, at its null value.
@@ -152,7 +154,7 @@ class EffectModel(ABC):
                 f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of base '{self.base}' lacks: "
                 f"choose one that acts on {' or '.join(self.stages)}"
             )
-        reachable = self.possible_joints(effect)
+        reachable = self.joints_effect_can_act_on(effect)
         if effect.joints and reachable == ("",):
             listed = ",".join(effect.joints)
             raise InputError(f"the effect '{effect.name}' acts on the {effect.acts_on}: leave out ':{listed}'")
@@ -160,7 +162,7 @@ class EffectModel(ABC):
         unnamed = [joint for joint in self._joints_without_name(effect.name) if joint in wanted]
         if unnamed:
             return self.without_effect(effect.on(*unnamed).label).with_effect(effect)
-        has = self.joints_with(effect.name)
+        has = self.joints_having_effect(effect.name)
         new = tuple(joint for joint in reachable if joint in wanted and joint not in has)
         if not new:
             raise InputError(f"the model already has the effect '{effect.label}'")
@@ -181,7 +183,7 @@ class EffectModel(ABC):
             UnknownNameError: the model does not have the effect.
         """
         name, _, listed = name.partition(":")
-        has = self.joints_with(name)
+        has = self.joints_having_effect(name)
         if not has:
             raise UnknownNameError("effect of this model", name, [e.name for e in self.effects])
         gone = tuple(listed.split(",")) if listed else has
@@ -230,7 +232,7 @@ class EffectModel(ABC):
             effect, joint = quantity.partition(".")[0], joint.removesuffix("]")
             if effect not in known:
                 raise UnknownNameError("effect", effect, known)
-            if joint in bare.joints_with(effect):
+            if joint in bare.joints_having_effect(effect):
                 where = f" on {joint}" if joint else ""
                 raise InputError(f"{name}: the model names the effect '{effect}'{where}: write the value with its name")
             joints.setdefault(effect, []).append(joint)
@@ -246,14 +248,16 @@ class EffectModel(ABC):
         background = Background(float(width), tuple(held)) if held else None
         return replace(model.with_parameters(held), background=background)
 
-    def with_candidates(self, effects: Iterable[Effect]) -> Self:
+    def with_fixed_null_effects(self, effects: Iterable[Effect]) -> Self:
         """A copy of the model with all of `effects` that it can have, the new ones at their null values and fixed."""
         model = self
         for effect in effects:
             if model.can_add_effect(effect):
-                had, there = set(model.names), model.joints_with(effect.name)
+                had, there = set(model.names), model.joints_having_effect(effect.name)
                 new = (
-                    joint for joint in effect.joints or model.possible_joints(effect) if joint and joint not in there
+                    joint
+                    for joint in effect.joints or model.joints_effect_can_act_on(effect)
+                    if joint and joint not in there
                 )
                 model = model.with_effect(effect.on(*new))
                 model = model.with_fixed(*(name for name in model.names if name not in had))

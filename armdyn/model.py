@@ -15,7 +15,7 @@ from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
 
 if TYPE_CHECKING:
-    from armdyn.arm.links import LinkChange
+    from armdyn.arm.links import LinkInertiaChange
     from armdyn.arm.model import ArmModel
     from armdyn.arm.rollout import SimulatedPositionError
     from urdf import Robot
@@ -40,7 +40,7 @@ class Prediction:
     sensitivities: np.ndarray
 
 
-def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
+def prediction_from_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
     """Join channels to a prediction; each is given as its name, times (n,) s, values (n,) and sensitivities (n, p)."""
     names, times, values, sensitivities = zip(*parts, strict=True)
     ends = np.cumsum([len(time) for time in times]).tolist()
@@ -62,7 +62,7 @@ class Model(EffectModel, Displayable):
         return 0.005
 
     @property
-    def min_effect_window(self) -> float:
+    def min_seconds_to_identify_effect(self) -> float:
         """Shortest part of a run, s, in which effects such as friction and creep are identifiable."""
         return 3.0
 
@@ -111,7 +111,7 @@ class Model(EffectModel, Displayable):
         del run, theta
         return ()
 
-    def start_window(self, theta: np.ndarray) -> float:
+    def start_state_window_seconds(self, theta: np.ndarray) -> float:
         """Length of the first part of a run, s, that suffices to choose among `possible_start_states`.
 
         Args:
@@ -133,9 +133,9 @@ class Model(EffectModel, Displayable):
         del names
         return False
 
-    def link_changes(
+    def link_inertia_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
-    ) -> tuple["LinkChange", ...]:
+    ) -> tuple["LinkInertiaChange", ...]:
         """Links whose mass, centre or inertia the effects change, in the order of the joints; empty without links.
 
         Args:
@@ -147,7 +147,7 @@ class Model(EffectModel, Displayable):
         del theta, covariance, of_runs_alone, free
         return ()
 
-    def as_arm(self) -> "ArmModel | None":
+    def arm_model_or_none(self) -> "ArmModel | None":
         """The model itself if it describes an arm with joints, links and drives; None for any other base."""
         return None
 

@@ -16,14 +16,14 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
 from urdf.bounds import MAX_INPUT_MAGNITUDE
-from urdf.toml_tables import ValueCheck, table_to_dataclass
+from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base model; in a model file, a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
-_Sizes = dict[str, Annotated[float, ValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
+_Sizes = dict[str, Annotated[float, TomlValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,13 @@ class _Change:
 class _ParameterEntry:
     """The entries of a parameter; missing ones keep the model's value."""
 
-    value: Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")]
+    value: Annotated[
+        float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")
+    ]
     std: (
-        Annotated[float, ValueCheck(lambda std: 0.0 <= std <= MAX_INPUT_MAGNITUDE, "write one that is not negative")]
+        Annotated[
+            float, TomlValueCheck(lambda std: 0.0 <= std <= MAX_INPUT_MAGNITUDE, "write one that is not negative")
+        ]
         | None
     ) = None
     unit: str | None = None
@@ -64,7 +68,9 @@ class _BackgroundEntry:
     width: float
     values: dict[
         str,
-        Annotated[float, ValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")],
+        Annotated[
+            float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")
+        ],
     ]
 
 

@@ -22,7 +22,7 @@ def html_card(document: Document) -> str:
 
 
 def _html(table: Table) -> str:
-    columns = table.narrow_columns
+    columns = table.columns_kept_when_narrow
     if not columns:
         return ""
     header = "".join(f"<th style='text-align:left'>{escape(column.heading)}</th>" for column in columns)
@@ -55,7 +55,7 @@ def plotly_figure(document: Document) -> Any:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
 
-        from armdyn.notebook_figure import PortableFigure
+        from armdyn.notebook_figure import OfflineFigure
     except ImportError as error:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
@@ -99,7 +99,7 @@ def plotly_figure(document: Document) -> Any:
         ]
         menu = {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
         made.update_layout(updatemenus=[menu])
-    return PortableFigure(made)
+    return OfflineFigure(made)
 
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:

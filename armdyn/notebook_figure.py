@@ -5,7 +5,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 
-class PortableFigure(go.Figure):  # type: ignore[misc]
+class OfflineFigure(go.Figure):  # type: ignore[misc]
     """A plotly figure that a notebook also stores as HTML and text, because `nbconvert` cannot draw plotly's form."""
 
     def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:

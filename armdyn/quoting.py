@@ -58,6 +58,6 @@ def name_list(names: Iterable[str], most: int = 4) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def command_text(*words: object) -> str:
+def shell_quoted_command(*words: object) -> str:
     """Text of an armdyn command, quoted for a shell, from its words after ``armdyn``."""
     return shlex.join(["armdyn", *map(str, words)])

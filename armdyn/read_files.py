@@ -53,7 +53,7 @@ def _refuse_named_pipe(path: str | bytes) -> None:
 
 
 @contextmanager
-def protect_inputs() -> Iterator[None]:
+def refuse_overwriting_inputs() -> Iterator[None]:
     """Context manager: refuse to overwrite any file that was read in the block, and to open a named pipe."""
     global _opened, _hooked
     if not _hooked:

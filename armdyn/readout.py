@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 from scipy.sparse import csr_matrix
 
-from armdyn.codegen import BufferedFunction
+from armdyn.codegen import PreallocatedFunction
 from armdyn.physics.definition import Expression
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF_PER_KNOT, LowPass, SplineSamples, basis_matrix
 
@@ -170,7 +170,7 @@ class SensorReadout:
 
     def __init__(self, theta: Expression, gain: Expression = 1, lag: Expression = 0, delay: Expression = 0) -> None:
         settings = ca.densify(ca.SX(ca.vertcat(gain, lag, delay)))
-        self._function = BufferedFunction(
+        self._function = PreallocatedFunction(
             ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))])
         )
         depends = (ca.which_depends(settings[i], theta, 1, False) if theta.numel() else [] for i in range(3))

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn import atomic
-from armdyn.arrays import channels_from_arrays, split_frame
+from armdyn.arrays import channels_from_arrays, time_and_columns_of_frame
 from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
@@ -136,7 +136,7 @@ class Run(Displayable):
         Raises:
             InputError: the frame cannot be used; the message lists all faults.
         """
-        time, values = split_frame(frame)
+        time, values = time_and_columns_of_frame(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
 
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[()]]:
@@ -231,7 +231,7 @@ class Run(Displayable):
             raise UnknownNameError(f"channel of {self.name}", name, self.all_channels)
         return self.all_channels[name]
 
-    def require_informative(self, name: str) -> Channel:
+    def require_varying_channel(self, name: str) -> Channel:
         """The channel `name`, which must have enough samples and must change.
 
         Raises:

@@ -22,8 +22,8 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import all_blocks, predict_runs
-from armdyn.identify.prepare import run_noise
+from armdyn.identify.holdout import joined_residual_blocks, predict_runs
+from armdyn.identify.prepare import noise_std_by_run_and_channel
 from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.run import Run
@@ -103,11 +103,11 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     """
     if not fresh:
         return {}
-    noise = run_noise(study.model, fresh)
+    noise = noise_std_by_run_and_channel(study.model, fresh)
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}
     for key, blocks in (
-        ("held_out", all_blocks(predict_runs(problem, fresh))),
+        ("held_out", joined_residual_blocks(predict_runs(problem, fresh))),
         ("in_turn", study.held_out_blocks(fit)),
     ):
         chi2[key] = chi2_per_sample(blocks) if blocks else None

@@ -37,8 +37,8 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.answers_motion import excitation_sentence, std_ratios
-from pipeline.motion.excitation import Excitation, ExpectedResults, design_excitation
+from pipeline.answers_motion import excitation_sentence, std_ratios_to_designed_motion
+from pipeline.motion.excitation import Excitation, ExpectedMotionInformation, design_excitation
 
 hidden_arm = generator("baxter")
 
@@ -70,7 +70,7 @@ class Moved:
         return found.q, found.v, found.a
 
 
-def contenders(found: Excitation) -> Iterator[tuple[str, ExpectedResults]]:
+def contenders(found: Excitation) -> Iterator[tuple[str, ExpectedMotionInformation]]:
     yield "designed", found.expected
     if found.random is not None:
         yield "best random", found.random
@@ -100,7 +100,7 @@ def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: floa
     return Run(f"seed {seed}", channels, noise=noise)
 
 
-def errors(found: Excitation, motion: ExpectedResults, seeds: int, encoder: float) -> np.ndarray:
+def errors(found: Excitation, motion: ExpectedMotionInformation, seeds: int, encoder: float) -> np.ndarray:
     """Root mean square errors (W,) of the unknowns of the design after armdyn's fit."""
     goal = found.goal
     model = goal.columns.model
@@ -135,7 +135,7 @@ def verify(found: Excitation, seeds: int) -> dict:
     return answer
 
 
-def named(found: Excitation, motion: ExpectedResults, truth: str, seed: int) -> tuple[bool, bool]:
+def named(found: Excitation, motion: ExpectedMotionInformation, truth: str, seed: int) -> tuple[bool, bool]:
     """Whether the first name is right without a tie, and whether it or a reported tie contains the truth."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
@@ -180,7 +180,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
         told = least["designed"] >= max(2.0 * least["best random"], 1.0)
         claim = _timing.Claim(f"{name}: smallest separation at least twice the best random one's", str(least), told)
         return {"least": least, "rows": separations(found)}, [claim]
-    against = dict(zip(("best random", "least condition number"), std_ratios(found), strict=True))
+    against = dict(zip(("best random", "least condition number"), std_ratios_to_designed_motion(found), strict=True))
     rows = []
     for k, i in enumerate(goal.wanted):
         p = goal.columns.unknowns[i]

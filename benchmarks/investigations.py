@@ -16,7 +16,7 @@ import numpy as np
 from _hidden_table import by_effect
 
 from pipeline.trial import TrialSettings, simulate_trial
-from pipeline.trial.investigation import InvestigationEnd
+from pipeline.trial.investigation import InvestigationEndReason
 
 HIDDEN = {
     "pivot_viscous_friction": 1e-3, "linear_drag": 0.01, "quadratic_drag": 0.05, "pivot_coulomb_friction": 2e-3,
@@ -44,7 +44,7 @@ class Case:
     @property
     def right(self) -> bool:
         """Whether the hidden effect and no other was named."""
-        return self.stop == InvestigationEnd.NAMED.name and self.last == (self.effect,)
+        return self.stop == InvestigationEndReason.NAMED.name and self.last == (self.effect,)
 
 
 def investigation(effect: str, seed: int) -> Case:

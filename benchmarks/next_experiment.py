@@ -144,7 +144,7 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
         ("random", expected_outcome(rivals.hypotheses, proposal.experiment.along_motion(motion))),
     ):
         made = proposal.experiment.motion if kind == "designed" else motion
-        row[f"{kind}_predicted"] = float(foreseen.right_probability[names.index(hidden)])
+        row[f"{kind}_predicted"] = float(foreseen.correct_decision_probability[names.index(hidden)])
         row[f"{kind}_separation"] = float(np.sqrt(foreseen.chi2_increase[names.index(hidden), 1 - names.index(hidden)]))
         if separable:
             after = diagnose(study_of([first, recorded(f"{kind}.csv", setup, made, rng, known)], pair))

@@ -37,7 +37,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from armdyn.watch.event import EventKind
-from armdyn.watch.fault_free import FaultFreeStatistics, samples_of, statistics_of_recordings
+from armdyn.watch.fault_free import FaultFreeStatistics, joint_samples_of_recording, statistics_of_recordings
 from armdyn.watch.watch import Watch
 
 imperfect = hidden_table.generator("imperfect_arm")
@@ -134,7 +134,9 @@ def sound_of(name: str, seed: int, rate: float) -> FaultFreeStatistics:
     """Calibration by fifteen minutes of work without a fault."""
     robot, rng = Robot.of(name, seed), np.random.default_rng([seed, 1])
     runs = [robot.work(rng, rate)[0] for _ in range(CALIBRATION)]
-    return statistics_of_recordings(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
+    return statistics_of_recordings(
+        robot.model, [lambda run=run: joint_samples_of_recording(run, robot.model) for run in runs]
+    )
 
 
 def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour: float) -> hidden_table.Row:
@@ -144,7 +146,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
     seconds = 15.0 if what == "contact" else MINUTE
     begin = float(rng.uniform(5.0, 13.0)) if what == "contact" else float(rng.uniform(20.0, 25.0))
     run, joint = robot.work(rng, rate, seconds=seconds, what=what, begin=begin)
-    events = list(Watch(robot.model, sound, per_hour).events_of(samples_of(run, robot.model)))
+    events = list(Watch(robot.model, sound, per_hour).events_of(joint_samples_of_recording(run, robot.model)))
     within = SOON if what == "contact" else LATER
     wanted = {"contact": EventKind.OUTSIDE_TORQUE, "load": EventKind.LOAD_CHANGED, "friction": EventKind.ROBOT_CHANGED}[
         what
@@ -171,7 +173,7 @@ def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> 
     for minute in range(minutes):
         run = robot.work(rng, rate)[0]
         start = time.process_time()
-        events += watch.events_of(_later(samples_of(run, robot.model), minute * (MINUTE + 1.0)))
+        events += watch.events_of(_later(joint_samples_of_recording(run, robot.model), minute * (MINUTE + 1.0)))
         spent += time.process_time() - start
         held.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
     share = spent / (MINUTE * minutes)

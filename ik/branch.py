@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
+from ik.chain import POSE_EQUATIONS, KinematicChain, scale_down_steps
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -37,7 +37,7 @@ MAX_NEWTON_STEP = 0.3
 
 
 @dataclass(frozen=True)
-class Branch:
+class IkBranchEquations:
     """The additional equations W q = h(s) that select one posture q of a redundant arm at each path coordinate s.
 
     Attributes:
@@ -87,7 +87,7 @@ class Branch:
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < NEWTON_TOLERANCE) | ((residual < 1e2 * NEWTON_TOLERANCE) & (residual >= previous))):
                 break
-            q += limit_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), MAX_NEWTON_STEP)
+            q += scale_down_steps(_solve(self.system_matrix(chain.jacobian(motion)), error), MAX_NEWTON_STEP)
         return q, residual
 
     def system_matrix(self, jacobian: Array) -> Array:
@@ -141,7 +141,7 @@ INITIAL_TRUST_RADIUS, MAX_TRUST_RADIUS, MIN_TRUST_RADIUS = 0.2, 0.4, 1e-4
 or m]."""
 
 
-def core_indicator(path: Path, s: Array) -> Array:
+def inside_core_indicator(path: Path, s: Array) -> Array:
     """1 where path coordinates s (k,) [m] lie in the path's core, the part on which a speed is required; else 0."""
     low, high = path.core
     return ((s >= low - 1e-9) & (s <= high + 1e-9)).astype(np.float64)
@@ -150,7 +150,7 @@ def core_indicator(path: Path, s: Array) -> Array:
 class _Candidate(NamedTuple):
     """A branch with its postures, their derivatives q' and q'', the derivative dq/dh (k, n, r), and its cost [s]."""
 
-    branch: Branch
+    branch: IkBranchEquations
     q: Array
     rate: Array
     bending: Array
@@ -158,9 +158,9 @@ class _Candidate(NamedTuple):
     cost: float
 
 
-def optimise_branch(
-    chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array
-) -> tuple[Branch, Array]:
+def optimise_ik_branch(
+    chain: KinematicChain, limits: Limits, path: Path, branch: IkBranchEquations, s: Array, q: Array
+) -> tuple[IkBranchEquations, Array]:
     r"""Optimise the polynomial h of a branch so that the arm can travel the path faster.
 
     Minimises the traverse time at full joint speed, plus a cost of curvature, of missing speed on the path's core and
@@ -200,7 +200,9 @@ def optimise_branch(
     return best.branch, best.q
 
 
-def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
+def _assess(
+    chain: KinematicChain, limits: Limits, path: Path, branch: IkBranchEquations, s: Array, q: Array
+) -> _Candidate | None:
     """Solve a branch from postures near it, and compute its cost; None where it cannot be solved."""
     q, residual = branch.solve(chain, path, s, q)
     if residual.max() > 1e-9:
@@ -208,7 +210,7 @@ def _assess(chain: KinematicChain, limits: Limits, path: Path, branch: Branch, s
     step = s[1] - s[0]
     rate, bending, jacobian = branch.derivatives(chain, path, s, q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
-    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ core_indicator(path, s)
+    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ inside_core_indicator(path, s)
     cost = step * (slowness.sum() + CORE_SPEED_SHORTFALL_WEIGHT * missing)
     cost += step * BRANCH_CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
     cost += MARGIN_COST_SECONDS_PER_RADIAN * max(0.0, WANTED_JOINT_LIMIT_MARGIN - float(limits.margin(q).min()))
@@ -239,7 +241,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
     second = effect((lift, bends), (2 * lift_slope, slopes), (lift_bend, basis)) / speed
     slope, bend = now.rate.T / speed[:, 0], now.bending.T / speed[:, 0]
     heights = np.einsum("kd,rp->rkpd", basis, np.eye(rows)).reshape(rows, nodes, rows * degree)
-    core = np.flatnonzero(core_indicator(path, s))
+    core = np.flatnonzero(inside_core_indicator(path, s))
     # Unknowns: coefficients, slowness per node, missing slowness per node of the core, missing margin.
     ends = np.cumsum([rows * degree, nodes, len(core), 1])
     change, slow, missing, margin = (slice(start, end) for start, end in pairwise([0, *ends]))

@@ -77,7 +77,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
         "d2q_ds2": bending,
         "jacobian": jacobian,
         "limits": robot.limits,
-        "torque": JointTorque(robot, springs=True).path_terms(q, rate, bending),
+        "torque": JointTorque(robot, springs=True).path_torque_terms(q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 

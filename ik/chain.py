@@ -158,7 +158,7 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-2)
 
 
-def limit_steps(step: Array, longest: float) -> Array:
+def scale_down_steps(step: Array, longest: float) -> Array:
     """Scale each of k steps (k, n) down so that its largest absolute entry is at most `longest`."""
     return step * np.minimum(1.0, longest / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 

@@ -15,7 +15,7 @@ class UnreachableError(TaskFailedError):
     """The arm cannot follow a path with its tool; the message says at which point, why and what to do."""
 
 
-def check_built_for(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
+def check_table_belongs_to_robot(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
     """Check that the file of an IK table or volume was built for this robot with its present settings.
 
     Args:

@@ -6,9 +6,9 @@ from ik.branch import (
     CORE_SPEED_SHORTFALL_WEIGHT,
     MARGIN_COST_SECONDS_PER_RADIAN,
     WANTED_JOINT_LIMIT_MARGIN,
-    Branch,
-    core_indicator,
-    optimise_branch,
+    IkBranchEquations,
+    inside_core_indicator,
+    optimise_ik_branch,
 )
 from ik.chain import POSE_EQUATIONS, KinematicChain
 from ik.errors import UnreachableError
@@ -56,7 +56,7 @@ class BranchPlanner:
         )
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
-    def plan(self) -> tuple[Branch, Array]:
+    def plan(self) -> tuple[IkBranchEquations, Array]:
         """Plan the branch.
 
         Returns:
@@ -152,7 +152,7 @@ class BranchPlanner:
         )
         step = np.diff(s)
         total, chosen = step.mean() * entry[:, 0], []
-        core = CORE_SPEED_SHORTFALL_WEIGHT * core_indicator(self.path, (s[1:] + s[:-1]) / 2)
+        core = CORE_SPEED_SHORTFALL_WEIGHT * inside_core_indicator(self.path, (s[1:] + s[:-1]) / 2)
         for node in range(1, len(s)):
             moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
             slowness = moved.max(axis=2) / step[node - 1]
@@ -169,18 +169,18 @@ class BranchPlanner:
         guess = np.array([np.interp(self.s, s, course[:, joint]) for joint in range(self.chain.joints)]).T
         return damped_least_squares(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
 
-    def _refined(self, q: Array) -> tuple[Branch, Array]:
+    def _refined(self, q: Array) -> tuple[IkBranchEquations, Array]:
         """The branch that is fitted to postures q (k, n) and then optimised, and its postures, (k, n)."""
         null = self._spare_motions(q)
         # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
         mean = np.einsum("kir,kjr->ij", null, null) / len(q)
         weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE_EQUATIONS].T
-        empty = Branch(
+        empty = IkBranchEquations(
             weights, np.zeros((len(weights), BRANCH_POLYNOMIAL_DEGREE + 1)), self.path.s_min, self.path.s_max
         )
         coefficients = np.linalg.lstsq(empty.chebyshev_basis(self.s), q @ weights.T, rcond=None)[0].T
-        branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
-        return optimise_branch(self.chain, self.robot.limits, self.path, branch, self.s, q)
+        branch = IkBranchEquations(weights, coefficients, self.path.s_min, self.path.s_max)
+        return optimise_ik_branch(self.chain, self.robot.limits, self.path, branch, self.s, q)
 
     def _spare_motions(self, q: Array) -> Array:
         """Orthonormal basis of the Jacobian's null space at postures q (k, n): (k, n, n - 6)."""

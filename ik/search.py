@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
-from ik.branch import core_indicator
+from ik.branch import inside_core_indicator
 from ik.chain import KinematicChain
 from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
@@ -226,12 +226,12 @@ class _Search:
             return None
         s, limits = planner.s, self.robot.limits
         rate, bending, _ = branch.derivatives(self.chain, line, s, q)
-        without, helped = self.torque.path_terms(q, rate, bending).holding_torque_shares(limits.effort)
+        without, helped = self.torque.path_torque_terms(q, rate, bending).holding_torque_shares(limits.effort)
         torque = float(without.max()), float(helped.max())
         if max(torque) > 1.0:
             return None
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
-        core, whole = float(speed[core_indicator(line, s) > 0].min()), float(speed.min())
+        core, whole = float(speed[inside_core_indicator(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
         score = (core + WHOLE_LINE_SPEED_WEIGHT * whole) * min(1.0, margin / JOINT_LIMIT_MARGIN_OF_FULL_SCORE)
         return LineCandidate(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import POSE_EQUATIONS, KinematicChain, limit_steps
+from ik.chain import POSE_EQUATIONS, KinematicChain, scale_down_steps
 from urdf import Limits, Robot
 from urdf.robot import Array
 
@@ -94,7 +94,7 @@ def damped_least_squares(
         normal[:, np.arange(POSE_EQUATIONS), np.arange(POSE_EQUATIONS)] += (
             1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
         )[:, None]
-        q = q + limit_steps(
+        q = q + scale_down_steps(
             (columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], MAX_JOINT_STEP_PER_ITERATION
         )
         if limits is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError, check_built_for
+from ik.errors import StaleTableError, check_table_belongs_to_robot
 from ik.path import Path
 from ik.pathfile import path_from_description
 from ik.table_archive import (
@@ -18,7 +18,7 @@ from ik.table_archive import (
     check_robot,
     check_shapes,
     read_arrays,
-    table_errors,
+    table_errors_as_input_errors,
     write_arrays,
 )
 from ik.torque import PathTorque
@@ -241,14 +241,14 @@ class PathTable:
                 of a curved path where a line's is needed.
         """
         source = File(path)
-        with table_errors(source):
+        with table_errors_as_input_errors(source):
             about, arrays = read_arrays(source, ARRAY_AXES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
                 raise StaleTableError(
                     f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD_REMEDY}"
                 )
             if robot is not None:
-                check_built_for(source, about, robot, REBUILD_REMEDY)
+                check_table_belongs_to_robot(source, about, robot, REBUILD_REMEDY)
             try:
                 check_shapes(arrays, ARRAY_AXES, len(about["joints"]))
                 own = path_from_description(about["path"])

@@ -78,7 +78,7 @@ def arrays_digest(said: str, arrays: Mapping[str, Array]) -> str:
 
 
 @contextmanager
-def table_errors(source: File) -> Iterator[None]:
+def table_errors_as_input_errors(source: File) -> Iterator[None]:
     """Convert every exception in the ``with`` block, which reads a table's file, to an error with a clear message.
 
     Raises:

@@ -52,7 +52,7 @@ class JointTorque:
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
 
-    def path_terms(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+    def path_torque_terms(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
         """Terms of the torque for a motion along a path.
 
         Args:

@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class LostItem:
+class FailedWorkItem:
     """Result of an item whose workers died repeatedly; `reason` says what happened, without a full stop."""
 
     reason: str
@@ -42,7 +42,7 @@ def map_in_processes(
     workers: int,
     start: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | LostItem]]:
+) -> Iterator[tuple[Item, Result | FailedWorkItem]]:
     """Call a function for each item in several processes of this computer; yield items and results as they finish.
 
     Args:
@@ -78,7 +78,7 @@ def map_in_processes(
                     continue
                 deaths[number] += 1
                 if deaths[number] >= MAX_WORKER_DEATHS_PER_ITEM and not together:
-                    yield item, LostItem(f"the process that worked on it died {deaths[number]} times")
+                    yield item, FailedWorkItem(f"the process that worked on it died {deaths[number]} times")
                 else:
                     alone.append((number, item))
 
@@ -89,7 +89,7 @@ def map_on_cluster(
     scheduler: str,
     extra: str,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[Item, Result | LostItem]]:
+) -> Iterator[tuple[Item, Result | FailedWorkItem]]:
     """Call a function for each item on a dask cluster; yield items and results as they finish.
 
     The items of a worker that dies are given to other workers.
@@ -124,11 +124,11 @@ def map_on_cluster(
                 gone += "the same command continues"
                 if future.status in ("cancelled", "lost"):
                     raise TaskFailedError(gone)
-                result: Result | LostItem
+                result: Result | FailedWorkItem
                 try:
                     result = future.result()
                 except KilledWorker:
-                    result = LostItem("several workers died of it")
+                    result = FailedWorkItem("several workers died of it")
                 except OSError as error:
                     raise TaskFailedError(gone) from error
                 future.release()

@@ -22,65 +22,65 @@ if TYPE_CHECKING:
     from armdyn.parameter import Parameter
 
 
-def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
+def comparison_json(study: Study, found: Comparison) -> dict[str, Any]:
     """JSON output of the command `compare`, ``armdyn.comparison/1``."""
     return {
         "schema": "armdyn.comparison/1",
-        "model": model_answer(study),
+        "model": starting_model_json(study),
         **attributes_as_json(found, "verdict explained sentence"),
-        **fit_answer(found),
-        **rollout_answer(found),
-        "missing_force": missing_force_answer(found.missing_force),
+        **model_fit_json(found),
+        **rollout_json(found),
+        "missing_force": missing_force_json(found.missing_force),
     }
 
 
-def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
+def diagnosis_json(study: Study, found: Diagnosis) -> dict[str, Any]:
     """JSON output of the command `diagnose`, ``armdyn.diagnosis/1``."""
     candidate = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
     return {
         "schema": "armdyn.diagnosis/1",
-        "model": model_answer(study),
+        "model": starting_model_json(study),
         **attributes_as_json(found, "verdict sentence"),
-        **fit_answer(found.comparison),
+        **model_fit_json(found.comparison),
         "candidates": [
-            attributes_as_json(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.ranked_effects
+            attributes_as_json(s, candidate, parameters=parameters_json(s.parameters)) for s in found.ranked_effects
         ],
         **attributes_as_json(found, "remedies cannot_be_seen=unidentified_effects"),
-        "unknown": unknown_answer(found.residual_character),
-        "missing_force": missing_force_answer(found.missing_force),
+        "unknown": residual_character_json(found.residual_character),
+        "missing_force": missing_force_json(found.missing_force),
     }
 
 
-def repair_answer(found: Repair) -> dict[str, Any]:
+def repair_json(found: Repair) -> dict[str, Any]:
     """JSON output of the commands `repair` and `add`, ``armdyn.repair/1``; its entry `removed` is always empty."""
     step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",
         **attributes_as_json(found, "verdict sentence explained"),
         "effects": [effect.name for effect in found.model.named_effects],
-        **fit_answer(found.after),
-        **background_answer(found.model),
-        **rollout_answer(found.after),
+        **model_fit_json(found.after),
+        **background_force_json(found.model),
+        **rollout_json(found.after),
         "steps": [
             attributes_as_json(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
             for step in found.path
         ],
-        "links": [link_answer(link) for link in found.links],
-        "unknown": unknown_answer(found.residual_character),
-        "missing_force": missing_force_answer(found.missing_force),
+        "links": [link_inertia_json(link) for link in found.links],
+        "unknown": residual_character_json(found.residual_character),
+        "missing_force": missing_force_json(found.missing_force),
     }
 
 
-def inspection_answer(found: Inspection) -> dict[str, Any]:
+def inspection_json(found: Inspection) -> dict[str, Any]:
     """JSON output of `inspect`, and of a command that stops because a recording has a mistake: ``armdyn.inspect/1``."""
     return {
         "schema": "armdyn.inspect/1",
         **attributes_as_json(found, "usable sentence"),
-        "recording_checks": checks_answer(found.checks),
+        "recording_checks": recording_checks_json(found.checks),
     }
 
 
-def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
+def recording_checks_json(checks: Sequence[Check]) -> list[dict[str, Any]]:
     """JSON of the mistakes that were found in recordings, a dictionary per mistake."""
     names = "kind severity run channels from=start to=end evidence sentence remedy"
     return [attributes_as_json(check, names) for check in checks]
@@ -111,26 +111,26 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
     ]
 
 
-def link_answer(link: Any) -> dict[str, Any]:
-    """JSON of an `armdyn.arm.links.LinkChange`: a link's identified and URDF mass, centre and inertia, in SI units."""
+def link_inertia_json(link: Any) -> dict[str, Any]:
+    """JSON of an `armdyn.arm.links.LinkInertiaChange`: identified and URDF mass, centre and inertia of a link."""
     quantities = {q.name: attributes_as_json(q, "unit urdf=described value std determined") for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
-def model_answer(study: Study) -> dict[str, Any]:
+def starting_model_json(study: Study) -> dict[str, Any]:
     """JSON of the model that a study starts from: its base model and its effects."""
     return {"base": study.model.base, "effects": [effect.name for effect in study.model.named_effects]}
 
 
-def fit_answer(found: Comparison) -> dict[str, Any]:
+def model_fit_json(found: Comparison) -> dict[str, Any]:
     """JSON of a fitted model: parameters, error by channel, and where in the recordings the error is largest."""
     from armdyn.identify.bands import COVERAGE_LEVEL
 
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value"
     bands = found.bands
     return {
-        "parameters": parameters_answer(found.parameters),
-        **background_answer(found.fit.problem.model),
+        "parameters": parameters_json(found.parameters),
+        **background_force_json(found.fit.problem.model),
         **attributes_as_json(
             found, "intervals_hold std_widened_by=std_inflation at_bound not_determined=undetermined left_out"
         ),
@@ -140,7 +140,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "outliers": outlier_counts(found.fit.problem.runs),
         "bands": {c: {"level": COVERAGE_LEVEL, "covered": v} for c, v in bands.coverage.items()} if bands else {},
         "channels": {name: attributes_as_json(channel, quality) for name, channel in found.channels.items()},
-        "preparation": preparation_answer(found.fit.problem),
+        "preparation": signal_preparation_json(found.fit.problem),
         "behaves_like_dynamics": finite_or_none(found.process_error),
         "where": [
             attributes_as_json(place, "channel run against from=start to=end unit chi2_per_sample share")
@@ -149,14 +149,14 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     }
 
 
-def preparation_answer(problem: Problem) -> dict[str, Any]:
+def signal_preparation_json(problem: Problem) -> dict[str, Any]:
     """JSON of the filters and sampling rates that were applied to each channel of the training runs before the fit."""
     names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
     done = combined_preparations(run.preparations for run in problem.runs)
     return {name: attributes_as_json(each, names + "recorded left_out") for name, each in done.items()}
 
 
-def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
+def missing_force_json(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
     """JSON of the force that a model lacks: a curve per run, joint and quantity it may depend on, in six digits."""
 
     def short(curve: ForceCurve, name: str) -> Any:
@@ -171,12 +171,12 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
     ]
 
 
-def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+def parameters_json(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
     """JSON of parameters by name: value, standard deviation, unit, and whether the parameter was fitted."""
     return {name: attributes_as_json(p, "value std unit fitted") for name, p in parameters.items()}
 
 
-def background_answer(model: Model) -> dict[str, Any]:
+def background_force_json(model: Model) -> dict[str, Any]:
     """JSON of a model's background, the smooth force without a named effect; empty for a model without one."""
     if model.background is None:
         return {}
@@ -184,7 +184,7 @@ def background_answer(model: Model) -> dict[str, Any]:
     return {"background": {"width": model.background.width, "values": values}}
 
 
-def rollout_answer(compared: Comparison) -> dict[str, Any]:
+def rollout_json(compared: Comparison) -> dict[str, Any]:
     """JSON of an arm's identified drives, and of the errors of its simulated motion; empty where there are none."""
     answer: dict[str, Any] = {}
     if compared.drives:
@@ -206,7 +206,7 @@ def rollout_answer(compared: Comparison) -> dict[str, Any]:
     return answer
 
 
-def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
+def residual_character_json(found: ResidualCharacter | None) -> dict[str, Any] | None:
     """JSON of the character of an unexplained residual: expressions and frequencies; None without such a residual."""
     if found is None:
         return None

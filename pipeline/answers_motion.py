@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation
 
 
-def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
+def next_experiment_json(
+    plan: ExperimentPlan | None, verdict: str, sentence: str, output: Path | None
+) -> dict[str, Any]:
     """JSON output of the command `next`, ``armdyn.next/1``.
 
     Args:
@@ -33,12 +35,12 @@ def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output
     return answer | {
         "rivals": names,
         "belief": json_value(dict(zip(names, plan.rival_probabilities, strict=True))),
-        "experiments": [proposal_answer(p, output) for p in plan.proposals],
+        "experiments": [proposed_experiment_json(p, output) for p in plan.proposals],
         "inseparable": [attributes_as_json(p, "effects why") for p in plan.inseparable],
     }
 
 
-def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
+def proposed_experiment_json(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
     """JSON of one proposed experiment; `output` is the file with its motion."""
     e, motion = proposal.experiment, proposal.experiment.motion
     answer = attributes_as_json(e, "kind what") | attributes_as_json(proposal.expected, "separation probability")
@@ -50,7 +52,7 @@ def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) ->
     return answer
 
 
-def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
+def investigation_json(found: Investigation) -> list[dict[str, Any]]:
     """JSON of the experiments that a trial made to find missing effects, one entry per experiment.
 
     The motion of the first experiment is chosen by Sequential Action Control (SAC); its entry `experiment` is null.
@@ -60,7 +62,7 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
         | attributes_as_json(
             stage,
             "candidates experiment= belief gap residual",
-            experiment=None if stage.proposal is None else proposal_answer(stage.proposal),
+            experiment=None if stage.proposal is None else proposed_experiment_json(stage.proposal),
         )
         for stage in found.stages
     ]
@@ -72,10 +74,10 @@ def rival_separations(found: Excitation) -> np.ndarray:
     A case is one of the two effects, present on one joint. The columns are three motions: the designed one, the best
     random one, and the one with the smallest condition number.
     """
-    return np.sqrt(compare_motions(found, "separations"))
+    return np.sqrt(compare_with_other_motions(found, "separations"))
 
 
-def compare_motions(found: Excitation, what: str) -> np.ndarray:
+def compare_with_other_motions(found: Excitation, what: str) -> np.ndarray:
     """Compare an attribute (k,) of `Expectation` for three motions: the columns of (k, 3).
 
     The columns are the designed motion, the best random one, and the one with the smallest condition number; nan for a
@@ -86,12 +88,12 @@ def compare_motions(found: Excitation, what: str) -> np.ndarray:
     return np.column_stack([own * np.nan if motion is None else getattr(motion, what) for motion in motions])
 
 
-def determined_indices(found: Excitation) -> np.ndarray:
+def determinable_parameter_indices(found: Excitation) -> np.ndarray:
     """Indices, among the parameters that the user wants to determine, of those that a motion can determine."""
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.unidentifiable))
 
 
-def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
+def std_ratios_to_designed_motion(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
     """Standard deviations of parameters with two other motions, divided by those with the designed motion.
 
     The other motions are the best random one and the one with the smallest condition number. The ratios are geometric
@@ -101,18 +103,18 @@ def std_ratios(found: Excitation, chosen: Sequence[int] | np.ndarray | None = No
         found: the designed motion.
         chosen: indices, among the wanted parameters, of those that are averaged; by default all that can be determined.
     """
-    std = compare_motions(found, "std")[determined_indices(found) if chosen is None else chosen]
+    std = compare_with_other_motions(found, "std")[determinable_parameter_indices(found) if chosen is None else chosen]
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
-def improvement_factors(found: Excitation) -> list[float]:
+def improvement_over_other_motions(found: Excitation) -> list[float]:
     """How many times better the designed motion is than each other motion.
 
-    To determine parameters, these are the ratios of standard deviations (`std_ratios`); to distinguish two rival
-    effects, the ratios of the smallest separations.
+    To determine parameters, these are the ratios of standard deviations (`std_ratios_to_designed_motion`); to
+    distinguish two rival effects, the ratios of the smallest separations.
     """
     if not found.goal.rivals:
-        return std_ratios(found)
+        return std_ratios_to_designed_motion(found)
     own, *others = rival_separations(found).min(axis=0).tolist()
     return [own / other for other in others]
 
@@ -131,7 +133,7 @@ def excitation_sentence(found: Excitation) -> str:
         )
     *names, last = dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)
     listed = f"{', '.join(names)} and {last}" if names else last
-    times = zip(std_ratios(found), made, strict=False)
+    times = zip(std_ratios_to_designed_motion(found), made, strict=False)
     beside = " and".join(f" {_short(gain)} times smaller than with {name}" for gain, name in times)
     return f"{seconds} that determine {listed}: their standard deviations are{beside} (geometric mean)."
 
@@ -161,12 +163,12 @@ def joint_peaks(found: Excitation) -> list[dict[str, Any]]:
     return rows
 
 
-def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
+def excitation_json(found: Excitation, output: Path) -> dict[str, Any]:
     """JSON output of the command `excite`, ``armdyn.excite/1``; `output` is the file with the motion."""
     goal, motion, columns = found.goal, found.trajectory, found.goal.columns
     wanted = [columns.unknowns[i] for i in goal.wanted]
     hopeless = np.isin(goal.wanted, goal.unidentifiable).tolist()
-    std = zip(wanted, hopeless, compare_motions(found, "std"), strict=True)
+    std = zip(wanted, hopeless, compare_with_other_motions(found, "std"), strict=True)
     apart = zip(goal.separations, rival_separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:
@@ -193,7 +195,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
             for case, row in apart
         ],
         "times_better_than": json_value(
-            dict(zip(("random", "condition_number"), improvement_factors(found), strict=True))
+            dict(zip(("random", "condition_number"), improvement_over_other_motions(found), strict=True))
         ),
         "random_motions": found.random_count,
         "peaks": joint_peaks(found),

@@ -136,10 +136,10 @@ def next_experiment(
     _, sentence, found = rivals_of_study(CheckedStudy.of(model, runs, held_out, effects=effects).study, rivals)
     if found is None:
         raise TaskFailedError(sentence)
-    return plan_experiment(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]
+    return plan_experiment(found, seconds, user_given_gripper_limits(travel, speed, acceleration, swing), seed)[0]
 
 
-def rig_limits(
+def user_given_gripper_limits(
     travel: float | None, speed: float | None, acceleration: float | None, swing: float | None
 ) -> "GripperLimits | None":
     """Limits of a gripper's motion from those that the user gave; None if none was given and the robot is Baxter.

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from armdyn.atomic import GrowingFile
+from armdyn.atomic import CrashSafeGrowingFile
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.channels import Channel, is_channel_name, unit_conversion
 from armdyn.recording.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
@@ -78,7 +78,7 @@ class Recorder(Closable):
         self._place = {name: topic_and_field(name) for name in channels}
         self._pending: dict[str, dict[str, float]] = {}
         self._closed = False
-        self._file = GrowingFile(self.path)
+        self._file = CrashSafeGrowingFile(self.path)
         self._writer = Writer(self._file.stream)
         try:
             self._begin()

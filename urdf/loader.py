@@ -97,9 +97,9 @@ class _Description:
         """Gravity, rotors, damping and springs of an arm."""
         if self.mjcf is None:
             return URDF_DYNAMICS
-        from urdf.mjcf_dynamics import arm_dynamics
+        from urdf.mjcf_dynamics import arm_dynamics_from_mjcf
 
-        return arm_dynamics(self.mjcf, joints)
+        return arm_dynamics_from_mjcf(self.mjcf, joints)
 
     def left_out(self, joints: tuple[str, ...]) -> list[str]:
         """Sentences on entries about an arm's joints that the arm's model does not include."""
@@ -239,7 +239,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
         model=model,
         tool_frame=tool.frame,
         tool_offset=np.array(tool.offset),
-        given_limits=limits,
+        limits_or_none=limits,
         home=home,
         springs=(*settings.springs, *dynamics.springs),
         joint_dynamics=dynamics.joints,
@@ -248,7 +248,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
         notes=tuple(notes),
         warnings=tuple(_warnings(model, judged)),
         fingerprint=hashlib.sha256(f"{digest}\n{text}\n{dynamics}".encode()).hexdigest(),
-        given_line=None if settings.line is None else settings.line.to_line(),
+        line_or_none=None if settings.line is None else settings.line.to_line(),
     )
 
 

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from urdf.library_output import library_errors
 from urdf.robot import MJCF_NOTE_PREFIX, Array, UrdfError
-from urdf.write import add_joint, inertial_element, numbers_text
+from urdf.write import add_joint, inertial_element, xml_number_list
 
 ASSUMED_SPEED_LIMITS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
 """Speed limit that is assumed for each type of joint [rad/s or m/s], because an MJCF contains none.
@@ -211,7 +211,7 @@ class _Tree:
         m = self._model
         kind = "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if m.jnt_limited[j] else "continuous"
         element = self._join(kind, self._joints[j], inner, link, placement)
-        ET.SubElement(element, "axis", xyz=numbers_text(m.jnt_axis[j]))
+        ET.SubElement(element, "axis", xyz=xml_number_list(m.jnt_axis[j]))
         limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEED_LIMITS[kind]))
         if j in self._efforts:
             limit.set("effort", repr(self._efforts[j]))

@@ -28,7 +28,7 @@ BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 """MuJoCo's types of equality constraints between two bodies."""
 
 
-def arm_dynamics(mjcf: CompiledMjcf, arm: Sequence[str]) -> ArmDynamics:
+def arm_dynamics_from_mjcf(mjcf: CompiledMjcf, arm: Sequence[str]) -> ArmDynamics:
     """Read gravity, rotor inertia, damping, dry friction and springs of an arm's joints, all other joints fixed at 0.
 
     Args:

@@ -260,7 +260,7 @@ class Robot:
             position. A limit that its description does not give is infinite.
         tool_frame: frame that carries the tool.
         tool_offset: tool point (string attachment) in the tool frame, (3,) [m].
-        given_limits: limits of the arm's joints, if its description gives all of them.
+        limits_or_none: limits of the arm's joints, if its description gives all of them.
         home: posture from which planning starts, (n,) [rad or m]; it selects one of the postures (elbow up or down)
             that hold the tool at the same place.
         springs: springs on the arm's joints.
@@ -270,7 +270,7 @@ class Robot:
         notes: the sentences among `defects` that a user who makes a model must know, such as assumed speed limits.
         warnings: one sentence per impossible or replaced inertia that changes torques; every command shows them.
         fingerprint: SHA-256 digest of the mended URDF and the settings.
-        given_line: the line of the settings, if they have one.
+        line_or_none: the line of the settings, if they have one.
     """
 
     name: str
@@ -282,7 +282,7 @@ class Robot:
     model: pin.Model
     tool_frame: str
     tool_offset: Array
-    given_limits: Limits | None
+    limits_or_none: Limits | None
     home: Array
     springs: tuple[Spring, ...]
     joint_dynamics: Mapping[str, JointDynamics]
@@ -291,7 +291,7 @@ class Robot:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     fingerprint: str
-    given_line: Line | None
+    line_or_none: Line | None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "tool_offset", "home")
@@ -303,12 +303,12 @@ class Robot:
         Raises:
             UrdfError: the robot's description lacks a limit.
         """
-        if self.given_limits is None:
+        if self.limits_or_none is None:
             raise UrdfError(
                 f"{self.urdf_path}: {missing_limit_sentences(self.model)[0]}: "
                 "write it into its description, it is needed here"
             )
-        return self.given_limits
+        return self.limits_or_none
 
     @property
     def line(self) -> Line:
@@ -317,9 +317,9 @@ class Robot:
         Raises:
             UrdfError: the settings contain no line.
         """
-        if self.given_line is None:
+        if self.line_or_none is None:
             raise UrdfError(f"robot '{self.name}' has no line yet: find one with 'armdyn ik build --search'")
-        return self.given_line
+        return self.line_or_none
 
     @property
     def tool_frame_id(self) -> int:

@@ -144,8 +144,8 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 
 @dataclass(frozen=True)
-class ValueCheck:
-    """A condition on a value in a TOML file besides its type; used as `Annotated[float, ValueCheck(...)]`.
+class TomlValueCheck:
+    """A condition on a value in a TOML file besides its type; used as `Annotated[float, TomlValueCheck(...)]`.
 
     Attributes:
         fits: function of the value that returns whether it is valid.
@@ -162,7 +162,7 @@ def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: st
     A field's type may be `str`, `float`, `bool`, `datetime`, `Any`, an enum (in the file, the text of a member's
     value), a dataclass (a table), a tuple (a list, of fixed length if the tuple's length is declared), `dict` (a table
     with any keys), the union of a type with None, the union of a type with a list of it, and any of these `Annotated`
-    with a `ValueCheck`. A key whose field has no default is required.
+    with a `TomlValueCheck`. A key whose field has no default is required.
 
     Args:
         kind: the dataclass; the field of a key that is a Python keyword ends in ``_``, as in ``from_``.

@@ -10,7 +10,7 @@ INERTIA_INDICES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz":
 ZERO_VECTOR = (0.0, 0.0, 0.0)
 
 
-def numbers_text(vector: ArrayLike) -> str:
+def xml_number_list(vector: ArrayLike) -> str:
     """Numbers as the text of an XML attribute, separated by spaces, in full precision."""
     return " ".join(repr(float(x)) for x in np.ravel(vector))
 
@@ -19,7 +19,7 @@ def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.E
     """Make an ``<inertial>`` element from a mass [kg], its centre (3,) [m] and the inertia about it (3, 3) [kg m^2]."""
     moments = np.asarray(inertia)
     element = ET.Element("inertial")
-    ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
+    ET.SubElement(element, "origin", xyz=xml_number_list(centre), rpy="0 0 0")
     ET.SubElement(element, "mass", value=repr(float(mass)))
     ET.SubElement(element, "inertia", {f"i{name}": repr(float(moments[at])) for name, at in INERTIA_INDICES.items()})
     return element
@@ -46,7 +46,7 @@ def add_joint(
         rpy: orientation of the joint in the frame of the parent link as roll, pitch and yaw, (3,) [rad].
     """
     joint = ET.SubElement(root, "joint", name=name, type=kind)
-    ET.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
+    ET.SubElement(joint, "origin", xyz=xml_number_list(xyz), rpy=xml_number_list(rpy))
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
     return joint

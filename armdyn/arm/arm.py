@@ -84,7 +84,7 @@ class Arm:
         return np.array([pseudo_inertia_factor(p, float(self.described[:, 0].max())) for p in self.described])
 
     @cached_property
-    def without_inertia(self) -> tuple[str, ...]:
+    def links_without_mass(self) -> tuple[str, ...]:
         """Moved links without mass, except those between two joints at one place, as in a wrist."""
         between = {
             parent for parent, place in zip(self.model.parents, self.model.jointPlacements, strict=True)
@@ -130,7 +130,7 @@ class Arm:
         return replace(quantity, unit=unit, spread=spread, **sizes).parameter(effect, short, joint)
 
 
-def find_arm(
+def load_arm_description(
     urdf_path: str | Path | None = None,
     robot: str | None = None,
     joints: Sequence[str] | None = None,

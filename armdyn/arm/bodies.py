@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.composition import ExpressionChange, JointFunctions
+from armdyn.arm.composition import InertialOrGravityChange, JointTorqueFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import GravityTorques, inverse_dynamics, parent_joints, torque_regressor
 from armdyn.parameter import RecordedColumn
@@ -34,10 +34,10 @@ class RigidBodyChanges:
 
     def __init__(
         self,
-        functions: Sequence[JointFunctions],
+        functions: Sequence[JointTorqueFunctions],
         theta: Sequence[np.ndarray],
         shapes: np.ndarray,
-        base: tuple[ExpressionChange, np.ndarray, np.ndarray] | None = None,
+        base: tuple[InertialOrGravityChange, np.ndarray, np.ndarray] | None = None,
     ) -> None:
         self.links: dict[int, np.ndarray] = {}
         self.gravity: np.ndarray | None = None
@@ -96,7 +96,7 @@ class MotionSamples:
         columns = self.regressor[:, joint, link]
         if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
-            columns[:, :4] += bodies.gravity @ self.per_gravity.of_link(joint, link)
+            columns[:, :4] += bodies.gravity @ self.per_gravity.gravity_torque_of_link(joint, link)
         return columns
 
     def changed_per_gravity(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
@@ -104,7 +104,7 @@ class MotionSamples:
         columns = self.per_gravity.described[joint]
         for i, change in bodies.links.items():
             if change[:4].any() and self.carries(joint, i):
-                columns = columns + self.per_gravity.of_link(joint, i) @ change[:4]
+                columns = columns + self.per_gravity.gravity_torque_of_link(joint, i) @ change[:4]
         return columns
 
     @cached_property
@@ -125,7 +125,9 @@ class MotionSamples:
         none = np.zeros(len(self.time))
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
         enabled, read = (self.extra.get(f"{kind}.{self.model.names[joint + 1]}") for kind in ("enabled", "tau"))
-        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held_values(m.time) > 0.5).astype(float))
+        rows.append(
+            np.ones(len(self.time)) if enabled is None else (enabled.zero_order_hold_values(m.time) > 0.5).astype(float)
+        )
         told = read.commands if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.interpolate(self.extra, m.time) for column in columns)])

@@ -23,9 +23,13 @@ WEIGHT_COMPARISON_POSTURES = 20
 """Number of postures of a recording at which weights are compared."""
 
 
-def with_carried_joints(arm: Arm, runs: Sequence[Run]) -> Arm:
+def with_joints_moving_as_recorded(arm: Arm, runs: Sequence[Run]) -> Arm:
     """The arm with other joints that change its torques; they move as all runs recorded."""
-    wanted = [joint for joint in omitted_moving_joints(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
+    wanted = [
+        joint
+        for joint in moving_joints_outside_arm_model(arm, runs)
+        if all(f"q.{joint}" in run.channels for run in runs)
+    ]
     if not wanted:
         return arm
     full = pin.buildModelFromXML(arm.robot.urdf_xml)
@@ -37,7 +41,7 @@ def with_carried_joints(arm: Arm, runs: Sequence[Run]) -> Arm:
     return replace(arm, robot=robot, carried=arm.carried | set(wanted))
 
 
-def omitted_moving_joints(arm: Arm, runs: Sequence[Run]) -> list[str]:
+def moving_joints_outside_arm_model(arm: Arm, runs: Sequence[Run]) -> list[str]:
     """Names of joints that are no part of the arm's model but change its torques in a recording."""
     if not any(joint not in arm.joints for run in runs for joint in run.joints):
         return []

@@ -14,7 +14,7 @@ import numpy as np
 from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
-from armdyn.codegen import BufferedFunction
+from armdyn.codegen import PreallocatedFunction
 from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.numpy_code import numpy_lines, unknown_operations
@@ -30,7 +30,7 @@ DIRECTION_INPUT_INDEX, LOAD_INPUT_INDEX, COMMAND_INPUT_INDEX = (
 )
 
 
-class ExpressionOverTime:
+class VectorisedExpression:
     """Evaluates symbolic expressions over time with numpy: (m,) expressions of (15,) inputs and (k,) parameters.
 
     Raises:
@@ -61,7 +61,7 @@ class ExpressionOverTime:
         return result
 
 
-class TorqueTerm:
+class PartlyLinearTorque:
     """A torque over time, split into a part that is linear in some parameters and a nonlinear rest.
 
     Args:
@@ -100,7 +100,7 @@ class TorqueTerm:
         self.loaded = bool(ca.depends_on(expression, inputs[LOAD_INPUT_INDEX]))
         self.has_rest = bool(self.nonlinear) or not rest.is_zero()
         self.empty = not self.linear and not self.has_rest
-        self._columns = ExpressionOverTime(_part(derivative.T, self.linear), inputs, theta)
+        self._columns = VectorisedExpression(_part(derivative.T, self.linear), inputs, theta)
         outputs = [
             rest,
             *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear),
@@ -109,7 +109,7 @@ class TorqueTerm:
         if self._remembered is not None:
             outputs += ca.horzsplit(ca.jacobian(rest, z))
             inputs = ca.vertcat(inputs, z)
-        self._rest = ExpressionOverTime(ca.vertcat(*outputs), inputs, theta)
+        self._rest = VectorisedExpression(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
         """(n, linear) columns for (15 + c, n) inputs and `size` parameters."""
@@ -131,7 +131,7 @@ class TorqueTerm:
         return rest.T
 
 
-class ExpressionChange:
+class InertialOrGravityChange:
     """Change of described values by effects: inertial parameters of a link, or gravity.
 
     Args:
@@ -156,7 +156,7 @@ class ExpressionChange:
     ) -> None:
         outputs = [ca.densify(expression), ca.densify(ca.jacobian(expression, theta))]
         self._function, self._null = (
-            BufferedFunction(ca.Function("change", [described, theta], outputs)),
+            PreallocatedFunction(ca.Function("change", [described, theta], outputs)),
             np.array(null),
         )
         self.names = tuple(names)
@@ -169,20 +169,20 @@ class ExpressionChange:
         return after[:, 0] - before, derivatives.copy()
 
 
-def base_change(effects: Sequence[Effect]) -> ExpressionChange:
+def gravity_change_by_effects(effects: Sequence[Effect]) -> InertialOrGravityChange:
     """Change of gravity, (3,) m/s^2, by effects on the base, in the order in which they act."""
     names = [f"{e.name}.{short}" for e in effects for short in e.quantities]
     gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(names))
     base = Base(gravity)
     for e in effects:
         base = e.apply(base, dict(zip(names, ca.vertsplit(theta), strict=True)))
-    return ExpressionChange(
+    return InertialOrGravityChange(
         names, base.gravity, gravity, theta, [q.null for e in effects for q in e.quantities.values()]
     )
 
 
 @dataclass(frozen=True, eq=False)
-class JointFunctions:
+class JointTorqueFunctions:
     """Functions of the torque of one joint with its effects.
 
     Attributes:
@@ -197,11 +197,11 @@ class JointFunctions:
     """
 
     names: tuple[str, ...]
-    torque: tuple[TorqueTerm, ...]
-    inner_torque: TorqueTerm
-    offset: TorqueTerm
+    torque: tuple[PartlyLinearTorque, ...]
+    inner_torque: PartlyLinearTorque
+    offset: PartlyLinearTorque
     sensor: SensorReadout
-    link: ExpressionChange | None
+    link: InertialOrGravityChange | None
     remembers: bool
 
     @property
@@ -212,10 +212,10 @@ class JointFunctions:
 
 def depends_on_past(effect: Effect) -> bool:
     """Whether an effect of an arm makes a torque, or its reading, depend on the past."""
-    return effect.reach != "base" and compose_joint([effect]).depends_on_past
+    return effect.reach != "base" and torque_functions_with_effects([effect]).depends_on_past
 
 
-def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
+def torque_functions_with_effects(effects: Sequence[Effect]) -> JointTorqueFunctions:
     """Apply effects to a joint, in the given order.
 
     Raises:
@@ -225,7 +225,7 @@ def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
 
 
 @lru_cache(maxsize=256)
-def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
+def _composed(effects: tuple[Effect, ...]) -> JointTorqueFunctions:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
@@ -252,13 +252,15 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
             "parameters only: write what changes with the motion as a torque or an offset"
         )
     null = [q.null for e in effects for q in e.quantities.values()]
-    return JointFunctions(
+    return JointTorqueFunctions(
         names=names,
         torque=_terms(added, inputs, theta, remembered, columns),
-        inner_torque=TorqueTerm(joint.inner_torque, inputs, theta, remembered, columns),
-        offset=TorqueTerm(joint.offset, inputs, theta, remembered, columns),
+        inner_torque=PartlyLinearTorque(joint.inner_torque, inputs, theta, remembered, columns),
+        offset=PartlyLinearTorque(joint.offset, inputs, theta, remembered, columns),
         sensor=SensorReadout(theta, joint.gain, joint.lag, joint.delay),
-        link=ExpressionChange(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
+        link=InertialOrGravityChange(names, parameters, shape, theta, null)
+        if ca.depends_on(parameters, theta)
+        else None,
         remembers=bool(joint.added_states),
     )
 
@@ -269,12 +271,12 @@ def _terms(
     theta: Expression,
     remembered: InternalStates,
     columns: tuple[RecordedColumn, ...],
-) -> tuple[TorqueTerm, ...]:
+) -> tuple[PartlyLinearTorque, ...]:
     """One term for all that is linear, and one for each expression that is not."""
-    terms = [TorqueTerm(expression, inputs, theta, remembered, columns) for expression in added]
+    terms = [PartlyLinearTorque(expression, inputs, theta, remembered, columns) for expression in added]
     linear = [expression for expression, term in zip(added, terms, strict=True) if not term.has_rest]
     rest = [term for term in terms if term.has_rest]
-    return (TorqueTerm(sum(linear, ca.SX(0)), inputs, theta, remembered, columns), *rest)
+    return (PartlyLinearTorque(sum(linear, ca.SX(0)), inputs, theta, remembered, columns), *rest)
 
 
 def _part(vector: Expression, indices: Sequence[int]) -> Expression:

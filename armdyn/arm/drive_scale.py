@@ -130,7 +130,7 @@ class _Kind:
         return [_rows_of(self, servo, joint, clipped) for joint in self.joints]
 
 
-def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[str, Servo]:
+def drives_with_identified_gains(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[str, Servo]:
     """The drives with their unknown gains, delays and saturations identified from recordings.
 
     Raises:

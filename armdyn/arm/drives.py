@@ -96,12 +96,12 @@ class Servo:
         """
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
-            share = (run.channels[f"enabled.{joint}"].held_values(time) > 0.5).astype(float)
+            share = (run.channels[f"enabled.{joint}"].zero_order_hold_values(time) > 0.5).astype(float)
         if self.supply is not None and f"voltage.{joint}" in run.channels:
             volts = run.channels[f"voltage.{joint}"]
             share = share * np.interp(time, volts.time, np.abs(volts.value)) / self.supply
         if GAIN_SCALE_CHANNEL in run.extra:
-            scale = run.extra[GAIN_SCALE_CHANNEL].held_values(time)
+            scale = run.extra[GAIN_SCALE_CHANNEL].zero_order_hold_values(time)
         return share, scale
 
     def relative_excess_voltage(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:

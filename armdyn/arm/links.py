@@ -47,7 +47,7 @@ class LinkQuantity:
 
 
 @dataclass(frozen=True)
-class LinkChange:
+class LinkInertiaChange:
     """A link that a fit changed, with the bodies that are fixed to it.
 
     Attributes:
@@ -80,9 +80,9 @@ class LinkChange:
         return ""
 
 
-def link_changes(
+def link_inertia_changes(
     model: ArmModel, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
-) -> tuple[LinkChange, ...]:
+) -> tuple[LinkInertiaChange, ...]:
     """Every link that effects change, in the order of the joints, with standard deviations by the delta method.
 
     Args:
@@ -110,7 +110,7 @@ def link_changes(
                 LINK_QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
         )
-        found.append(LinkChange(model.arm.joints[i], quantities, is_physical(inertial)))
+        found.append(LinkInertiaChange(model.arm.joints[i], quantities, is_physical(inertial)))
     return tuple(found)
 
 

@@ -11,27 +11,32 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.arm import REASONS_AGAINST_EFFECT, Arm, find_arm
+from armdyn.arm.arm import REASONS_AGAINST_EFFECT, Arm, load_arm_description
 from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
-from armdyn.arm.carried import with_carried_joints
-from armdyn.arm.composition import ExpressionChange, JointFunctions, base_change, compose_joint
-from armdyn.arm.drive_scale import identified_drives, recordings_that_identify_gains
+from armdyn.arm.carried import with_joints_moving_as_recorded
+from armdyn.arm.composition import (
+    InertialOrGravityChange,
+    JointTorqueFunctions,
+    gravity_change_by_effects,
+    torque_functions_with_effects,
+)
+from armdyn.arm.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
-from armdyn.arm.prediction import channel_predictor, predict_at_states, prepared_without_outliers
+from armdyn.arm.prediction import joint_torque_predictor, predict_at_states, prepared_without_outliers
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.arm.readings import with_servo_torques
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, error_location
-from armdyn.model import Model, Prediction, join_channels
+from armdyn.model import Model, Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.toml_tables import ValueCheck, table_to_dataclass
+from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
-    from armdyn.arm.links import LinkChange
+    from armdyn.arm.links import LinkInertiaChange
     from armdyn.arm.rollout import SimulatedPositionError
 
 
@@ -58,7 +63,7 @@ class ArmModel(Model):
         """Names of the stages on which effects may act."""
         return ("joint", "drive") if self.drives else ("joint",)
 
-    def as_arm(self) -> Self:
+    def arm_model_or_none(self) -> Self:
         """This model itself."""
         return self
 
@@ -97,8 +102,8 @@ class ArmModel(Model):
 
     def adapted_to(self, runs: Sequence[Run]) -> Self:
         """The model with other joints that move in the runs, and with drives identified from them."""
-        arm = with_carried_joints(self.arm, runs)
-        drives = identified_drives(self.drives, arm, runs)
+        arm = with_joints_moving_as_recorded(self.arm, runs)
+        drives = drives_with_identified_gains(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
             return self
         return replace(self, arm=arm, drives=MappingProxyType(drives))
@@ -143,7 +148,7 @@ class ArmModel(Model):
         """The model with the servo drives of a table ``[drives]``; see `read_drives`."""
         return replace(self, drives=MappingProxyType(read_drives(table, self.arm.sliding))) if table else self
 
-    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
+    def joints_effect_can_act_on(self, effect: Effect) -> tuple[str, ...]:
         """Names of the joints on which an effect can act; ``("",)`` for an effect on the base.
 
         Raises:
@@ -168,7 +173,7 @@ class ArmModel(Model):
         Raises:
             InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
-        if effect.acts_on in self.stages and not self.possible_joints(effect):
+        if effect.acts_on in self.stages and not self.joints_effect_can_act_on(effect):
             raise InputError(
                 f"the effect '{effect.name}' cannot act on this arm: {REASONS_AGAINST_EFFECT[effect.reach]}"
             )
@@ -191,13 +196,13 @@ class ArmModel(Model):
         """The parts of a run between missing samples: accelerations are differences of neighbouring samples."""
         return cut_at_gaps(run)
 
-    def link_changes(
+    def link_inertia_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
-    ) -> "tuple[LinkChange, ...]":
+    ) -> "tuple[LinkInertiaChange, ...]":
         """Links that effects change, in the order of the joints, with their values at (p,) fitted parameters."""
-        from armdyn.arm.links import link_changes
+        from armdyn.arm.links import link_inertia_changes
 
-        return link_changes(self, theta, covariance, of_runs_alone, free)
+        return link_inertia_changes(self, theta, covariance, of_runs_alone, free)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Signals on which a residual may depend: position, velocity and acceleration of every joint."""
@@ -223,9 +228,9 @@ class ArmModel(Model):
         """Standard deviation of the compared torques, by channel, with the inertias at (p,) parameters `theta`."""
         if not isinstance(run, PreparedRun):
             return {}
-        return torque_noise(run, self.rigid_at(theta), self.arm.model, self.arm.joints)
+        return torque_noise(run, self.rigid_body_model_at(theta), self.arm.model, self.arm.joints)
 
-    def rigid_at(self, theta: np.ndarray) -> pin.Model:
+    def rigid_body_model_at(self, theta: np.ndarray) -> pin.Model:
         """The rigid bodies with the changes of links and rotors at (p,) `theta`."""
         rigid, armature = self.arm.model.copy(), np.zeros(len(self.arm.joints))
         for i, change in self._bodies(theta).links.items():
@@ -242,10 +247,10 @@ class ArmModel(Model):
         bodies = self._bodies(theta)
         parts = []
         for name in channels:
-            predictor = channel_predictor(run, self.arm, run.channels[name], name)
+            predictor = joint_torque_predictor(run, self.arm, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
-        return join_channels(parts)
+        return prediction_from_channels(parts)
 
     def at_states(self, stretch: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
         """(n, nj) torques at n separate states, rather than along a motion, and their (n, nj, p) derivatives.
@@ -306,9 +311,9 @@ class ArmModel(Model):
         )
 
     @cached_property
-    def _base(self) -> ExpressionChange | None:
+    def _base(self) -> InertialOrGravityChange | None:
         effects = [e for e in self.effects if e.reach == "base"]
-        return base_change(effects) if effects else None
+        return gravity_change_by_effects(effects) if effects else None
 
     @cached_property
     def _base_columns(self) -> list[int]:
@@ -316,9 +321,10 @@ class ArmModel(Model):
         return [] if self._base is None else [self.names.index(name) for name in self._base.names]
 
     @cached_property
-    def _functions(self) -> tuple[JointFunctions, ...]:
+    def _functions(self) -> tuple[JointTorqueFunctions, ...]:
         return tuple(
-            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)]) for joint in self.arm.joints
+            torque_functions_with_effects([e for e in self.effects if joint in self.joints_having_effect(e.name)])
+            for joint in self.arm.joints
         )
 
     @cached_property
@@ -345,7 +351,7 @@ def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
     Raises:
         InputError: the model has another base.
     """
-    arm = model.as_arm()
+    arm = model.arm_model_or_none()
     if arm is None:
         raise InputError(f"{purpose} for arms, and this model's base is '{model.base}': {remedy}")
     return arm
@@ -373,14 +379,14 @@ def arm_model(
         InputError: the description cannot be used, or lacks a joint.
     """
     model = ArmModel(
-        effects=(), parameters=MappingProxyType[str, Parameter]({}), arm=find_arm(urdf, robot, joints, tool)
+        effects=(), parameters=MappingProxyType[str, Parameter]({}), arm=load_arm_description(urdf, robot, joints, tool)
     )
     for item in effects:
         model = model.with_effect(item)
     return model
 
 
-_Name = Annotated[str, ValueCheck(bool, "write a name")]
+_Name = Annotated[str, TomlValueCheck(bool, "write a name")]
 
 
 @dataclass(frozen=True)

@@ -62,14 +62,15 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class JointCurve:
+class SmoothedJointMotion:
     """Smoothed path of one joint.
 
     Attributes:
         curve: position over time, rad or m.
         choice: smoothing of the measured position.
         interval: interval between its samples, s.
-        speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
+        smoothed_velocity_noise_std: standard deviation of the smoothed velocity, as it matters for friction, rad/s or
+        m/s.
         moving_share: share of the recording during which the joint certainly moves.
         mostly_rests: whether the joint mostly rests, so that its rests are compared as well.
         reversal_times: (k,) times at which the smoothed velocity changes its sign, s.
@@ -80,7 +81,7 @@ class JointCurve:
     curve: SplineCurve
     choice: SmoothingChoice
     interval: float
-    speed_noise: float
+    smoothed_velocity_noise_std: float
     moving_share: float
     mostly_rests: bool
     reversal_times: np.ndarray
@@ -92,7 +93,7 @@ class JointCurve:
         Friction at rest is not that of a motion.
         """
         expected = (
-            expected_sign(velocity, self.speed_noise)
+            expected_sign(velocity, self.smoothed_velocity_noise_std)
             * self.moves_between_reversals[np.searchsorted(self.reversal_times, time)]
         )
         return np.where(np.abs(expected) < MIN_CERTAIN_VELOCITY_SIGN, 0.0, expected) if self.mostly_rests else expected
@@ -102,7 +103,7 @@ class JointCurve:
 class MeasuredMotion:
     """Smoothed paths of all joints of an arm, valid from `start` to `end`, s."""
 
-    joints: tuple[JointCurve, ...]
+    joints: tuple[SmoothedJointMotion, ...]
     start: float
     end: float
 
@@ -129,7 +130,7 @@ def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 
-def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
+def mostly_resting_joint_mask(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
     """Whether each joint rests for more than half of the time of all recordings together."""
     lasts = np.array([motion.end - motion.start for motion in motions])
     moving = np.array([[j.moving_share for j in motion.joints] for motion in motions])
@@ -164,7 +165,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
 
 
 @cached_with_first_argument
-def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
+def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> SmoothedJointMotion:
     """Path of a joint, cached with its position channel, which other versions of a run share."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
     choice = best_smoothing(q.time, q.value, SPLINE_ORDERS)
@@ -181,7 +182,9 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= MIN_CERTAIN_VELOCITY_SIGN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
-    return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_TIME_SHARE, q.time[turns], moves)
+    return SmoothedJointMotion(
+        curve, choice, interval, noise, moving, moving < MIN_MOVING_TIME_SHARE, q.time[turns], moves
+    )
 
 
 def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise: float) -> np.ndarray:

@@ -35,7 +35,7 @@ LINK_PARAMETER_NAMES = (
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class ManipulabilityEllipsoid:
     """Largest speeds or forces of the tool, for joint values within an ellipsoid of their limits.
 
     Attributes:
@@ -90,8 +90,8 @@ class ArmPosture:
     parameters: Array
     jacobian: Array
     manipulability: float
-    speed: Ellipsoid | None
-    force: Ellipsoid | None
+    speed: ManipulabilityEllipsoid | None
+    force: ManipulabilityEllipsoid | None
 
 
 def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = None) -> ArmPosture:
@@ -140,7 +140,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
     )
 
 
-def _speed(linear: Array, limits: Array) -> Ellipsoid:
+def _speed(linear: Array, limits: Array) -> ManipulabilityEllipsoid:
     """Image of the ball |q' / limit| <= 1, and the largest speeds along x, y and z within the box of limits."""
     axes, lengths, _ = np.linalg.svd(linear * limits)
     along = np.empty(3)
@@ -157,10 +157,10 @@ def _speed(linear: Array, limits: Array) -> Ellipsoid:
         along[axis] = -solution.fun if solution.success else 0.0
     full = np.zeros(3)
     full[: len(lengths)] = lengths
-    return Ellipsoid(read_only_copy(axes), read_only_copy(full), read_only_copy(along))
+    return ManipulabilityEllipsoid(read_only_copy(axes), read_only_copy(full), read_only_copy(along))
 
 
-def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
+def _force(linear: Array, limits: Array, gravity: Array) -> ManipulabilityEllipsoid:
     """Forces f with |J^T f / (limit - |gravity|)| <= 1, and the largest along +x, +y and +z joint by joint.
 
     Semi-axes are infinite in directions in which the structure carries the force without torque.
@@ -179,7 +179,7 @@ def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
             np.abs(per_force) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(per_force), 1e-300), np.inf
         )
     order = np.argsort(lengths)[::-1]
-    return Ellipsoid(
+    return ManipulabilityEllipsoid(
         read_only_copy(axes.T[:, order]), read_only_copy(lengths[order]), read_only_copy(along.min(axis=0))
     )
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
-from armdyn.arm.composition import LOAD_INPUT_INDEX, JointFunctions, TorqueTerm
+from armdyn.arm.composition import LOAD_INPUT_INDEX, JointTorqueFunctions, PartlyLinearTorque
 from armdyn.arm.drive import DriveLowPass, TorqueRecording, drive_low_passes
-from armdyn.arm.motion import MeasuredMotion, standing_joints
+from armdyn.arm.motion import MeasuredMotion, mostly_resting_joint_mask
 from armdyn.arm.prepared import (
     POSITION_NOISE_FREQUENCIES_HZ,
     PreparedRun,
@@ -18,7 +18,7 @@ from armdyn.arm.prepared import (
     samples_inside_motion,
     samples_with_known_direction,
 )
-from armdyn.arm.reduction import DelayedInputs, NonlinearTerm, Reduction, TorqueSum
+from armdyn.arm.reduction import DelayedInputs, NonlinearTerm, Reduction, TorqueWithDerivatives
 from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
@@ -27,7 +27,7 @@ from armdyn.recording.spikes import without_spikes
 from armdyn.run import Channel, Run
 
 
-class ChannelPredictor:
+class JointTorquePredictor:
     """Predicts the torque of one joint in one run.
 
     Args:
@@ -49,7 +49,7 @@ class ChannelPredictor:
         self._nodes = Reduction(lambda signals: signals, stretch, joint)
 
     def predict(
-        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
+        self, functions: Sequence[JointTorqueFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """(n,) samples of the channel, and (n, k) derivatives by the parameters of each joint that it depends on.
 
@@ -86,13 +86,13 @@ class ChannelPredictor:
     def _total(
         self,
         reduced: Reduction,
-        functions: Sequence[JointFunctions],
+        functions: Sequence[JointTorqueFunctions],
         theta: Sequence[np.ndarray],
         bodies: RigidBodyChanges,
         *,
         of_bodies: bool = True,
         of_joints: bool = True,
-    ) -> TorqueSum:
+    ) -> TorqueWithDerivatives:
         """The sensor's reading without lag and delay: the sum of rigid bodies and effects in the joints."""
         j, own = self._joint, functions[self._joint]
         outer = [
@@ -103,7 +103,7 @@ class ChannelPredictor:
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
         if bodies.gravity is not None:
             widths[BASE_INDEX] = bodies.derivatives[BASE_INDEX].shape[1]
-        total = TorqueSum(len(reduced.described), widths)
+        total = TorqueWithDerivatives(len(reduced.described), widths)
         if of_bodies:
             total.value += reduced.described
         if of_joints:
@@ -135,8 +135,8 @@ class ChannelPredictor:
 
     def _add(
         self,
-        total: TorqueSum,
-        term: TorqueTerm,
+        total: TorqueWithDerivatives,
+        term: PartlyLinearTorque,
         joint: int,
         theta: np.ndarray,
         bodies: RigidBodyChanges,
@@ -161,7 +161,7 @@ class ChannelPredictor:
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
     def _rest(
-        self, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: RigidBodyChanges, reduced: Reduction
+        self, term: PartlyLinearTorque, joint: int, theta: np.ndarray, bodies: RigidBodyChanges, reduced: Reduction
     ) -> NonlinearTerm:
         """Nonlinear rest of a term; the last one is reused while the values that it depends on do not change."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
@@ -191,7 +191,10 @@ class ChannelPredictor:
 
 
 def predict_at_states(
-    stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
+    stretch: MotionSamples,
+    functions: Sequence[JointTorqueFunctions],
+    theta: Sequence[np.ndarray],
+    bodies: RigidBodyChanges,
 ) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
     """Predicted torques of each joint at n separate states, rather than along a motion.
 
@@ -207,7 +210,7 @@ def predict_at_states(
             )
     apart = np.arange(len(stretch.time), dtype=float)
     sampler = InterpolatingSampler(apart, apart)
-    return [ChannelPredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
+    return [JointTorquePredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
 
 
 @cached_with_first_argument
@@ -230,7 +233,7 @@ def _shown_together(
 ) -> tuple[Mapping[str, DriveLowPass], tuple[bool, ...]]:
     """Low-passes of the drives in several recordings, and whether each joint hardly moved in them."""
     every = [_recorded(run, arm)[1] for run in (first, *others)]
-    return drive_low_passes(every, arm.model, POSITION_NOISE_FREQUENCIES_HZ), standing_joints(
+    return drive_low_passes(every, arm.model, POSITION_NOISE_FREQUENCIES_HZ), mostly_resting_joint_mask(
         [one.motion for one in every]
     )
 
@@ -244,7 +247,7 @@ def _recorded(run: Run, arm: Arm) -> tuple[Run, TorqueRecording]:
 
 
 @cached_with_first_argument
-def channel_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
+def joint_torque_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> JointTorquePredictor:
     """The predictor of the torque channel `name`, with the filter that was applied to the measured torque."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
@@ -255,7 +258,7 @@ def channel_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> Channe
         sampler = LowPassSampler(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
         sampler = InterpolatingSampler(channel.time, channel.time)
-    return ChannelPredictor(stretch, sampler, joint, motion)
+    return JointTorquePredictor(stretch, sampler, joint, motion)
 
 
 @cached_with_first_argument

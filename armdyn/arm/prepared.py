@@ -166,7 +166,7 @@ def recorded_torques(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Tor
     for j, joint in enumerate(joints):
         name = f"tau.{joint}"
         if name in run.channels:
-            run.require_informative(name)
+            run.require_varying_channel(name)
             stamps, values = _inside(run, name, motion)
             reading = isinstance(run.channels[name], DriveReading)
             physics = _physics(model, motion, j, stamps) if reading else np.zeros((0, 0))
@@ -315,7 +315,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
             f"recorded, without the ends, at least {MIN_COMPARED_CHANNEL_SAMPLES} are needed: record longer"
         )
     inside = raw.selected(keep)
-    replace(run, channels={name: inside}).require_informative(name)
+    replace(run, channels={name: inside}).require_varying_channel(name)
     return inside.time, inside.value
 
 

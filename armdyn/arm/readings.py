@@ -25,7 +25,7 @@ def mean_command(run: Run, joint: str, servo: Servo, edges: np.ndarray) -> np.nd
     """(n,) mean command that a drive follows in the n intervals between (n + 1,) times `edges`, s."""
     if servo.law == "position" and np.isfinite(servo.rate):
         return _mean(*_followed(run, servo.command(joint), servo.rate), edges)
-    return run.channels[servo.command(joint)].mean_held_values(edges)
+    return run.channels[servo.command(joint)].mean_zero_order_hold_values(edges)
 
 
 def _mean(time: np.ndarray, value: np.ndarray, slope: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ def _reading(
     )
     velocity, damped = np.zeros(len(q)), 0.0
     if servo.law == "position" and f"v_cmd.{joint}" in run.channels:
-        velocity = run.channels[f"v_cmd.{joint}"].mean_held_values(edges)
+        velocity = run.channels[f"v_cmd.{joint}"].mean_zero_order_hold_values(edges)
     if servo.damping and servo.law == "position":
         v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
         damped = servo.damping * (velocity - v)

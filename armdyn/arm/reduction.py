@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import DIRECTION_INPUT_INDEX, TorqueTerm
+from armdyn.arm.composition import DIRECTION_INPUT_INDEX, PartlyLinearTorque
 from armdyn.arm.motion import MeasuredMotion
 from armdyn.parameter import RecordedColumn
 
 
-class TorqueSum:
+class TorqueWithDerivatives:
     """Sum of the parts of a predicted torque, with derivatives by the parameters of several joints.
 
     Args:
@@ -67,9 +67,11 @@ class Reduction:
         self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
         # No method: a circle of references would keep the large arrays until Python collects circles.
-        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.per_gravity.of_link(joint, link)))
-        self.linear: dict[TorqueTerm, np.ndarray] = {}
-        self.rests: dict[TorqueTerm, NonlinearTerm] = {}
+        self.weight = cache(
+            lambda link: _reduced_weight(reduce, stretch.per_gravity.gravity_torque_of_link(joint, link))
+        )
+        self.linear: dict[PartlyLinearTorque, np.ndarray] = {}
+        self.rests: dict[PartlyLinearTorque, NonlinearTerm] = {}
 
     @cached_property
     def described(self) -> np.ndarray:

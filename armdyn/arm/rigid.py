@@ -136,7 +136,7 @@ class GravityTorques:
             self._rotation[i], self._place[i] = rotation, place
             self._linear[i], self._angular[i] = rotation @ axis[:3], rotation @ axis[3:]
 
-    def of_link(self, joint: int, link: int) -> np.ndarray:
+    def gravity_torque_of_link(self, joint: int, link: int) -> np.ndarray:
         """(n, 3, 4) matrices G of a joint: tau = g' G (m, m c), with mass m and centre c of a link that it carries."""
         columns = np.empty((len(self._place[joint]), 3, 4))
         arm = self._place[link] - self._place[joint]

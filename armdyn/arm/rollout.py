@@ -155,7 +155,7 @@ def simulated_positions(
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
     """Longest step, s, that no position servo makes unstable; infinite without one."""
-    rigid = model.rigid_at(theta)
+    rigid = model.rigid_body_model_at(theta)
     mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid))).tolist()
     stiff = ((m, s.gain.value) for m, s in zip(mass, servos, strict=True) if s and s.gain and s.law == "position")
     return min(
@@ -190,7 +190,7 @@ def _drives(
             drives.gain[j], drives.damping[j] = gain, servo.damping
         for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
             if f"{kind}.{joint}" in channels:
-                signal[:, j] = channels[f"{kind}.{joint}"].mean_held_values(when)
+                signal[:, j] = channels[f"{kind}.{joint}"].mean_zero_order_hold_values(when)
     return replace(drives, voltage=voltage)
 
 
@@ -213,10 +213,10 @@ def simulated_position_errors(model: ArmModel, runs: Sequence[tuple[Run, str]]) 
                 found.append(
                     SimulatedPositionError(
                         run.name, role, "closed_loop" if whole else f"window_{length:g}", joint, q.unit, rms, mae,
-                        None if command is None else _sizes(command.held_values(q.time) - q.value),
+                        None if command is None else _sizes(command.zero_order_hold_values(q.time) - q.value),
                         encoder_step(q.value),
                         time, measured[once, j], (errors + measured)[once, j],
-                        None if command is None else command.held_values(time),
+                        None if command is None else command.zero_order_hold_values(time),
                     )
                 )  # fmt: skip
     return tuple(found)

@@ -24,8 +24,8 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression
-from armdyn.arm.symbolic import added_torques, rigid_torques
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect
 
 ARM_STEPS_PER_CALL = 50
@@ -123,7 +123,7 @@ UNLIMITED_TORQUE = 1e30
 @lru_cache(maxsize=16)
 def _compiled(
     arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
-) -> BufferedFunction:
+) -> PreallocatedFunction:
     """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
     nameless: Any = dict.fromkeys(names)  # values are inputs of the function
     step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
@@ -132,7 +132,7 @@ def _compiled(
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)
     p = ca.MX.sym("p", step.size1_in(2))
     whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, ARM_STEPS_PER_CALL))])
-    return BufferedFunction(compile_functions(name, {name: whole})[name])
+    return PreallocatedFunction(compile_functions(name, {name: whole})[name])
 
 
 def _step(model: ArmModel) -> ca.Function:
@@ -153,7 +153,7 @@ def _step(model: ArmModel) -> ca.Function:
     mass = ca.jacobian(rigid, a)
     told = [ca.SX.sym(name, n) for name in ("asked", "total", "told_v", "volts")]
     drives = [DriveCommands(told[0][i], ca.SX(0), *(part[i] for part in told[1:])) for i in range(n)]
-    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, live, theta, drives)
+    added, sensor_gain, offset = torques_added_by_effects(model, (qs, vs, a), way, load, live, theta, drives)
     by_a, zero = ca.jacobian(added, a), ca.SX.zeros(n)
     still = ca.substitute(added, a, zero)
     free = ca.substitute(still, way, zero)

@@ -62,13 +62,13 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
             asked[i] = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked[i]))
     told = [DriveCommands(R, velocity=v_cmd[i]) for i, R in enumerate(asked)]
     none, on, theta = ca.SX.zeros(len(joints)), ca.SX.ones(len(joints)), ca.SX(model.theta())
-    _, gain, offset = added_torques(model, (q, v, none), ca.sign(v), none, on, theta, told)
+    _, gain, offset = torques_added_by_effects(model, (q, v, none), ca.sign(v), none, on, theta, told)
     tau = driven * (ca.vertcat(*asked) - offset) / gain
     names = ["q", "v", "q_cmd", "v_cmd"], ["tau"]
     return ca.Function("servo_torque", [q, v, q_cmd, v_cmd], [ca.densify(tau)], *names)
 
 
-def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
+def drive_reading_gains_and_offsets(model: ArmModel) -> list[tuple[float, float]]:
     """Gain and offset, N m or N, of each drive's command or reading."""
     present = {effect.name for effect in model.effects if effect.name in DRIVE_GAIN_AND_OFFSET_EFFECTS}
     return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only_effects(present))[-1]]
@@ -82,12 +82,14 @@ def _torques(
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     links = [ca.SX(link) for link in model.link_parameters().values()]
     load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
-    tau, gains, offsets = added_torques(model, (q, v, a), ca.sign(v), load, ca.SX.ones(n), ca.SX(model.theta()))
+    tau, gains, offsets = torques_added_by_effects(
+        model, (q, v, a), ca.sign(v), load, ca.SX.ones(n), ca.SX(model.theta())
+    )
     readings = list(zip(ca.vertsplit(gains), ca.vertsplit(offsets), strict=True))
     return q, v, a, ca.densify(load + tau), readings
 
 
-def added_torques(
+def torques_added_by_effects(
     model: ArmModel,
     motion: tuple[Expression, Expression, Expression],
     direction: Expression,
@@ -118,7 +120,7 @@ def added_torques(
         q, v, a = (part[i] for part in motion)
         joint = Joint(time, q, v, a, direction[i], load[i], neighbour, link, on=on[i], told=command)
         for effect in model.effects:
-            if effect.reach == "base" or name not in model.joints_with(effect.name):
+            if effect.reach == "base" or name not in model.joints_having_effect(effect.name):
                 continue
             full = (f"{effect.name}.{short}" for short in effect.quantities)
             values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}

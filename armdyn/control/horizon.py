@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.control.questions import MotionObjective
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
 from armdyn.physics.simulate import runge_kutta_step
@@ -21,7 +21,7 @@ SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barri
 @lru_cache(maxsize=16)
 def horizon_functions(
     dynamics: tuple[PendulumDynamics, ...], name: str, question: MotionObjective, steps: int, dt: float
-) -> tuple[BufferedFunction, BufferedFunction]:
+) -> tuple[PreallocatedFunction, PreallocatedFunction]:
     """Compile the cost over the horizon, and the cost with its gradient, of a schedule of accelerations.
 
     Both are functions of (schedule, extended state, time, theta, weights, scales, gram).
@@ -110,4 +110,4 @@ def horizon_functions(
             "gradient": ca.Function("gradient", arguments, [total, gradient[:, flip].T]),
         },
     )
-    return BufferedFunction(built["cost"]), BufferedFunction(built["gradient"])
+    return PreallocatedFunction(built["cost"]), PreallocatedFunction(built["gradient"])

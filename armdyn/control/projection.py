@@ -17,7 +17,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.errors import TaskFailedError
 
 FIRST_QUASI_NEWTON_STEPS = 2
@@ -28,7 +28,7 @@ MIN_LINE_SEARCH_STEP = 2.0**-20
 
 
 @dataclass(frozen=True)
-class DiscreteProblem:
+class DiscreteOptimalControlProblem:
     """Optimal control problem in discrete time: minimise ``sum_k l(s_k, u_k) + m(s_N)`` with ``s_{k+1} = f(s_k, u_k)``.
 
     Quasi-Newton steps use the Gauss-Newton Hessian of squared residuals, Newton steps the exact one.
@@ -78,9 +78,9 @@ class Solution:
 
 
 class ProjectionOptimizer:
-    """Solves a `DiscreteProblem` with a fixed number of steps for different start states and parameters."""
+    """Solves a `DiscreteOptimalControlProblem` with a fixed number of steps for any start states and parameters."""
 
-    def __init__(self, problem: DiscreteProblem, steps: int) -> None:
+    def __init__(self, problem: DiscreteOptimalControlProblem, steps: int) -> None:
         self.problem, self.steps = problem, steps
         built = compile_functions(
             f"projection_{problem.name}",
@@ -91,7 +91,7 @@ class ProjectionOptimizer:
             },
         )
         self._project, self._backward, self._forward = (
-            BufferedFunction(built[k]) for k in ("project", "backward", "forward")
+            PreallocatedFunction(built[k]) for k in ("project", "backward", "forward")
         )
 
     def solve(
@@ -181,7 +181,7 @@ class _QuadraticModel(NamedTuple):
     least_curvature: float
 
 
-def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
+def _projection(problem: DiscreteOptimalControlProblem, steps: int) -> ca.Function:
     n, m = problem.states, problem.parameters
     s, cost, alpha, mu, K, t, p = (
         ca.SX.sym(name, *shape)
@@ -206,7 +206,7 @@ def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
     return ca.Function("project", [s0, *curves, te, P], [X, U, J[-1] + ca.sumsqr(residual) / 2])
 
 
-def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
+def _backward(problem: DiscreteOptimalControlProblem, steps: int) -> ca.Function:
     """Riccati recursion: gain K, feed-forward k and curvature H of the control at every node."""
     n, m = problem.states, problem.parameters
     V, r = ca.SX.sym("V", n, n), ca.SX.sym("r", n)

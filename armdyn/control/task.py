@@ -6,7 +6,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
+from armdyn.control.projection import DiscreteOptimalControlProblem, ProjectionOptimizer, Solution
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
@@ -227,7 +227,9 @@ def _optimizer(variational: VariationalStep, formulation: str, steps: int, const
     return ProjectionOptimizer(task_problem(variational, formulation, constrained=constrained), steps)
 
 
-def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
+def task_problem(
+    variational: VariationalStep, name: str, *, constrained: bool = False
+) -> DiscreteOptimalControlProblem:
     """The task as an optimal control problem; its p is (theta, cost in the order of `TASK_COST_NAMES`, dt).
 
     Args:
@@ -258,7 +260,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
     beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
     constraints = ca.vertcat(inside, loose, beyond) if constrained else ca.SX(0, 1)
-    return DiscreteProblem(
+    return DiscreteOptimalControlProblem(
         name=f"{'constrained_' if constrained else ''}swing_{name}",
         states=VARIATIONAL_STATE_SIZE,
         parameters=size,

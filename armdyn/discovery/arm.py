@@ -23,7 +23,7 @@ MIN_COGGING_PERIOD_SHARE_OF_RANGE, MAX_COGGING_PERIOD_SHARE_OF_RANGE = 0.03, 1.5
 of the position."""
 
 
-def arm_terms(fit: Fit) -> Iterator[CandidateTerm]:
+def arm_formula_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for the missing torque of every joint whose torque was measured, in the runs of a fit."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
@@ -31,7 +31,7 @@ def arm_terms(fit: Fit) -> Iterator[CandidateTerm]:
             yield _as_declared(fit, term)
 
 
-def arm_curves(fit: Fit) -> Iterator[CandidateTerm]:
+def arm_curve_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for the missing torque of every joint, over each quantity on which it may depend."""
     recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):

@@ -13,9 +13,9 @@ from itertools import chain, count
 
 import numpy as np
 
-from armdyn.discovery.arm import arm_curves, arm_terms
-from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
-from armdyn.discovery.physics import physics_curves, physics_terms
+from armdyn.discovery.arm import arm_curve_candidates, arm_formula_candidates
+from armdyn.discovery.pendulum import pendulum_curve_candidates, pendulum_formula_candidates
+from armdyn.discovery.physics import physics_curve_candidates, physics_formula_candidates
 from armdyn.discovery.result import DiscoveredLaw, Discovery
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import CandidateTerm, check_same_units, named_terms
@@ -38,8 +38,8 @@ from armdyn.threads import one_thread
 
 Terms = Callable[[Fit], Iterator[CandidateTerm]]
 TERM_FUNCTIONS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
-    "arm": (arm_terms, arm_curves),
-    "pendulum": (pendulum_terms, pendulum_curves),
+    "arm": (arm_formula_candidates, arm_curve_candidates),
+    "pendulum": (pendulum_formula_candidates, pendulum_curve_candidates),
 }
 """Functions that give candidate formulas and candidate curves, by base model; a user's own base has those of
 `discovery.physics`."""
@@ -68,17 +68,17 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
     check_same_units([*study.runs, *study.held_out])
     say = progress or (lambda _: None)
     say("fitting the model as it is")
-    bare = study.choosing_from(())
+    bare = study.with_other_catalogue(())
     first = bare.first()
     given = Search((SearchStep((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return describe_discovery(bare, given, {}, {})
-    formulas, curves = TERM_FUNCTIONS_BY_BASE.get(model.base, (physics_terms, physics_curves))
+    formulas, curves = TERM_FUNCTIONS_BY_BASE.get(model.base, (physics_formula_candidates, physics_curve_candidates))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     searched = partial(_searched, study, say)
     terms = named_terms(formulas(first), taken)
     study, found = searched(terms)
-    if study.is_lost(found.last.fit):
+    if study.fit_has_failed(found.last.fit):
         raise TaskFailedError(failed_fit_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
@@ -91,11 +91,11 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
 def _searched(given: Study, say: ProgressCallback, terms: dict[str, CandidateTerm]) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
     size = len(given.catalogue) + len(effects) // max(len({t.location.joint for t in terms.values()}), 1)
-    study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
+    study = given.with_other_catalogue([*given.catalogue, *effects], catalogue_size=size)
     if isinstance(study, LinearStudy):
         names = _promising(study, terms, search(given, say).last)
         promising = [effect for effect in effects if effect.name in names]
-        study = given.choosing_from([*given.catalogue, *promising], catalogue_size=size)
+        study = given.with_other_catalogue([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)
     return study, found if predicts_better(study, found) else Search(found.steps[:1])
 
@@ -112,7 +112,9 @@ def predicts_better(study: Study, found: Search) -> bool:
 
 def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: SearchStep) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution beside known effects, few of a kind."""
-    at = study.fit_with(known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem))
+    at = study.fit_base_with_effects(
+        known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem)
+    )
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
     for score in study.scores(study.with_thresholds(at), known.effects):

@@ -13,7 +13,7 @@ MISSING_FORCE_SHARE_OF_WEIGHT = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
 
 
-def pendulum_terms(fit: Fit) -> Iterator[CandidateTerm]:
+def pendulum_formula_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for the missing force in the runs of a fit of a pendulum without added effects."""
     string, load, rail, v = _sites(fit)
     widths = (0.1 * v["speed"].size, 0.4 * v["speed"].size)
@@ -28,7 +28,7 @@ def pendulum_terms(fit: Fit) -> Iterator[CandidateTerm]:
             yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 
 
-def pendulum_curves(fit: Fit) -> Iterator[CandidateTerm]:
+def pendulum_curve_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for the missing force, over each quantity on which it may depend."""
     string, load, rail, v = _sites(fit)
     yield from shapes.curve_terms(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])

@@ -22,7 +22,7 @@ RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width",
 """Names that formulas use for their own parameters, so that a state or input gets another name in them."""
 
 
-def physics_terms(fit: Fit) -> Iterator[CandidateTerm]:
+def physics_formula_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate formulas for what is missing in the rate of each state, in the runs of a fit without added effects."""
     for site, variables in _states(fit):
         yield shapes.constant_term(site)
@@ -33,7 +33,7 @@ def physics_terms(fit: Fit) -> Iterator[CandidateTerm]:
             yield shapes.product_term(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
 
 
-def physics_curves(fit: Fit) -> Iterator[CandidateTerm]:
+def physics_curve_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     """Candidate smooth curves for what is missing in the rate of each state, over each state and input."""
     for site, variables in _states(fit):
         for v in variables:

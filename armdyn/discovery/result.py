@@ -120,7 +120,7 @@ class Discovery(Displayable):
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
-    def new_laws(self) -> tuple[DiscoveredLaw, ...]:
+    def laws_outside_catalogue(self) -> tuple[DiscoveredLaw, ...]:
         """The discovered laws that are no effects of the catalogue."""
         return tuple(one for one in self.laws if one.term is not None)
 
@@ -136,7 +136,7 @@ class Discovery(Displayable):
             if self.has_unfitted_run
             else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
-        in_catalogue = [one for one in self.new_laws if one.known_as]
+        in_catalogue = [one for one in self.laws_outside_catalogue if one.known_as]
         known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
         rivals = dict.fromkeys(r for one in self.laws for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
@@ -162,12 +162,12 @@ class Discovery(Displayable):
         Raises:
             InputError: no law was discovered that the catalogue lacks.
         """
-        if not self.new_laws:
+        if not self.laws_outside_catalogue:
             raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
-        evidence = {one.effect: self._evidence(one) for one in self.new_laws}
+        evidence = {one.effect: self._evidence(one) for one in self.laws_outside_catalogue}
         return effects_file_text(
             "Discovered by armdyn: what the model lacked, as effects.",
-            [o.term for o in self.new_laws if o.term],
+            [o.term for o in self.laws_outside_catalogue if o.term],
             evidence,
         )
 

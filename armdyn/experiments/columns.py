@@ -35,7 +35,7 @@ class TorqueRegressor:
 
     Attributes:
         model: model with every effect that is wanted or may be present, at the values of
-            `at_active_values`.
+            `with_all_parameters_active`.
         rate: sampling rate of the recording, Hz.
     """
 
@@ -121,7 +121,7 @@ class TorqueRegressor:
         return columns[0], torque[0], gradient
 
 
-def at_active_values(model: ArmModel) -> ArmModel:
+def with_all_parameters_active(model: ArmModel) -> ArmModel:
     """The model at parameter values at which torques depend on all parameters of its effects.
 
     Effects are at their null values, except where a parameter acts through another one, as a payload's place acts

@@ -10,7 +10,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.columns import TorqueRegressor, at_active_values
+from armdyn.experiments.columns import TorqueRegressor, with_all_parameters_active
 from armdyn.experiments.criteria import (
     InformationCriterion,
     RivalSeparation,
@@ -77,7 +77,7 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
-    effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.possible_joints(find(name))]
+    effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.joints_effect_can_act_on(find(name))]
     columns = _columns(model, effects, USUAL_EFFECTS, rate)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     alone = unidentifiable_unknowns(rows, own, NO_INDICES)
@@ -168,9 +168,9 @@ def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], 
     for effect in effects:
         model = model.with_effect(effect)
     for effect in map(find, beside):
-        if model.possible_joints(effect) and model.can_add_effect(effect):
+        if model.joints_effect_can_act_on(effect) and model.can_add_effect(effect):
             model = model.with_effect(effect)
-    return TorqueRegressor(at_active_values(model), rate)
+    return TorqueRegressor(with_all_parameters_active(model), rate)
 
 
 def _indices(columns: TorqueRegressor, effects: Sequence[Effect]) -> np.ndarray:
@@ -178,7 +178,7 @@ def _indices(columns: TorqueRegressor, effects: Sequence[Effect]) -> np.ndarray:
     found = [
         columns.column_indices(e.name, joint)
         for e in effects
-        for joint in e.joints or columns.model.joints_with(e.name)
+        for joint in e.joints or columns.model.joints_having_effect(e.name)
     ]
     return np.unique(np.concatenate(found))
 
@@ -190,7 +190,7 @@ def _cases(
     found = []
     for truth, rival in (pair, pair[::-1]):
         every = np.concatenate([_indices(columns, [rival]), *(columns.column_indices(name) for name in beside)])
-        for joint in truth.joints or columns.model.joints_with(truth.name):
+        for joint in truth.joints or columns.model.joints_having_effect(truth.name):
             own = columns.column_indices(truth.name, joint)
             fitted = np.setdiff1d(every, own)
             directions = distinguishable_changes(rows, own, fitted)

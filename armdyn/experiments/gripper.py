@@ -27,7 +27,7 @@ from armdyn.experiments.search import (
     random_motions,
     shrink_within_limits,
 )
-from armdyn.experiments.separation import RefittedRival, linear_separation
+from armdyn.experiments.separation import RivalRefitCost, linear_separation
 from armdyn.experiments.series import FourierSeries, SeriesBasis
 from armdyn.pendulum.path import GripperPath
 
@@ -87,7 +87,7 @@ def motion_series(seconds: float) -> FourierSeries:
         GRIPPER_NODE_INTERVAL_SECONDS * round(seconds / GRIPPER_NODE_INTERVAL_SECONDS),
         GRIPPER_MAX_FREQUENCY_HZ,
         GRIPPER_MAX_PERIOD_SECONDS,
-        from_start=True,
+        relative_to_start_position=True,
     )
 
 
@@ -170,7 +170,8 @@ class GripperProblem(MotionProblem):
         here = self.predictions_along(x)
         hardest = self.with_pairs(np.argsort(self.separations(x))[:HYPOTHESIS_PAIRS_PER_ROUND])
         hardest._values = {
-            (i, j): RefittedRival(here[j], here[i].predict(here[i].start)[0]).best_refit()[1] for i, j in hardest.pairs
+            (i, j): RivalRefitCost(here[j], here[i].predict(here[i].start)[0]).chi2_increase_and_refit()[1]
+            for i, j in hardest.pairs
         }
         return hardest
 
@@ -186,7 +187,7 @@ class GripperProblem(MotionProblem):
         truths = [p.predict(p.start)[0] for p in here]
         rises, residuals = np.empty(len(self.pairs)), []
         for k, (i, j) in enumerate(self.pairs):
-            rises[k], values = RefittedRival(here[j], truths[i]).best_refit(
+            rises[k], values = RivalRefitCost(here[j], truths[i]).chi2_increase_and_refit(
                 self._values[i, j], RIVAL_REFIT_STEPS_PER_MOTION
             )
             self._values[i, j] = values

@@ -18,7 +18,7 @@ from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, Predict
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import ReportProgress
-from armdyn.experiments.separation import ExpectedOutcome, RefittedRival, expected_outcome, hypothesis_probabilities
+from armdyn.experiments.separation import ExpectedOutcome, RivalRefitCost, expected_outcome, hypothesis_probabilities
 from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
 from armdyn.threads import one_thread
@@ -78,7 +78,7 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -
     """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     readings, _ = truth.predict(truth.start)
-    rise, best = RefittedRival(rival, readings).best_refit()
+    rise, best = RivalRefitCost(rival, readings).chi2_increase_and_refit()
     said = (
         f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
         f"({float(np.sqrt(rise / max(len(readings), 1))):.1g} of the noise apart)"
@@ -116,12 +116,13 @@ class ProposedExperiment:
     Attributes:
         experiment: the experiment.
         expected: its expected result.
-        random_motion_rise: smallest rise of chi2 for the median of random motions; None without a designed motion.
+        random_motion_chi2_increase: smallest rise of chi2 for the median of random motions; None without a designed
+        motion.
     """
 
     experiment: PlannedExperiment
     expected: ExpectedOutcome
-    random_motion_rise: float | None = None
+    random_motion_chi2_increase: float | None = None
 
     @property
     def rank(self) -> tuple[float, bool, float]:

@@ -206,7 +206,7 @@ def _by_name(study: Study) -> dict[str, Candidate]:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
-    fits = [continue_fit(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [continue_fit(study.fit_base_with_effects((*study.present, *s), first)) for s in sets]
     noise = _effective_noise(min(fits, key=lambda one: one.cost))
     common = set.intersection(*(set(s) for s in sets))
     own = [tuple(c for c in s if c not in common) for s in sets]

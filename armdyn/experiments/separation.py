@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.identify.least_squares import Expansion, descend
+from armdyn.identify.least_squares import QuadraticExpansion, descend
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.linear.solve import solve_bounded
 
@@ -36,14 +36,14 @@ MAX_REFIT_STEPS = 12
 """Largest number of steps in the refit of a rival hypothesis."""
 
 
-class RefittedRival:
+class RivalRefitCost:
     """A hypothesis that is fitted to predicted readings of another one: the cost function of this fit."""
 
     def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
         self.predicted, self._readings = predicted, readings
         self.lower, self.upper = predicted.lower, predicted.upper
 
-    def evaluate(self, values: np.ndarray) -> Expansion:
+    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
         """Half the rise of chi2 at (m,) values of the rival's unknowns, with gradient and Gauss-Newton Hessian."""
         away, prior = values - self.predicted.start, self.predicted.prior
         with np.errstate(all="ignore"):
@@ -51,10 +51,12 @@ class RefittedRival:
             rest = self._readings - readings
             cost = 0.5 * float(rest @ rest + away @ prior @ away)
         if not np.isfinite(cost):
-            return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
-        return Expansion(cost, prior @ away - slopes.T @ rest, slopes.T @ slopes + prior)
+            return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+        return QuadraticExpansion(cost, prior @ away - slopes.T @ rest, slopes.T @ slopes + prior)
 
-    def best_refit(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
+    def chi2_increase_and_refit(
+        self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS
+    ) -> tuple[float, np.ndarray]:
         """Fit the rival; return the rise of chi2 at its best values, and these (m,) values."""
         found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
         return 2.0 * found.expansion.cost, found.values
@@ -72,12 +74,13 @@ class ExpectedOutcome:
 
     Attributes:
         chi2_increase: (h, h) rise of chi2 if hypothesis i is true and hypothesis j is refitted; 0 on the diagonal.
-        right_probability: (h,) probability that each hypothesis, if true, is the only plausible one afterwards.
+        correct_decision_probability: (h,) probability that each hypothesis, if true, is the only plausible one
+        afterwards.
         prior_probability: (h,) probability of each hypothesis before the experiment.
     """
 
     chi2_increase: np.ndarray
-    right_probability: np.ndarray
+    correct_decision_probability: np.ndarray
     prior_probability: np.ndarray
 
     @property
@@ -89,7 +92,7 @@ class ExpectedOutcome:
     @property
     def probability(self) -> float:
         """Probability of a unique right verdict, averaged over the hypotheses."""
-        return float(self.prior_probability @ self.right_probability)
+        return float(self.prior_probability @ self.correct_decision_probability)
 
 
 def hypothesis_probabilities(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
@@ -116,7 +119,7 @@ def expected_outcome(hypotheses: Sequence[Hypothesis], experiment: PlannedExperi
         for j, rival in enumerate(predicted):
             if i == j:
                 continue
-            rises[i, j], best = RefittedRival(rival, readings).best_refit()
+            rises[i, j], best = RivalRefitCost(rival, readings).chi2_increase_and_refit()
             other = _rise(rival, best, (readings - rival.predict(best)[0])[:, None] + off)
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > TIE_CHI2

@@ -70,13 +70,14 @@ class FourierSeries:
         seconds: duration of the whole motion, s.
         max_frequency: highest frequency, Hz.
         longest_period: longest period, s; a longer motion repeats a period.
-        from_start: whether positions are relative to the start of the motion, which makes the centre unused.
+        relative_to_start_position: whether positions are relative to the start of the motion, which makes the centre
+        unused.
     """
 
     seconds: float
     max_frequency: float = JOINT_MAX_FREQUENCY_HZ
     longest_period: float = JOINT_MAX_PERIOD_SECONDS
-    from_start: bool = False
+    relative_to_start_position: bool = False
 
     @property
     def repeats(self) -> int:
@@ -115,7 +116,7 @@ class FourierSeries:
         scale = w**derivative
         centre = np.full((len(time), 1), float(derivative == 0))
         values = np.hstack([centre, (scale * np.sin(phase)) @ sines, (scale * np.cos(phase)) @ cosines])
-        if self.from_start and derivative == 0:
+        if self.relative_to_start_position and derivative == 0:
             values -= np.concatenate([[1.0], np.zeros(sines.shape[1]), cosines.sum(axis=0)])
         return values
 

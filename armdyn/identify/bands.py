@@ -70,7 +70,7 @@ def prediction_bands(study: Study, fit: Fit, covariance: np.ndarray) -> Predicti
     training = _samples([fit], fit.problem, covariance, error)
     others = _samples(study.held_out_predictions(fit), fit.problem, covariance, error)
     exam = _samples(study.exam_predictions(fit), fit.problem, covariance, error)
-    beside = _samples(study.predictions_beside_held_out(fit), fit.problem, covariance, error)
+    beside = _samples(study.cross_predictions_of_training(fit), fit.problem, covariance, error)
     judging = [*others, *beside] or training
     shown = [*training, *(others if study.held_out else []), *exam]
     channels = list(dict.fromkeys(one.block.channel for one in training))

@@ -226,7 +226,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), study.unidentified(fit)
     mixed = {name for one in together for name in one.unidentified_parameters}
     ends = set(fit.at_bound)
-    needed = failed_fit_sentence(fit) if study.is_lost(fit) else ""
+    needed = failed_fit_sentence(fit) if study.fit_has_failed(fit) else ""
     white = all(c.whiteness_p_value > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,

@@ -111,10 +111,12 @@ def diagnose(study: Study, progress: ProgressCallback | None = None) -> Diagnosi
     """Find the effect that is missing from the model of a study."""
     found = search(study, progress)
     start, last = found.steps[0], found.last
-    if study.is_lost(last.fit):
+    if study.fit_has_failed(last.fit):
         given = comparison(study, start.fit, start.tests, process_error=False)
         return Diagnosis(Verdict.LOST, failed_fit_sentence(last.fit), given, (), {}, (), None, Search(found.steps[:1]))
-    unseen = {s.candidate.effect: s.imitated_by for s in study.scores(start.fit, start.effects) if s.imitated_by}
+    unseen = {
+        s.candidate.effect: s.confounded_with for s in study.scores(start.fit, start.effects) if s.confounded_with
+    }
     unknown = characterise(last.fit) if last.tests.fails else None
     verdict = decide_verdict(study, found, unknown)
     advice: tuple[str, ...] = ()
@@ -204,7 +206,7 @@ def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
 def _above_stated_noise(study: Study, last: SearchStep) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
     for blocks in blocks_by_channel(last.fit.blocks).values():
-        chi2, samples = study.chi2_of_stated(blocks)
+        chi2, samples = study.chi2_by_stated_noise(blocks)
         if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > MAX_RESIDUAL_CHI2_Z:
             return True
     return False

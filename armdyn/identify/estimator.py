@@ -7,15 +7,15 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Descent, Outcome, descend, free_to_move
+from armdyn.identify.least_squares import DescentResult, Outcome, descend, not_held_by_bound
 from armdyn.identify.noise import variance_inflation
-from armdyn.identify.problem import FreeCost, Problem
+from armdyn.identify.problem import CostOfFreeUnknowns, Problem
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-MinimiseFunction = Callable[[FreeCost, np.ndarray], Descent]
+MinimiseFunction = Callable[[CostOfFreeUnknowns, np.ndarray], DescentResult]
 """Function that minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
@@ -78,12 +78,12 @@ def estimate(
     if not free.any():
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]
-    part = FreeCost(problem, free, start)
+    part = CostOfFreeUnknowns(problem, free, start)
     values, at, evaluations, outcome = minimise(part, start[free])
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")
     names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
-    inside = free_to_move(part, values, at.gradient)
+    inside = not_held_by_bound(part, values, at.gradient)
     at_bound = tuple(name for name, is_inside in zip(names, inside, strict=True) if not is_inside)
     return Estimate(names, values, parameter_covariance(names, at.hessian), evaluations, outcome, at_bound)
 

@@ -49,7 +49,7 @@ def leave_one_out_predictions(found: Fit) -> list[Fit]:
     return [_predicted(rest, run, fit_own) for run, rest in _without_each(found)]
 
 
-def all_blocks(fits: Sequence[Fit]) -> list[ResidualBlock]:
+def joined_residual_blocks(fits: Sequence[Fit]) -> list[ResidualBlock]:
     """Residual blocks of several fits in one list."""
     return [block for one in fits for block in one.blocks]
 

@@ -20,7 +20,7 @@ SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease of the cost that a step must reach to be accepted (Armijo's rule)."""
 
 
-class Expansion(NamedTuple):
+class QuadraticExpansion(NamedTuple):
     """Quadratic expansion of the cost J at a point.
 
     Attributes:
@@ -48,22 +48,22 @@ class Cost(Protocol):
     lower: np.ndarray
     upper: np.ndarray
 
-    def evaluate(self, values: np.ndarray) -> Expansion:
+    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
         """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values."""
 
 
-class Descent(NamedTuple):
+class DescentResult(NamedTuple):
     """Result of a minimisation: (p,) values, the cost's expansion there, the number of evaluations, why it ended."""
 
     values: np.ndarray
-    expansion: Expansion
+    expansion: QuadraticExpansion
     evaluations: int
     outcome: Outcome
 
 
 def descend(
     problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2, samples: int = 0
-) -> Descent:
+) -> DescentResult:
     """Minimise a cost within bounds by Gauss-Newton steps, damped where a step would not lower the cost.
 
     Args:
@@ -79,7 +79,7 @@ def descend(
     at = problem.evaluate(values)
     evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
     for _ in range(most_steps):
-        free = free_to_move(problem, values, at.gradient)
+        free = not_held_by_bound(problem, values, at.gradient)
         step, size = newton_step(at, free, 0.0)
         if size < tolerance:
             outcome = Outcome.CONVERGED
@@ -94,7 +94,7 @@ def descend(
                 break
             damping = max(10.0 * damping, 1e-3)
             if damping > 1e9:
-                return Descent(values, at, evaluations, Outcome.STALLED)
+                return DescentResult(values, at, evaluations, Outcome.STALLED)
             step, _ = newton_step(at, free, damping)
         gross = 2.0 * after.cost > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
@@ -103,24 +103,24 @@ def descend(
             outcome = Outcome.STALLED
             break
         damping = damping / 10 if damping > 1e-6 else 0.0
-    return Descent(values, at, evaluations, outcome)
+    return DescentResult(values, at, evaluations, outcome)
 
 
-def free_to_move(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def not_held_by_bound(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """(p,) bool: False for a parameter on a bound beyond which the cost would fall further."""
     below = (values <= problem.lower) & (gradient > 0)
     above = (values >= problem.upper) & (gradient < 0)
     return ~(below | above)
 
 
-def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -> bool:
+def sufficient_decrease(before: QuadraticExpansion, after: QuadraticExpansion, step: np.ndarray) -> bool:
     """Whether the cost fell by at least `SUFFICIENT_DECREASE` of what the gradient predicts (Armijo's rule)."""
     promised = -float(before.gradient @ step)
     return bool(np.isfinite(after.cost) and before.cost - after.cost >= SUFFICIENT_DECREASE * max(promised, 0.0))
 
 
 @np.errstate(all="ignore")  # near a divergence the curvature overflows, and the step is not a descent step
-def newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+def newton_step(at: QuadraticExpansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(p,) damped Gauss-Newton step of the `free` values, and its length in standard deviations, sqrt(step' H step)."""
     step = np.zeros(len(at.gradient))
     free = free & (np.diag(at.hessian) > 0.0)  # a value without effect stays: its step would be 0/0

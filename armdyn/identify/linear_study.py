@@ -31,13 +31,13 @@ class LinearStudy(Study):
         return {}
 
     def _fit_as_given(self) -> Fit:
-        wanted = self.problem.fitted & self.problem.unknowns_of(self.model.names)
+        wanted = self.problem.fitted & self.problem.mask_of_unknowns(self.model.names)
         free = identifiable(self.problem, wanted, self.problem.start_values())
         found = fit(self.problem, free, self.problem.start_values())
         again = identifiable(self.problem, wanted, found.values)
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
-    def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
+    def fit_base_with_effects(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
         """Fit the base model with some effects and no others.
 
         Args:
@@ -47,10 +47,10 @@ class LinearStudy(Study):
         """
         if values is None:
             scorer = self.scorer(near)
-            values = self.own_values(scorer, scorer.evaluate(scorer.split_into_candidates(effects)))
+            values = self.values_predicted_by_scorer(scorer, scorer.evaluate(scorer.split_into_candidates(effects)))
         problem = self.problem
-        wanted = problem.unknowns_of([name for c in effects for name in c.names])
-        fixed = problem.unknowns_of(self.present_names) & ~problem.fitted
+        wanted = problem.mask_of_unknowns([name for c in effects for name in c.names])
+        fixed = problem.mask_of_unknowns(self.present_names) & ~problem.fitted
         free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
         free = identifiable(problem, free, values) | (free & self.first().free)
         return fit(problem, free, values, most_steps=MAX_ADDED_EFFECT_FIT_STEPS)
@@ -66,24 +66,26 @@ class LinearStudy(Study):
         first, last = (self.held_out_blocks(one) if self.held_out else one.blocks for one in (before, after))
         return explained_error_share(channel_rmse(first), channel_rmse(last), ChannelScale.of(first))
 
-    def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
+    def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """Predictions of training runs from each other, if there are held-out runs as well; else an empty list."""
-        return self.predictions_in_turn(found) if self.held_out else []
+        return self.leave_one_run_out_predictions(found) if self.held_out else []
 
-    def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
+    def cache_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
         """Store predictions of the training runs from each other that were computed elsewhere, for later use."""
         self._in_turn[found] = list(in_turn)
 
-    def leaves_noise(self, fit: Fit) -> bool:
+    def residual_is_noise(self, fit: Fit) -> bool:
         """Whether the residual of the training runs is only noise, on average over the channels.
 
         The noise depends on the fitted model, because a heavier rotor turns noise of a position into more torque.
         """
         return self._are_noise([fit])
 
-    def predicts_to_noise(self, fit: Fit) -> bool:
+    def all_residuals_are_noise(self, fit: Fit) -> bool:
         """Whether the residual of the training runs, and of held-out runs if there are any, is only noise."""
-        return self.leaves_noise(fit) and not (self.held_out and not self._are_noise(self.held_out_predictions(fit)))
+        return self.residual_is_noise(fit) and not (
+            self.held_out and not self._are_noise(self.held_out_predictions(fit))
+        )
 
     def _are_noise(self, fits: Sequence[Fit]) -> bool:
         left: dict[str, list[np.ndarray]] = {}
@@ -119,16 +121,16 @@ class LinearStudy(Study):
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transfer_values(at.values, self.problem, everything)
         free = transfer_mask(at.free, self.problem, everything)
-        present = everything.unknowns_of([n for c in self.present for n in c.names])
+        present = everything.mask_of_unknowns([n for c in self.present for n in c.names])
         own = [
             a
             for c in self.present
             for a in c.split_by_joint()
-            if np.all(everything.fitted[everything.unknowns_of(a.names)])
+            if np.all(everything.fitted[everything.mask_of_unknowns(a.names)])
         ]
-        present &= ~everything.unknowns_of([n for c in own for n in c.names])
+        present &= ~everything.mask_of_unknowns([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.split_by_joint())]
-        absent = [c for c in atoms if not np.any(free & everything.unknowns_of(c.names))]
+        absent = [c for c in atoms if not np.any(free & everything.mask_of_unknowns(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
         return LinearScorer(around, always, atoms, own, self.catalogue_size)

@@ -219,7 +219,7 @@ class _Descent:
         ends = np.cumsum([len(w.time) for w in self._windows]).tolist()
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
-        noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
+        noise = [[j.choice.noise for j in each] + [j.smoothed_velocity_noise_std for j in each] for each in curves]
         self._known = np.maximum(WINDOW_START_PRIOR_STD_FACTOR * np.array(noise), 1e-9)
         steps = [[encoder_step(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
         self._step = np.maximum(np.max(steps, axis=0), 1e-9)

@@ -91,7 +91,7 @@ def whiten(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
+class WhiteningFilter:
     """Filter that turns the residual of a channel into white noise of variance one.
 
     Attributes:
@@ -107,12 +107,12 @@ class Whitening:
         return whiten(rows, self.coefficients) / self.std
 
 
-def whitening_filters(blocks: Sequence[ResidualBlock]) -> dict[str, Whitening]:
+def whitening_filters(blocks: Sequence[ResidualBlock]) -> dict[str, WhiteningFilter]:
     """Estimate whitening filters, by channel, from the residuals of a fit."""
     found = {}
     for channel, mine in blocks_by_channel(blocks).items():
         stretches = [block.residual for block in mine]
         coefficients = likeliest_autoregression(stretches)
         left = np.concatenate([whiten(stretch, coefficients) for stretch in stretches])
-        found[channel] = Whitening(coefficients, float(np.sqrt(np.mean(left**2))))
+        found[channel] = WhiteningFilter(coefficients, float(np.sqrt(np.mean(left**2))))
     return found

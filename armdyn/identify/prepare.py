@@ -65,7 +65,7 @@ def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
         yield replace(run, name=name)
 
 
-def run_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+def noise_std_by_run_and_channel(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
     """Standard deviation of the noise by run and channel: as the recording states it, else estimated from the samples.
 
     The estimate is that of white noise, from differences of neighbouring samples.
@@ -109,7 +109,7 @@ def split_at_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     parts = model.split_at_gaps(run)
     for part in parts:
         for name in model.predicted_channels(part):
-            part.require_informative(name)
+            part.require_varying_channel(name)
     return parts
 
 

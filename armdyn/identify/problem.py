@@ -12,7 +12,7 @@ from itertools import compress
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Descent, Expansion, descend
+from armdyn.identify.least_squares import DescentResult, QuadraticExpansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run
@@ -166,7 +166,7 @@ class Problem:
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
-        guessed = self.unknowns_of(model.guessed_parameters) & (self.prior_weight == 0.0)
+        guessed = self.mask_of_unknowns(model.guessed_parameters) & (self.prior_weight == 0.0)
         self.guess_mean = self.start_values()
         self.guess_weight = np.where(guessed, 1.0 / (GUESS_PRIOR_STD_TYPICAL_SIZES * self.typical), 0.0)
         self.jumps: dict[int, float] = {}
@@ -239,12 +239,12 @@ class Problem:
         )
         return held
 
-    def unknown_key(self, unknown: int) -> tuple[str, str | None]:
+    def unknown_name_and_run(self, unknown: int) -> tuple[str, str | None]:
         """Key of an unknown that is the same in other problems: its parameter's name, and its run's name or None."""
         column = self.columns[unknown]
         return column.parameter.name, None if column.run is None else self.runs[column.run].name
 
-    def unknowns_of(self, names: Sequence[str]) -> np.ndarray:
+    def mask_of_unknowns(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: True for the unknowns that belong to the parameters `names`."""
         wanted = {self.model.names.index(name) for name in names}
         return np.array([c.index in wanted for c in self.columns], dtype=bool)
@@ -310,7 +310,7 @@ class Problem:
         return found
 
     @np.errstate(all="ignore")  # a diverging simulation has infinite cost, and a step to it is shortened
-    def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
+    def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> QuadraticExpansion:
         """Expand the cost to second order (Gauss-Newton) at a point.
 
         Args:
@@ -328,9 +328,11 @@ class Problem:
             sensitivities = block.sensitivities[:, free]
             gradient -= sensitivities.T @ block.residual
             hessian += sensitivities.T @ sensitivities
-        return Expansion(cost + chi2_sum(blocks) / 2, gradient, hessian)
+        return QuadraticExpansion(cost + chi2_sum(blocks) / 2, gradient, hessian)
 
-    def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
+    def fit(
+        self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02
+    ) -> DescentResult:
         """Minimise the cost; see `descend`.
 
         Args:
@@ -342,7 +344,7 @@ class Problem:
         Returns:
             The result, with (P,) values of all unknowns.
         """
-        part = FreeCost(self, free, start)
+        part = CostOfFreeUnknowns(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.all_values(found.values))
 
@@ -363,9 +365,9 @@ def transfer_values(
         for each run in the other.
     """
     result = target.start_values() if missing is None else np.full(len(target.columns), missing)
-    place = {source.unknown_key(i): i for i in range(len(source.columns))}
+    place = {source.unknown_name_and_run(i): i for i in range(len(source.columns))}
     for i in range(len(target.columns)):
-        name, run = target.unknown_key(i)
+        name, run = target.unknown_name_and_run(i)
         others = [r.name for r in target.runs] if run is None else [None] * any(r.name == run for r in source.runs)
         key = next((key for key in ((name, run), *((name, other) for other in others)) if key in place), None)
         if key is not None:
@@ -378,7 +380,7 @@ def transfer_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndar
     return transfer_values(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class FreeCost:
+class CostOfFreeUnknowns:
     """The cost of a problem as a function of some of its unknowns, while the others are fixed.
 
     Args:
@@ -397,11 +399,11 @@ class FreeCost:
         everything[self._free] = values
         return everything
 
-    def evaluate(self, values: np.ndarray) -> Expansion:
+    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
         """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges."""
         at = self._problem.expansion(self.all_values(values), self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
-            return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+            return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at
 
 

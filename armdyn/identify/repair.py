@@ -42,7 +42,7 @@ from armdyn.recording.spikes import outlier_sentence
 from armdyn.threads import one_thread
 
 if TYPE_CHECKING:
-    from armdyn.arm.links import LinkChange
+    from armdyn.arm.links import LinkInertiaChange
 
 BACKGROUND_STEP = "background"
 """Name of the step of a repair that adds small values of many effects, which reports do not list."""
@@ -80,7 +80,7 @@ class Repair(Displayable):
     path: tuple[RepairStep, ...]
     after: Comparison
     residual_character: ResidualCharacter | None
-    links: tuple["LinkChange", ...] = ()
+    links: tuple["LinkInertiaChange", ...] = ()
     explained: float = 0.0
     steps: tuple[SearchStep, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
@@ -150,7 +150,7 @@ def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
     if small is None:
         return without
     step = SearchStep((), (), last.effects, small.fit, last.tests)
-    study.hold_predictions(small.fit, small.leave_one_out_predictions)
+    study.cache_predictions(small.fit, small.leave_one_out_predictions)
     described = replace(repair_step(study, step), added=(BACKGROUND_STEP,), values=len(small.values))
     if _harms(repaired.path[-1], described, repaired.after.scale):
         return without
@@ -207,7 +207,7 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
             raise InputError(f"the model already has the effect '{effect.name}'")
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
-        now = study.fit_with(effects, now)
+        now = study.fit_base_with_effects(effects, now)
         steps.append(SearchStep((candidate,), (), effects, now, study.tests(now, effects)))
     return _concluded(study, Search(tuple(steps)), searched=False)
 
@@ -224,7 +224,7 @@ def require_fit(found: Repair) -> Repair:
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
-    if study.is_lost(found.last.fit):
+    if study.fit_has_failed(found.last.fit):
         return _lost(study, found)
     last = found.last
     unknown = characterise(last.fit) if last.tests.fails else None
@@ -233,7 +233,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not searched
     path = tuple(repair_step(study, step) for step in found.steps)
     after = comparison(study, last.fit, last.tests, process_error=False)
-    links = links_of(study, last.fit)
+    links = changed_links_of_fit(study, last.fit)
     left = RepairResidual(
         exceeds_noise=verdict is not Verdict.EXPLAINED,
         description=unknown.sentence if unknown is not None else "",
@@ -301,9 +301,9 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 
 
-def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
+def changed_links_of_fit(study: Study, fit: Fit) -> tuple["LinkInertiaChange", ...]:
     """Links whose mass, centre or inertia a fit has changed; empty for a model without links."""
     problem, certain = fit.problem, uncertainty(study, fit)
     own = problem.unknowns_of_run(0)  # links are the same in every run
     of_all, alone = (matrix[np.ix_(own, own)] for matrix in (certain.covariance, certain.covariance_without_priors))
-    return problem.model.link_changes(problem.theta(0, fit.values), of_all, alone, fit.free[own])
+    return problem.model.link_inertia_changes(problem.theta(0, fit.values), of_all, alone, fit.free[own])

@@ -9,13 +9,13 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
-from armdyn.identify.holdout import HoldoutKind, all_blocks, leave_one_out_predictions, predict_runs
-from armdyn.identify.prepare import prepare_runs, run_noise, stated_noise
+from armdyn.identify.holdout import HoldoutKind, joined_residual_blocks, leave_one_out_predictions, predict_runs
+from armdyn.identify.prepare import noise_std_by_run_and_channel, prepare_runs, stated_noise
 from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
 from armdyn.identify.residual.noise_tests import ResidualTests, ScoreTest, residual_tests, score_tests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.model import Model
 from armdyn.run import Run
@@ -87,13 +87,13 @@ class Study(ABC):
         self.catalogue_size = catalogue_size
         self.runs, self.held_out, self.exam = prepare_runs(model, runs, held_out, exam)
         everything = [*self.runs, *self.held_out, *self.exam]
-        self.noise = run_noise(model, everything)
+        self.noise = noise_std_by_run_and_channel(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
         self.recorded = frozenset(name for run in everything for name in run.all_channels)
         shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
-        extended = model.with_candidates(self.effects.values())
+        extended = model.with_fixed_null_effects(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
         present = (effect for effect in model.effects if effect.quantities)
         self.present = tuple(
@@ -113,7 +113,7 @@ class Study(ABC):
         self._exam: dict[Fit, list[Fit]] = {}
         self.present_names = [name for c in self.present for name in c.names]
 
-    def choosing_from(
+    def with_other_catalogue(
         self, catalogue: Sequence[Effect], model: Model | None = None, catalogue_size: int = 0
     ) -> "Study":
         """A study of the same runs with other effects to choose from.
@@ -147,7 +147,7 @@ class Study(ABC):
         """Fit the model as given."""
 
     @abstractmethod
-    def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
+    def fit_base_with_effects(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
         """Fit the base model with some effects and no others.
 
         Args:
@@ -179,7 +179,7 @@ class Study(ABC):
         del fit
         return ()
 
-    def is_lost(self, fit: Fit) -> bool:
+    def fit_has_failed(self, fit: Fit) -> bool:
         """Whether a fit has failed: it ended in a minimum that has nothing to do with the recordings."""
         del fit
         return False
@@ -202,7 +202,7 @@ class Study(ABC):
         excess, by_chance = self._excess(fit)
         return np.maximum(excess, by_chance)
 
-    def chi2_of_stated(self, blocks: Sequence[ResidualBlock]) -> tuple[float, int]:
+    def chi2_by_stated_noise(self, blocks: Sequence[ResidualBlock]) -> tuple[float, int]:
         """Sum of squared errors over the stated noise variance, for samples whose recording states the noise.
 
         Returns:
@@ -242,7 +242,7 @@ class Study(ABC):
         free = transfer_mask(found.free, self.problem, problem)
         return Fit(problem, free, transfer_values(found.values, self.problem, problem), found.blocks, found.outcome)
 
-    def own_values(self, scorer: SetScorer, one: SetScore) -> np.ndarray:
+    def values_predicted_by_scorer(self, scorer: EffectSetScorer, one: EffectSetScore) -> np.ndarray:
         """(P,) values of the study's unknowns that a scorer predicts for a set of effects."""
         return self.own(scorer.values(one), scorer.problem)
 
@@ -262,12 +262,14 @@ class Study(ABC):
 
     def held_out_blocks(self, found: Fit) -> list[ResidualBlock]:
         """Residuals of the held-out runs; if there are none, of every training run as predicted from the others."""
-        return all_blocks(self.held_out_predictions(found))
+        return joined_residual_blocks(self.held_out_predictions(found))
 
     def held_out_predictions(self, found: Fit) -> list[Fit]:
         """Predictions of the held-out runs; if there are none, of every training run from the others."""
         if found not in self._held_out:
-            self._held_out[found] = self._of_held_out(found) if self.held_out else self.predictions_in_turn(found)
+            self._held_out[found] = (
+                self._of_held_out(found) if self.held_out else self.leave_one_run_out_predictions(found)
+            )
         return self._held_out[found]
 
     def _of_held_out(self, found: Fit) -> list[Fit]:
@@ -276,12 +278,12 @@ class Study(ABC):
     def _predictions(self, found: Fit, runs: Sequence[Run]) -> list[Fit]:
         return predict_runs(found, runs)
 
-    def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
+    def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """Predictions of training runs from each other, in addition to those of held-out runs; empty by default."""
         del found
         return []
 
-    def predictions_in_turn(self, found: Fit) -> list[Fit]:
+    def leave_one_run_out_predictions(self, found: Fit) -> list[Fit]:
         """Predictions of every training run from the other training runs; an empty list for a single run."""
         if found not in self._in_turn:
             self._in_turn[found] = leave_one_out_predictions(found)
@@ -302,7 +304,7 @@ class Study(ABC):
 
     def exam_blocks(self, found: Fit) -> list[ResidualBlock]:
         """Residuals of the exam runs, empty if there are none; to be used only after all choices are made."""
-        return all_blocks(self.exam_predictions(found))
+        return joined_residual_blocks(self.exam_predictions(found))
 
     def exam_predictions(self, found: Fit) -> list[Fit]:
         """Predictions of the exam runs; to be used only after all choices are made."""

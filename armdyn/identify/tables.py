@@ -16,7 +16,7 @@ from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.drives import Servo
-    from armdyn.arm.links import LinkChange
+    from armdyn.arm.links import LinkInertiaChange
     from armdyn.arm.rollout import SimulatedPositionError
     from armdyn.identify.bands import PredictionBands
 
@@ -339,7 +339,7 @@ def motion_section(found: Sequence["SimulatedPositionError"]) -> Section:
     return Section("Motion", text, tables=[Table(columns, name="motion")])
 
 
-def link_section(links: Sequence["LinkChange"]) -> Section:
+def link_section(links: Sequence["LinkInertiaChange"]) -> Section:
     """Section on the links of an arm that a repair changed: values, which of them the runs determine, warnings."""
     every = [q for link in links for q in link.quantities]
     determined = sum(q.determined for q in every)
@@ -353,7 +353,7 @@ def link_section(links: Sequence["LinkChange"]) -> Section:
     return Section("Links", text.strip(), tables=[_link_table(link) for link in links])
 
 
-def _link_table(link: "LinkChange") -> Table:
+def _link_table(link: "LinkInertiaChange") -> Table:
     found = link.quantities
     names = [name.partition("_") for name in (q.name for q in found)]
     columns = [

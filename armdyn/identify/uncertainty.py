@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
-from armdyn.identify.noise import Whitening, variance_inflation, whitening_filters
+from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
@@ -90,7 +90,7 @@ def _covariance(
     trust: float = 1.0,
     *,
     bounded: bool = True,
-    filters: Mapping[str, Whitening] | None = None,
+    filters: Mapping[str, WhiteningFilter] | None = None,
 ) -> np.ndarray:
     """(P, P) covariance of fitted and consider parameters; zero for others, and where `bounded` for values on a bound.
 
@@ -135,7 +135,7 @@ def _covariance(
 def model_error_dominates(study: Study, fit: Fit) -> bool:
     """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
     for blocks in blocks_by_channel(fit.blocks).values():
-        chi2, samples = study.chi2_of_stated(blocks)
+        chi2, samples = study.chi2_by_stated_noise(blocks)
         far, whole = MAX_CHI2_PER_SAMPLE_STATED_NOISE, sample_count(blocks)
         if samples < whole:
             chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE

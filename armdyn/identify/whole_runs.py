@@ -16,7 +16,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE
 from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import SetScore
+from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
@@ -42,9 +42,9 @@ MIN_ZERO_EFFECT_PROBABILITY = 0.0455
 Effects = tuple[Candidate, ...]
 
 
-def improve_by_whole_runs(
-    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]
-) -> SetScore:
+def improve_effect_set_by_run_errors(
+    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: EffectSetScore, say: Callable[[str], None]
+) -> EffectSetScore:
     """Improve a set of effects that was chosen by evidence: whole runs may show a set with a clearly smaller residual.
 
     Args:
@@ -73,7 +73,7 @@ def improve_by_whole_runs(
 
 
 def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
-    return study.fit_with((*study.present, *effects))
+    return study.fit_base_with_effects((*study.present, *effects))
 
 
 def _left(study: StateSpaceStudy, effects: Effects) -> float:
@@ -173,7 +173,7 @@ def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate)
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
     """(k,) distance of an effect's fitted values from those at which it is absent."""
-    own = found.problem.unknowns_of(one.names) & found.free
+    own = found.problem.mask_of_unknowns(one.names) & found.free
     return found.values[own] - found.problem.null[own]
 
 
@@ -183,7 +183,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
     Biometrika 64, 1977): such an effect is absent only if the residual of whole runs is as small without it, too.
     """
-    own = found.problem.unknowns_of(one.names) & found.free
+    own = found.problem.mask_of_unknowns(one.names) & found.free
     covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
     known = np.diag(covariance) > 0.0
     if not known.any():

@@ -143,7 +143,7 @@ PositionReadings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class ArmRun:
+class SampledArmRun:
     """A recording of an arm at a few moments, which is compared with the arm's model.
 
     Args:
@@ -375,7 +375,7 @@ class ArmRun:
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
         """The model with all effects at null; (p,) typical sizes; (p,) bool, True for sizes that are at least 0."""
-        model = self._own.with_candidates(
+        model = self._own.with_fixed_null_effects(
             [e for e in self.effects if not (e.name in SEPARATELY_HANDLED_EFFECTS or depends_on_past(e))]
         )
         size = [p.typical * LARGE_EFFECTS_IN_TYPICAL_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]

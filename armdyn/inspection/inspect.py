@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.carried import movable_joints, omitted_moving_joints
+from armdyn.arm.carried import movable_joints, moving_joints_outside_arm_model
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects
 from armdyn.errors import InputError
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
-from armdyn.inspection.arm import ArmRun
+from armdyn.inspection.arm import SampledArmRun
 from armdyn.inspection.check import (
     Check,
     Inspection,
@@ -34,7 +34,7 @@ from armdyn.inspection.signals import (
     range_checks,
     wrapped_angle_checks,
 )
-from armdyn.inspection.swing import SwingRun, pendulum_mistakes
+from armdyn.inspection.swing import SampledSwingRun, pendulum_mistakes
 from armdyn.model import Model
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
@@ -132,13 +132,13 @@ def _arm_checks(model: ArmModel, run: Run, effects: tuple[Effect, ...]) -> Itera
     if _too_few(run, used):
         return ()
     return physics.mistake_checks(
-        ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes
+        SampledArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes
     )
 
 
 def _pendulum_checks(model: Model, run: Run, _: tuple[Effect, ...]) -> Iterable[Check]:
     """Findings from comparing a recording with a pendulum's model; empty where that is not possible."""
-    swing = SwingRun(model, run)
+    swing = SampledSwingRun(model, run)
     return (
         physics.mistake_checks(swing, pendulum_mistakes) if swing.channels and not _too_few(run, swing.channels) else ()
     )
@@ -150,7 +150,7 @@ def _too_few(run: Run, names: Iterable[str]) -> bool:
 
 def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
     """Find joints that are not the model's but move in its recordings."""
-    held = omitted_moving_joints(model.arm, runs)
+    held = moving_joints_outside_arm_model(model.arm, runs)
     unknown = {joint for run in runs for joint in run.joints} - set(movable_joints(model.arm))
     for run in runs:
         for joint in run.joints:

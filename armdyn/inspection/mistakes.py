@@ -6,7 +6,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_LIMIT_EXCESS_TIME_SHARE, ArmRun, DescriptionCorrection
+from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_LIMIT_EXCESS_TIME_SHARE, DescriptionCorrection, SampledArmRun
 from armdyn.inspection.check import MODEL_PLACEHOLDER, CheckKind
 from armdyn.inspection.correction import CorrectedReading, Correction
 
@@ -116,11 +116,11 @@ def shifted_clock_mistakes(
         yield replace(of_channels.with_clock(late, pace), is_effect=late in TRIED_SENSOR_LAGS_SECONDS)
 
 
-def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
+def _recorded(run: SampledArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
     return [name for kind in kinds for joint in joints if (name := f"{kind}.{joint}") in run.run.channels]
 
 
-def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def angle_unit_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of angle units: degrees that are declared as rad, or the reverse."""
     turning = [joint for joint in run.model.arm.joints if not run.is_prismatic(joint)]
     for factor, said in WRONG_ANGLE_UNIT_FACTORS:
@@ -132,7 +132,7 @@ def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
                 )
 
 
-def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def torque_unit_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of torque units: torques of all joints or of one joint in another unit, or currents."""
     every = tuple(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
@@ -171,7 +171,7 @@ def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
         )  # fmt: skip
 
 
-def sign_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def sign_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of signs: torques or positions with the opposite sign."""
     torques, several = list(run.channels), len(run.joints) > 1
     yield scaled_channels_mistake("torque_sign", torques, "all torques have the wrong sign", -1.0)
@@ -186,7 +186,7 @@ def sign_mistakes(run: ArmRun) -> Iterator[Mistake]:
         )
 
 
-def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def joint_order_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of the order of columns: two joints exchanged, or all joints in another order."""
     joints = run.joints
     by_name = tuple(sorted(joints))
@@ -216,7 +216,7 @@ def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
                 )  # fmt: skip
 
 
-def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def zero_position_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of a joint's zero position by a quarter or half a turn."""
     for joint in run.joints:
         for said, offset in () if run.is_prismatic(joint) else ANGLE_ZERO_OFFSETS_TRIED.items():
@@ -226,7 +226,7 @@ def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
             )
 
 
-def clock_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def clock_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of the clock of torques against that of positions; early torques may be commands."""
     said, price = "torques are stamped {} against the positions", LATE_CLOCK_PRICE_NATS
     yield from shifted_clock_mistakes(
@@ -242,7 +242,7 @@ def clock_mistakes(run: ArmRun) -> Iterator[Mistake]:
     )
 
 
-def gravity_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def gravity_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of gravity: another direction than described, or gravity subtracted from the torques."""
     g = run.model.gravity()
     size = float(np.linalg.norm(g))
@@ -282,7 +282,7 @@ def roll_and_pitch(gravity: np.ndarray) -> tuple[float, float]:
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
 
 
-def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def torque_reading_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of recorded torques that cannot be corrected: low-passed, or without sign."""
     for lag in TRIED_TORQUE_LOW_PASS_SECONDS:
         yield Mistake(
@@ -301,7 +301,7 @@ def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
         )  # fmt: skip
 
 
-def description_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def description_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """Mistakes of the description: masses or lengths in another unit."""
     for unit, factor in MASS_UNITS.items():
         yield Mistake(
@@ -330,6 +330,6 @@ ARM_MISTAKES = (
 """Functions that yield the possible mistakes in a recording of an arm; a new kind of mistake is a further function."""
 
 
-def arm_mistakes(run: ArmRun) -> Iterator[Mistake]:
+def arm_mistakes(run: SampledArmRun) -> Iterator[Mistake]:
     """All possible mistakes in a recording of an arm."""
     return chain.from_iterable(kind(run) for kind in ARM_MISTAKES)

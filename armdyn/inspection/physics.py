@@ -8,11 +8,11 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
+from armdyn.inspection.arm import AS_DESCRIBED, SampledArmRun
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.mistakes import Mistake
-from armdyn.inspection.swing import SwingRun
+from armdyn.inspection.swing import SampledSwingRun
 
 MISTAKE_PRICE_NATS = 8.0
 """Log prior odds against each mistake, nats: about one recording in ten has one of about a hundred mistakes."""
@@ -41,7 +41,7 @@ CLOCK_SEARCH_RANGE_IN_FIRST_STEPS = 4.0
 """Range of the search for a clock's error to either side of its start, in first steps."""
 MAX_CLOCK_ERRORS_TRIED = 80
 """Largest number of clock errors that the search for a clock's error tries."""
-ComparedRun = TypeVar("ComparedRun", ArmRun, SwingRun)
+ComparedRun = TypeVar("ComparedRun", SampledArmRun, SampledSwingRun)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,20 +50,20 @@ class FoundMistake:
 
     Attributes:
         mistake: the mistake.
-        log_evidence_gain: log odds of the mistake over an unchanged recording, nats.
-        log_evidence_lead: log odds of the mistake over the next best hypothesis, nats.
+        log_odds_over_unchanged: log odds of the mistake over an unchanged recording, nats.
+        log_odds_over_next_best: log odds of the mistake over the next best hypothesis, nats.
         rival: another mistake that explains the recording as well; None without one.
     """
 
     mistake: Mistake
-    log_evidence_gain: float
-    log_evidence_lead: float
+    log_odds_over_unchanged: float
+    log_odds_over_next_best: float
     rival: Mistake | None = None
 
     @property
     def certain(self) -> bool:
         """Whether the mistake is certain, rather than possible."""
-        return self.log_evidence_gain >= CERTAIN_MISTAKE_NATS
+        return self.log_odds_over_unchanged >= CERTAIN_MISTAKE_NATS
 
     @property
     def correction(self) -> Correction | None:
@@ -195,13 +195,13 @@ def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[
     """Findings on mistakes in a recording, from its comparison with the model."""
     for found in find_mistakes(run, mistakes):
         m, certain = found.mistake, found.certain
-        lead = f"{rounded(found.log_evidence_lead)} more than anything else"
-        sure = f"{rounded(found.log_evidence_gain)} nats more probable than as it stands, {lead}"
+        lead = f"{rounded(found.log_odds_over_next_best)} more than anything else"
+        sure = f"{rounded(found.log_odds_over_unchanged)} nats more probable than as it stands, {lead}"
         rival = "" if found.rival is None else f", or {found.rival.in_words}: this recording does not tell which"
         remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.run.source or run.run.name} --fix fixed"
         remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"
         yield Check(
             m.kind, Severity.WRONG if certain else Severity.SUSPECT, run.run.name, m.channels,
             f"{'' if certain else 'perhaps '}{m.in_words}{rival} ({sure})", m.remedy or remedy,
-            evidence=found.log_evidence_lead, correction=found.correction,
+            evidence=found.log_odds_over_next_best, correction=found.correction,
         )  # fmt: skip

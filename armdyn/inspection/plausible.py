@@ -27,7 +27,7 @@ MIN_REPORTED_EXCESS_STDS = 2.0
 """Standard deviations by which a fitted value must exceed its possible range to be reported."""
 
 
-def least_absolute_value(p: Parameter) -> float:
+def min_credible_magnitude(p: Parameter) -> float:
     """Absolute value of a parameter less two standard deviations: its least probable size."""
     return abs(p.value) - MIN_REPORTED_EXCESS_STDS * (p.std or 0.0)
 
@@ -78,9 +78,9 @@ def _sizes(model: Model) -> Iterator[tuple[str, str]]:
     for name, p in model.parameters.items():
         effect = p.effect or ""
         pushes = ("friction" in effect or "drag" in effect) and p.lower >= 0.0
-        if pushes and p.value < 0.0 < least_absolute_value(p):
+        if pushes and p.value < 0.0 < min_credible_magnitude(p):
             yield name, f"{name} = {rounded(p.value)} {p.unit} is a friction that pushes"
-        if effect and p.unit == "s" and least_absolute_value(p) > MAX_TIME_CONSTANT_SECONDS:
+        if effect and p.unit == "s" and min_credible_magnitude(p) > MAX_TIME_CONSTANT_SECONDS:
             yield name, f"{name} = {rounded(p.value)} s is a time that nothing of a robot takes"
 
 
@@ -88,7 +88,7 @@ def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
     whole = float(model.arm.described[:, 0].sum())
     limits = dict(zip(model.arm.joints, model.arm.model.effortLimit.tolist(), strict=True))
     for name, p in model.parameters.items():
-        if p.effect == "payload" and p.unit == "kg" and least_absolute_value(p) > whole:
+        if p.effect == "payload" and p.unit == "kg" and min_credible_magnitude(p) > whole:
             yield (
                 name,
                 f"{name} = {rounded(p.value)} kg is a payload heavier than the arm of {rounded(whole)} kg",
@@ -96,7 +96,7 @@ def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
         limit = limits.get(p.joint, 0.0) if p.effect and p.unit in ("N m", "N") and "spring" not in p.effect else 0.0
         if (
             0.0 < limit < MIN_EFFORT_LIMIT_MEANING_NONE
-            and least_absolute_value(p) > MAX_PERMANENT_SHARE_OF_EFFORT_LIMIT * limit
+            and min_credible_magnitude(p) > MAX_PERMANENT_SHARE_OF_EFFORT_LIMIT * limit
         ):
             said = f"{name} = {rounded(p.value)} {p.unit} is more than the joint's limit of {rounded(limit)} {p.unit}"
             yield name, said

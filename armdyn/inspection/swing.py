@@ -75,7 +75,7 @@ SwingMotion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelPart:
+class SingleChannelReadings:
     """Readings of one channel with a prediction; attributes as of `ChannelReadings`, without the axis of channels."""
 
     measured: np.ndarray
@@ -86,7 +86,7 @@ class ChannelPart:
     min_rms: float
 
     @staticmethod
-    def joined(parts: "Sequence[ChannelPart]", weight: np.ndarray, floor: float) -> ChannelReadings:
+    def joined(parts: "Sequence[SingleChannelReadings]", weight: np.ndarray, floor: float) -> ChannelReadings:
         """Join channels that have no effects in common."""
         alone = [[(one is own) * one.columns for one in parts] for own in parts]
         return ChannelReadings(
@@ -102,7 +102,7 @@ class ChannelPart:
 
 
 @dataclass(frozen=True, eq=False)
-class SwingRun:
+class SampledSwingRun:
     """A recording of a pendulum at a few moments, which is compared with the equations of a pendulum.
 
     Args:
@@ -251,7 +251,9 @@ class SwingRun:
     def _given(self, correction: Correction, weight: np.ndarray) -> ChannelReadings:
         u = self._pull(correction.reading("gripper_x"))
         if self.swing is None and "gripper_x" in self._curves:
-            return ChannelPart.joined([self._force_alone(correction, u)], weight, MIN_MODEL_ERROR_SHARE_OF_RMS)
+            return SingleChannelReadings.joined(
+                [self._force_alone(correction, u)], weight, MIN_MODEL_ERROR_SHARE_OF_RMS
+            )
         parts, motion = [], (np.zeros(SWING_EVALUATION_TIMES),) * 3
         if self.swing is not None:
             r = correction.reading(self.swing)
@@ -260,9 +262,9 @@ class SwingRun:
             parts.append(self._swing_part(motion, u, r.factor))
         if "load_force" in self.channels:
             parts.append(self._force_part(motion, u, correction.reading("load_force")))
-        return ChannelPart.joined(parts, weight, PENDULUM_MODEL_ERROR_SHARE_OF_RMS)
+        return SingleChannelReadings.joined(parts, weight, PENDULUM_MODEL_ERROR_SHARE_OF_RMS)
 
-    def _swing_part(self, motion: SwingMotion, u: np.ndarray, factor: float) -> ChannelPart:
+    def _swing_part(self, motion: SwingMotion, u: np.ndarray, factor: float) -> SingleChannelReadings:
         """The angular acceleration, with the effects of a pendulum in their typical sizes."""
         (length, measured), (gravity, _), (angle, rate, bend) = self._known("length"), self._known("gravity"), motion
         drive, pace = u * np.cos(angle) / length, gravity / length
@@ -273,9 +275,9 @@ class SwingRun:
             0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, len(angle)),
         ]  # fmt: skip
         positive = np.array([not measured, False, True, True, True, *([False] * 4)])
-        return ChannelPart(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
+        return SingleChannelReadings(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
 
-    def _force_part(self, motion: SwingMotion, u: np.ndarray, r: CorrectedReading) -> ChannelPart:
+    def _force_part(self, motion: SwingMotion, u: np.ndarray, r: CorrectedReading) -> SingleChannelReadings:
         """The force along the string, with the effects of a load cell in their typical sizes."""
         (length, _), (gravity, _), (mass, weighed) = (self._known(name) for name in ("length", "gravity", "mass"))
         angle, rate, _ = motion
@@ -284,9 +286,11 @@ class SwingRun:
         bias, aside = np.full(len(angle), 0.1 * weight), 0.03 * weight * np.sin(angle)
         columns = np.column_stack([*(self._width("mass") * part for part in parts), bias, aside])
         positive = np.array([not weighed, not weighed, False, False])
-        return ChannelPart(self._force(r), weighed * (parts[0] + parts[1]), columns, positive, r.factor, 1e-3 * weight)
+        return SingleChannelReadings(
+            self._force(r), weighed * (parts[0] + parts[1]), columns, positive, r.factor, 1e-3 * weight
+        )
 
-    def _force_alone(self, correction: Correction, u: np.ndarray) -> ChannelPart:
+    def _force_alone(self, correction: Correction, u: np.ndarray) -> SingleChannelReadings:
         """The force in a recording in which it alone measures the swing, of the simulated motion that fits best.
 
         The mean force determines only the load's weight; so it is left out.
@@ -308,12 +312,12 @@ class SwingRun:
             0.02 * mass * gravity * np.linspace(-1.0, 1.0, len(y)), size * longer, size * fading,
         ]  # fmt: skip
         positive = np.array([not weighed, *([False] * 4)])
-        return ChannelPart(
+        return SingleChannelReadings(
             y, weighed * mass * shape, np.column_stack(columns), positive, r.factor, 1e-3 * mass * gravity
         )
 
 
-def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
+def pendulum_mistakes(run: SampledSwingRun) -> Iterator[Mistake]:
     """All possible mistakes in a recording of a pendulum."""
     has, force = run.run.channels, ("load_force",)
     angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)

@@ -203,7 +203,7 @@ def derive_dynamics(composition: PendulumComposition, *, planar: bool = False) -
         input_count=given.numel(),
         recorded_columns=tuple(recorded),
         outputs=PENDULUM_OUTPUTS,
-        impulse_adds_to="load_force" if yields else None,
+        output_with_impulse_rate="load_force" if yields else None,
         impulse_vibration=Vibration(bounce) if yields and bounce is not None else None,
         input_lag=ca.Function("gripper_lag", [theta], [composition.gripper_lag])
         if composition.gripper_has_lag

@@ -112,7 +112,7 @@ class PendulumModel(SimulatedModel):
 
     def oscillation_period(self, run: Run, theta: np.ndarray) -> float:
         """Period of the swing, s; the period of small swings if neither angle nor rate was measured."""
-        name, small = swing_channel(run), self.start_window(theta)
+        name, small = swing_channel(run), self.start_state_window_seconds(theta)
         return (
             small
             if name is None
@@ -127,14 +127,14 @@ class PendulumModel(SimulatedModel):
 
     def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start angles and rates from which a fit is tried: points of the phase plane, near a measured angle if any."""
-        pace = 2.0 * np.pi / self.start_window(theta)
+        pace = 2.0 * np.pi / self.start_state_window_seconds(theta)
         plane = possible_start_states(pace)
         if "swing_angle" in run.channels:
             angle, rate = first_value_and_rate(run.channels["swing_angle"])
             plane = np.array([(angle, rate + change) for change in possible_rate_errors(pace)])
         return start_parameters(run, float(theta[self.names.index("length")]), plane)
 
-    def start_window(self, theta: np.ndarray) -> float:
+    def start_state_window_seconds(self, theta: np.ndarray) -> float:
         """Length of a run, s, that determines the angle and rate at its start: one period of small swings."""
         length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
         return float(2 * np.pi * np.sqrt(length / gravity))

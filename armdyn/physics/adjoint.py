@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_CALL, System, state_after_step
 from armdyn.smoothing.even import first_derivative
@@ -31,10 +31,10 @@ class Adjoint:
 
     def __init__(self, system: System, name: str, channels: tuple[str, ...]) -> None:
         self._system = system
-        self._impulse = system.impulse_adds_to in channels
-        self._force = channels.index(str(system.impulse_adds_to)) if self._impulse else 0
+        self._impulse = system.output_with_impulse_rate in channels
+        self._force = channels.index(str(system.output_with_impulse_rate)) if self._impulse else 0
         rows = [system.outputs.index(channel) for channel in channels] + [len(system.outputs)] * self._impulse
-        self._back = BufferedFunction(compile_functions(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
+        self._back = PreallocatedFunction(compile_functions(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
 
     def gradient(
         self, path: InputPath, theta: np.ndarray, states: np.ndarray, weights: np.ndarray

@@ -28,7 +28,7 @@ class Formulation(System):
         against: ``(s, w, theta) -> (n,)`` quantities on which a missing force may depend.
         against_units: names of these quantities, with their units.
         acting_parameters: parameters on which at least one function depends.
-        measuring_channels: by state, the channel that measures it directly.
+        channel_by_measured_state: by state, the channel that measures it directly.
         rates: by state, the other state that is its time derivative.
         stages: stages on which effects may act, with the joints of each.
         stage_classes: class of each stage, by its name.
@@ -38,7 +38,7 @@ class Formulation(System):
     against: ca.Function
     against_units: dict[str, str]
     acting_parameters: frozenset[str]
-    measuring_channels: dict[str, str]
+    channel_by_measured_state: dict[str, str]
     rates: dict[str, str]
     stages: dict[str, tuple[str, ...]]
     stage_classes: dict[str, type]
@@ -100,7 +100,9 @@ def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, .
         against_units={name: unit for name, (_, unit) in against.items()},
         sensors={n: SensorReadout(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
         acting_parameters=frozenset(name for name, used in zip(names, depends, strict=True) if used),
-        measuring_channels={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
+        channel_by_measured_state={
+            n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)
+        },
         rates={n: m for n in states for m, x in states.items() if _same(rates_of[n], x)},
         stages={name: tuple(joints) for name, joints in moment.stages.items()},
         stage_classes=moment.kinds,

@@ -85,7 +85,7 @@ class PhysicsModel(SimulatedModel):
         return self.physics.step
 
     @property
-    def min_effect_window(self) -> float:
+    def min_seconds_to_identify_effect(self) -> float:
         """Length of a run, s, below which friction and creep are not identifiable: three periods of the motion."""
         return 3.0 * self.physics.period
 
@@ -121,7 +121,7 @@ class PhysicsModel(SimulatedModel):
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
         """Values of states by name, from channels that measure them; `look` gives value and rate of a channel."""
         bare, values, rates = _bare(self.physics), {}, {}
-        for name, channel in bare.measuring_channels.items():
+        for name, channel in bare.channel_by_measured_state.items():
             if channel in run.channels:
                 values[name], rate = look(run.channels[channel])
                 if name in bare.rates:
@@ -144,12 +144,12 @@ class PhysicsModel(SimulatedModel):
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
 
-    def start_window(self, theta: np.ndarray) -> float:
+    def start_state_window_seconds(self, theta: np.ndarray) -> float:
         """Length of a run, s, that determines the state at its start: one period."""
         del theta
         return self.physics.period
 
-    def possible_joints(self, effect: Effect) -> tuple[str, ...]:
+    def joints_effect_can_act_on(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect changes the equations.
 
         Raises:
@@ -169,7 +169,7 @@ class PhysicsModel(SimulatedModel):
         Raises:
             InputError: the effect changes nothing in this physics.
         """
-        if effect.acts_on in self.stages and not self.possible_joints(effect):
+        if effect.acts_on in self.stages and not self.joints_effect_can_act_on(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
         return super().with_effect(effect)
 
@@ -287,7 +287,7 @@ class PhysicsModel(SimulatedModel):
     def states_sensitive_to(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
         """Unmeasured states, with units, whose range changes by a tenth of a change of parameters along `direction`."""
         channels, starts = self.predicted_channels(run), len(self.physics.states)
-        shown = {name for name, channel in _bare(self.physics).measuring_channels.items() if channel in channels}
+        shown = {name for name, channel in _bare(self.physics).channel_by_measured_state.items() if channel in channels}
         here, there = (
             self.rollout(self.input_path(run), theta + step * direction, channels).states[:, :starts]
             for step in (0.0, PARAMETER_CHANGE_TYPICAL_SIZES)

@@ -107,7 +107,7 @@ class MotionPieces:
         given = ((c, self.run.channels[c].time, self.run.spread.get(c, 0.0)) for c in self.channels)
         self._matrices = {c: InterpolatingSampler(nodes, time, spread).matrix(0.0) for c, time, spread in given}
 
-    def cut_in_two(self, which: np.ndarray) -> bool:
+    def split_marked_pieces(self, which: np.ndarray) -> bool:
         """Cut the pieces that `which` (J,) marks into halves, if long enough; return whether any piece was cut."""
         long = which & (np.diff(self.edges) >= 2 * MIN_STEPS_PER_PIECE)
         if long.any():

@@ -30,7 +30,8 @@ class InputPath:
         lag_derivatives: derivatives of `nodes` and of `midpoints` by the lag of the inputs behind the recording; None
             for inputs without a lag.
         extra: further recorded quantities by name, see `Run.extra`.
-        step_ends: (i, K-1) inputs at the end of each interval, before a jump at the node; None if no input jumps.
+        inputs_at_interval_ends: (i, K-1) inputs at the end of each interval, before a jump at the node; None if no
+        input jumps.
         steps_per_interval: number of integration steps between two nodes; 1 for inputs with a lag.
     """
 
@@ -40,7 +41,7 @@ class InputPath:
     midpoints: np.ndarray
     lag_derivatives: tuple[np.ndarray, np.ndarray] | None = None
     extra: Mapping[str, Channel] = field(default_factory=dict)
-    step_ends: np.ndarray | None = None
+    inputs_at_interval_ends: np.ndarray | None = None
     steps_per_interval: int = 1
 
     @property
@@ -58,7 +59,11 @@ class InputPath:
         if self.lag_derivatives is not None:
             at_nodes, between = self.lag_derivatives
             nodes, middle = np.vstack([nodes, at_nodes[:count]]), np.vstack([middle, between[:count]])
-        return nodes, middle, nodes[:, 1:] if self.step_ends is None else self.step_ends[:count]
+        return (
+            nodes,
+            middle,
+            nodes[:, 1:] if self.inputs_at_interval_ends is None else self.inputs_at_interval_ends[:count],
+        )
 
     def padded_steps(self, count: int, block: int) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of all integration steps as (3 r, N), and (1, N) lengths of the steps, s; N is a multiple of `block`.
@@ -81,7 +86,7 @@ class InputPath:
             if self.lag_derivatives is None
             else (self.lag_derivatives[0][:, nodes], self.lag_derivatives[1][:, middle])
         )
-        ends = None if self.step_ends is None else self.step_ends[:, middle]
+        ends = None if self.inputs_at_interval_ends is None else self.inputs_at_interval_ends[:, middle]
         start, inputs = self.start + self.dt * first, (self.nodes[:, nodes], self.midpoints[:, middle])
         return InputPath(start, self.dt, *inputs, cut, self.extra, ends, self.steps_per_interval)
 
@@ -91,7 +96,10 @@ class InputPath:
         if self.steps_per_interval == 1:
             return self
         assert self.lag_derivatives is None
-        begin, end = self.nodes[:, :-1], self.nodes[:, 1:] if self.step_ends is None else self.step_ends
+        begin, end = (
+            self.nodes[:, :-1],
+            self.nodes[:, 1:] if self.inputs_at_interval_ends is None else self.inputs_at_interval_ends,
+        )
 
         def at(shift: float) -> np.ndarray:
             shares = ((k + shift) / self.steps_per_interval for k in range(self.steps_per_interval))
@@ -112,7 +120,7 @@ class InputPath:
             own, others = self.lag_derivatives, (np.zeros_like(nodes), np.zeros_like(middle))
             by_lag = np.vstack([own[0], others[0]]), np.vstack([own[1], others[1]])
         inputs = np.vstack([self.nodes, nodes]), np.vstack([self.midpoints, middle])
-        ends = None if self.step_ends is None else np.vstack([self.step_ends, nodes[:, 1:]])
+        ends = None if self.inputs_at_interval_ends is None else np.vstack([self.inputs_at_interval_ends, nodes[:, 1:]])
         return InputPath(self.start, self.dt, *inputs, by_lag, self.extra, ends)
 
 
@@ -153,7 +161,7 @@ def recorded_inputs(
     for name, channel in driving.items():
         if name in steady:
             level = np.zeros((3, len(grid) - 1))
-            level[0] = channel.mean_held_values(grid)
+            level[0] = channel.mean_zero_order_hold_values(grid)
             nodes.append(np.column_stack([level, level[:, -1]]))
             middle.append(level)
             ends.append(level)
@@ -166,7 +174,9 @@ def recorded_inputs(
         nodes.append(motion)
         middle.append(motion_at_midpoints(motion, dt))
         ends.append(motion[:, 1:])
-    return InputPath(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, step_ends=np.vstack(ends))
+    return InputPath(
+        start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, inputs_at_interval_ends=np.vstack(ends)
+    )
 
 
 def smoothed_input(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import BufferedFunction
+from armdyn.codegen import PreallocatedFunction
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_BLOCK, Simulator, System
 
@@ -47,9 +47,9 @@ def piece_simulator(system: System, name: str, channels: tuple[str, ...]) -> Sim
 
 
 @lru_cache(maxsize=256)
-def _steps(simulator: Simulator, pieces: int) -> BufferedFunction:
+def _steps(simulator: Simulator, pieces: int) -> PreallocatedFunction:
     """The compiled steps of a number of pieces."""
-    return BufferedFunction(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
+    return PreallocatedFunction(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
 
 
 def simulate_pieces(

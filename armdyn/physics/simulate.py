@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM_ROW, DryFriction
@@ -37,7 +37,8 @@ class System:
         output: ``(s, w, theta) -> (outputs,)`` outputs, followed by the impulse where there is one.
         initial: ``(start, ..., w, theta) -> s`` start state, with `start_value_count` arguments before w.
         sensors: sensor of each output, by its name.
-        impulse_adds_to: output to which the time derivative of the impulse is added; None where there is no impulse.
+        output_with_impulse_rate: output to which the time derivative of the impulse is added; None where there is no
+        impulse.
         impulse_vibration: vibration that filters the impulse before; None without one.
         input_lag: ``theta -> ()`` lag of the inputs behind the recording, s; None without a lag.
         dry_friction: dry friction, which also holds a load at rest; None without it.
@@ -52,7 +53,7 @@ class System:
     output: ca.Function
     initial: ca.Function
     sensors: Mapping[str, SensorReadout]
-    impulse_adds_to: str | None = None
+    output_with_impulse_rate: str | None = None
     impulse_vibration: Vibration | None = None
     input_lag: ca.Function | None = None
     dry_friction: DryFriction | None = None
@@ -96,13 +97,13 @@ class Simulator:
         self.parameters = len(system.names)
         self.system = system
         self.active_columns = _active(system)
-        self._impulse = system.impulse_adds_to in self.channels
+        self._impulse = system.output_with_impulse_rate in self.channels
         self.output_count = len(self.channels) + self._impulse
         rows = [system.outputs.index(name) for name in self.channels] + [len(system.outputs)] * self._impulse
         steps = _repeated(_step(system, self.active_columns, rows), "steps", STEPS_PER_BLOCK)
         self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
-        self._start = BufferedFunction(_start(system, self.active_columns))
-        self._advance = BufferedFunction(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
+        self._start = PreallocatedFunction(_start(system, self.active_columns))
+        self._advance = PreallocatedFunction(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
     def rollout(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate the motion along recorded inputs.
@@ -141,7 +142,7 @@ class Simulator:
         """Add the impulse's time derivative to the force, in (K, c) outputs and their (K, c, m) derivatives."""
         if not self._impulse:
             return outputs, by_theta
-        force = self.channels.index(str(self.system.impulse_adds_to))
+        force = self.channels.index(str(self.system.output_with_impulse_rate))
         outputs, by_theta = outputs.copy(), by_theta.copy()
         impulse, impulse_by_theta = outputs[:, -1], by_theta[:, -1]
         if self.system.impulse_vibration is not None:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.model import Model, Prediction, join_channels
+from armdyn.model import Model, Prediction, prediction_from_channels
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import InterpolatingSampler
@@ -181,7 +181,7 @@ class SimulatedModel(Model):
             sampler = _interpolated(*given, run.channels[name], run.spread.get(name, 0.0))
             read = self.system.sensors[name].read(signal, sampler, physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
-        return join_channels(parts)
+        return prediction_from_channels(parts)
 
     @cached_property
     def parameter_positions(self) -> tuple[list[int], list[int]]:

@@ -215,11 +215,11 @@ class Channel:
         """The samples for which (n,) `which` is True."""
         return Channel(self.time[which], self.value[which], self.unit)
 
-    def held_values(self, time: FloatArray) -> FloatArray:
+    def zero_order_hold_values(self, time: FloatArray) -> FloatArray:
         """(n,) values at (n,) times of a signal that holds each value until the next stamp, as a command does."""
         return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
 
-    def mean_held_values(self, edges: np.ndarray) -> FloatArray:
+    def mean_zero_order_hold_values(self, edges: np.ndarray) -> FloatArray:
         """(n,) means between (n + 1,) increasing times of a signal that holds each value until the next stamp."""
         time = np.append(self.time, max(self.time[-1], edges[-1]) + 1.0)
         area = np.interp(edges, time, np.concatenate([[0.0], np.cumsum(self.value * np.diff(time))]))

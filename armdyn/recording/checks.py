@@ -68,7 +68,7 @@ def _unknown(model: Model, name: str) -> InputError:
     from armdyn.effects.catalogue import CATALOGUE
 
     effect = name.partition(".")[0]
-    if effect in CATALOGUE and not model.joints_with(effect):
+    if effect in CATALOGUE and not model.joints_having_effect(effect):
         return InputError(
             f"[known] {name}: this model lacks the effect '{effect}': add it with 'armdyn add', or remove the line"
         )

@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN
-from armdyn.codegen import BufferedFunction
+from armdyn.codegen import PreallocatedFunction
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import ObserverOutput
 from armdyn.watch.variances import MIN_TORQUE_VARIANCE
@@ -50,50 +50,50 @@ sums of mean 1, for joints that do not move."""
 
 
 @dataclass(frozen=True, eq=False)
-class BlockSums:
+class RegressionBlockSums:
     """Sums of a regression over blocks of motion, for each joint.
 
     L are the columns of an added load, X those of changes of the joint, r the residuals and W the weights.
 
     Attributes:
         load: (..., nj, 4, 4) L' W L.
-        load_error: (..., nj, 4) L' W r.
+        load_residual_product: (..., nj, 4) L' W r.
         cross: (..., nj, 4, 4) L' W X.
         joints: (..., nj, 4, 4) X' W X.
-        joints_error: (..., nj, 4) X' W r.
+        joints_residual_product: (..., nj, 4) X' W r.
     """
 
     load: FloatArray
-    load_error: FloatArray
+    load_residual_product: FloatArray
     cross: FloatArray
     joints: FloatArray
-    joints_error: FloatArray
+    joints_residual_product: FloatArray
 
     @classmethod
-    def zeros(cls, joints: int) -> "BlockSums":
+    def zeros(cls, joints: int) -> "RegressionBlockSums":
         """Sums without any sample, for this number of joints."""
         square, line = (joints, 4, 4), (joints, 4)
         return cls(*(np.zeros(shape) for shape in (square, line, square, square, line)))
 
     @classmethod
-    def stacked(cls, parts: "Sequence[BlockSums]") -> "BlockSums":
+    def stacked(cls, parts: "Sequence[RegressionBlockSums]") -> "RegressionBlockSums":
         """Stack the sums of k blocks along a new first axis."""
         return cls(*(np.array([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
-    def windows(self, size: int) -> "BlockSums":
+    def windows(self, size: int) -> "RegressionBlockSums":
         """Sums over every window of `size` successive blocks out of k: (k - size + 1, ...)."""
         totals = (np.cumsum(getattr(self, each.name), axis=0) for each in fields(self))
         padded = (np.concatenate([np.zeros((1, *total.shape[1:])), total]) for total in totals)
-        return BlockSums(*(total[size:] - total[:-size] for total in padded))
+        return RegressionBlockSums(*(total[size:] - total[:-size] for total in padded))
 
-    def select(self, chosen: object) -> "BlockSums":
+    def select(self, chosen: object) -> "RegressionBlockSums":
         """Sums of the blocks with these indices."""
-        return BlockSums(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return RegressionBlockSums(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
-    def total(self) -> "BlockSums":
+    def total(self) -> "RegressionBlockSums":
         """Sum over all blocks."""
-        return BlockSums(*(getattr(self, each.name).sum(axis=0) for each in fields(self)))
+        return RegressionBlockSums(*(getattr(self, each.name).sum(axis=0) for each in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class FaultFreeBaseline:
     information: tuple[float, FloatArray]
 
     @classmethod
-    def of(cls, windows: BlockSums, size: int) -> "FaultFreeBaseline":
+    def of(cls, windows: RegressionBlockSums, size: int) -> "FaultFreeBaseline":
         """Estimate the statistics from k overlapping windows of `size` blocks each."""
         # A few windows determine little for one joint alone: it shares in the mean over all joints.
         apart, tiny = len(windows.load) / size, np.finfo(float).tiny
@@ -139,25 +139,25 @@ class FaultFreeBaseline:
             information=(float(sums[:, 0, 0].mean()), J.mean(axis=0)),
         )  # fmt: skip
 
-    def _whitened(self, sums: BlockSums) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _whitened(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Sums (..., 4, 4) and errors (..., 4) of the load, u (..., nj, 4), and diagonal of J (..., nj, 4)."""
         M = np.linalg.inv(sums.joints @ self.scatter + self.noise[:, None, None] * np.eye(4))
-        error = sums.joints_error - _times(sums.joints, self.joints)
-        of_load = sums.load_error - _times(sums.cross, self.joints)
+        error = sums.joints_residual_product - _times(sums.joints, self.joints)
+        of_load = sums.load_residual_product - _times(sums.cross, self.joints)
         G = sums.cross @ self.scatter @ M
         A = ((sums.load - G @ np.swapaxes(sums.cross, -1, -2)) / self.noise[:, None, None]).sum(axis=-3)
         errors = ((of_load - _times(G, error)) / self.noise[:, None]).sum(axis=-2) - A @ self.load
         J = np.einsum("...ik,...ki->...i", M, sums.joints)
         return A, errors, _times(M, error), np.maximum(J, np.finfo(float).tiny)
 
-    def explained(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
+    def explained(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Decrease of chi2 by a change of the load, (...), and by each change of each joint, (..., nj, 4)."""
         A, errors, u, J = self._whitened(sums)
         return np.einsum(
             "...i,...i->...", errors, np.linalg.solve(A + LOAD_PRIOR_INFORMATION, errors[..., None])[..., 0]
         ), u**2 / J
 
-    def scores(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
+    def scores(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Scores, in standard deviations, of a change of the load (...) and of changes of the joints (..., nj, 4)."""
         of_load, own = self.explained(sums)
         A, _, _, J = self._whitened(sums)
@@ -166,14 +166,14 @@ class FaultFreeBaseline:
             np.minimum(1.0, self.information[1] / J) * own / self.joints_spread
         )
 
-    def load_change(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
+    def load_change(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Estimated change of the load (4,), kg and kg m, and its standard deviations (4,)."""
         A, errors, _, _ = self._whitened(sums)
         inverse = np.linalg.inv(A + LOAD_PRIOR_INFORMATION)
         wider = max(1.0, float(A[0, 0]) / self.information[0])
         return inverse @ errors, np.sqrt(wider * self.spread * np.diag(inverse))
 
-    def joint_change(self, sums: BlockSums, joint: int, kind: int) -> tuple[float, float]:
+    def joint_change(self, sums: RegressionBlockSums, joint: int, kind: int) -> tuple[float, float]:
         """Estimated change of a joint, the `kind`-th of `JOINT_CHANGES`, and its standard deviation, in its unit."""
         _, _, u, J = (each[..., joint, kind] if k > 1 else each for k, each in enumerate(self._whitened(sums)))
         return float(u / J), float(np.sqrt(self.joints_spread[joint, kind] / min(J, self.information[1][joint, kind])))
@@ -183,14 +183,14 @@ def _times(matrix: np.ndarray, vector: np.ndarray) -> FloatArray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _scatter(windows: RegressionBlockSums, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fit of m (nj, 4), P (nj, 4, 4) and n (nj,) to k windows of which `apart` share no block.
 
     Expectation maximisation for random effects (Laird & Ware, Biometrics 38, 1982).
     """
     unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_TORQUE_VARIANCE))
     S = windows.joints * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
-    b = windows.joints_error * unit
+    b = windows.joints_residual_product * unit
     mean = _times(np.linalg.inv(S.sum(axis=0)), b.sum(axis=0))
     error = b - _times(S, mean)
     P, n = np.tile(np.eye(4), (len(unit), 1, 1)), np.ones(len(unit))
@@ -222,11 +222,11 @@ class MotionBlocks:
     """
 
     def __init__(
-        self, columns: BufferedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES_IN_BLOCKS[-1]
+        self, columns: PreallocatedFunction, level: FloatArray, kept: int | None = WINDOW_SIZES_IN_BLOCKS[-1]
     ) -> None:
         self._columns, self._level = columns, level
         self.start_times: deque[float] = deque(maxlen=kept)
-        self.sums: deque[BlockSums] = deque(maxlen=kept)
+        self.sums: deque[RegressionBlockSums] = deque(maxlen=kept)
         self.load, self.own = np.zeros((len(level), 4)), np.zeros((len(level), 4))
         self._last = -np.inf
         self.clear()
@@ -239,7 +239,7 @@ class MotionBlocks:
 
     def drop_partial(self) -> None:
         """Forget the incomplete block."""
-        self._sum, self._count, self._start = BlockSums.zeros(len(self._level)), 0, 0.0
+        self._sum, self._count, self._start = RegressionBlockSums.zeros(len(self._level)), 0, 0.0
 
     def is_due(self, time: float) -> bool:
         """Whether the next sample is due at `time`, s."""
@@ -267,10 +267,10 @@ class MotionBlocks:
         of_load, of_own = (each[:, None, :] * weight[:, None, None] for each in (load, own))
         total = self._sum
         total.load[...] += load[:, :, None] * of_load
-        total.load_error[...] += of_load[:, 0] * step.residual[:, None]
+        total.load_residual_product[...] += of_load[:, 0] * step.residual[:, None]
         total.cross[...] += load[:, :, None] * of_own
         total.joints[...] += own[:, :, None] * of_own
-        total.joints_error[...] += of_own[:, 0] * step.residual[:, None]
+        total.joints_residual_product[...] += of_own[:, 0] * step.residual[:, None]
         self._count += 1
         if self._count < round(BLOCK_MOTION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS):
             return False

@@ -17,9 +17,9 @@ from armdyn.watch.changes import (
     LOAD_PRIOR_STD,
     USED_SAMPLE_INTERVAL_SECONDS,
     WINDOW_SIZES_IN_BLOCKS,
-    BlockSums,
     FaultFreeBaseline,
     MotionBlocks,
+    RegressionBlockSums,
 )
 from armdyn.watch.observer import (
     CANDIDATE_BANDWIDTHS,
@@ -31,15 +31,15 @@ from armdyn.watch.observer import (
     compiled_functions,
     visible_share_of_step,
 )
-from armdyn.watch.onset import OnsetEstimator
+from armdyn.watch.onset import OnsetTorqueEstimator
 from armdyn.watch.tail import (
     MIN_STRETCHES_FOR_TAIL,
     ExponentialTail,
     GaussianDistribution,
     StatisticDistribution,
-    largest_of_stretches,
+    block_maxima,
 )
-from armdyn.watch.variances import MIN_TORQUE_VARIANCE, ErrorLevel, fitted_variance_factors
+from armdyn.watch.variances import MIN_TORQUE_VARIANCE, AdaptiveErrorStd, fitted_variance_factors
 
 JointSample = tuple[float, FloatArray, FloatArray]
 """Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
@@ -66,24 +66,24 @@ class FaultFreeStatistics:
         contrast: (nj, 4) factors of the variance of the contrast, which is the residual less its running mean; see
             `ObserverOutput.sources`.
         residual: (nj, 4) factors of the residual's variance.
-        contrast_tails: by joint, distribution of the largest contrast, in standard deviations.
+        contrast_distributions: by joint, distribution of the largest contrast, in standard deviations.
         onset: estimator of a torque that began a moment ago; None without recordings.
-        onset_tails: by joint, distribution of its largest estimate, in standard deviations.
+        onset_distributions: by joint, distribution of its largest estimate, in standard deviations.
         baselines: by number of blocks in a window.
-        load_tail: distribution of the load's largest score; None if the recordings are too short.
-        joint_tails: by joint and kind of change, distribution of the largest score; None likewise.
+        load_score_distribution: distribution of the load's largest score; None if the recordings are too short.
+        joint_score_distributions: by joint and kind of change, distribution of the largest score; None likewise.
         seconds: length of the recordings, s; None without recordings.
     """
 
     bandwidth: float
     contrast: FloatArray
     residual: FloatArray
-    contrast_tails: tuple[StatisticDistribution, ...]
-    onset: OnsetEstimator | None
-    onset_tails: tuple[StatisticDistribution, ...]
+    contrast_distributions: tuple[StatisticDistribution, ...]
+    onset: OnsetTorqueEstimator | None
+    onset_distributions: tuple[StatisticDistribution, ...]
     baselines: Mapping[int, FaultFreeBaseline]
-    load_tail: StatisticDistribution | None
-    joint_tails: tuple[tuple[StatisticDistribution, ...], ...] | None
+    load_score_distribution: StatisticDistribution | None
+    joint_score_distributions: tuple[tuple[StatisticDistribution, ...], ...] | None
     seconds: float | None
 
     @property
@@ -95,10 +95,14 @@ class FaultFreeStatistics:
                 f"{ERROR_CORRELATION_SECONDS:g} s; --calibrate RUN measures it on your own sound recordings."
             )
         basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
-        return basis if self.load_tail is not None else f"{basis} They are too short to tell slow changes: record more."
+        return (
+            basis
+            if self.load_score_distribution is not None
+            else f"{basis} They are too short to tell slow changes: record more."
+        )
 
 
-def samples_of(run: Run, model: ArmModel) -> Iterator[JointSample]:
+def joint_samples_of_recording(run: Run, model: ArmModel) -> Iterator[JointSample]:
     """The samples of a recording, at the times of its first torque channel.
 
     Raises:
@@ -159,7 +163,7 @@ def statistics_of_recordings(
         seen.onset(asked, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
         for k in range(CROSS_VALIDATION_FOLDS)
     ]
-    lasting, early = ErrorLevel(contrast), [ErrorLevel(part.variance) for part in parts]
+    lasting, early = AdaptiveErrorStd(contrast), [AdaptiveErrorStd(part.variance) for part in parts]
     blocks = MotionBlocks(compiled_functions(model)[1], residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
@@ -186,7 +190,9 @@ def statistics_of_recordings(
         )
         for each in zip(*largest, strict=True)
     )
-    baselines, load, own = _baselines(BlockSums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
+    baselines, load, own = (
+        _baselines(RegressionBlockSums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
+    )
     onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
     return FaultFreeStatistics(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
 
@@ -230,10 +236,10 @@ class _Seen:
         )
         return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
 
-    def onset(self, asked: np.ndarray, chosen: np.ndarray) -> OnsetEstimator:
+    def onset(self, asked: np.ndarray, chosen: np.ndarray) -> OnsetTorqueEstimator:
         """Onset estimator from the samples with mask `chosen` (n,)."""
-        found = OnsetEstimator.of(self.stages[chosen], self.sources[chosen])
-        return OnsetEstimator(found.weights, np.where(asked, found.variance, INFINITE_VARIANCE))
+        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen])
+        return OnsetTorqueEstimator(found.weights, np.where(asked, found.variance, INFINITE_VARIANCE))
 
 
 def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]) -> float:
@@ -249,14 +255,14 @@ def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointS
 
 
 def _baselines(
-    blocks: BlockSums,
+    blocks: RegressionBlockSums,
 ) -> tuple[
     dict[int, FaultFreeBaseline], StatisticDistribution | None, tuple[tuple[StatisticDistribution, ...], ...] | None
 ]:
     """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
     count = len(blocks.load)
     sizes = [size for size in WINDOW_SIZES_IN_BLOCKS if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.joints_error[0].size))
+    scores = np.zeros((count, 1 + blocks.joints_residual_product[0].size))
     baselines = {}
     for size in sizes:
         windows = blocks.windows(size)
@@ -271,7 +277,7 @@ def _baselines(
                 load, own = FaultFreeBaseline.of(windows.select(others), size).scores(windows.select(mine))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Neighbouring windows share blocks for at least the length of the shortest window.
-    largest = largest_of_stretches(scores, WINDOW_SIZES_IN_BLOCKS[0])
+    largest = block_maxima(scores, WINDOW_SIZES_IN_BLOCKS[0])
     if not sizes or len(largest) < MIN_STRETCHES_FOR_TAIL:
         return {}, None, None
     first, *laws = (

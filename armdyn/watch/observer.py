@@ -29,8 +29,8 @@ from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import CREEP_SPEED
 from armdyn.arm.physics import Expression
-from armdyn.arm.symbolic import added_torques, rigid_torques
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
+from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 
@@ -262,16 +262,16 @@ def column_function(model: ArmModel) -> ca.Function:
     return ca.Function("columns", [q, v, a, K], outputs, ["q", "v", "a", "bandwidth"], ["load", "own", "way"])
 
 
-def compiled_functions(model: ArmModel) -> tuple[BufferedFunction, BufferedFunction]:
+def compiled_functions(model: ArmModel) -> tuple[PreallocatedFunction, PreallocatedFunction]:
     """The functions `observer_function` and `column_function` of a model, compiled if a C compiler is installed."""
-    kept = without_memory(model)
+    kept = without_past_dependent_effects(model)
     name = f"watch_{len(model.arm.joints)}"
     functions = {"watch": observer_function(kept), "columns": column_function(kept)}
     built = compile_functions(name, functions)
-    return BufferedFunction(built["watch"]), BufferedFunction(built["columns"])
+    return PreallocatedFunction(built["watch"]), PreallocatedFunction(built["columns"])
 
 
-def without_memory(model: ArmModel) -> ArmModel:
+def without_past_dependent_effects(model: ArmModel) -> ArmModel:
     """The model without effects whose torque depends on the past.
 
     Raises:
@@ -316,4 +316,6 @@ def _reading(
 def _torques(
     model: ArmModel, q: Expression, v: Expression, a: Expression, load: Expression, way: Expression
 ) -> tuple[Expression, Expression, Expression]:
-    return added_torques(model, (q, v, a), way, load, ca.SX.ones(len(model.arm.joints)), ca.SX(model.theta()))
+    return torques_added_by_effects(
+        model, (q, v, a), way, load, ca.SX.ones(len(model.arm.joints)), ca.SX(model.theta())
+    )

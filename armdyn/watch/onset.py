@@ -36,7 +36,7 @@ ONSET_RIDGE_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class OnsetEstimator:
+class OnsetTorqueEstimator:
     """Estimates the torque that began a moment ago on each joint.
 
     Attributes:
@@ -48,7 +48,7 @@ class OnsetEstimator:
     variance: FloatArray
 
     @classmethod
-    def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetEstimator":
+    def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetTorqueEstimator":
         """Fitted to a fault-free robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
         count, joints, size = stages.shape
         step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCE_COUNT))

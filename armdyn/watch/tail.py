@@ -80,7 +80,7 @@ class GaussianDistribution:
         return float(chi(self.degrees).isf(min(per_hour / self.values, 1.0)))
 
 
-def largest_of_stretches(values: np.ndarray, size: int) -> np.ndarray:
+def block_maxima(values: np.ndarray, size: int) -> np.ndarray:
     """(k, m) largest of (n, m) values in each of k successive stretches of `size` values."""
     count = len(values) // size
     return np.asarray(values[: count * size].reshape(count, size, -1).max(axis=1))

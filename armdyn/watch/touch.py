@@ -14,7 +14,7 @@ from armdyn.watch.changes import LOAD_PRIOR_INFORMATION
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, ObserverOutput
-from armdyn.watch.variances import ErrorLevel
+from armdyn.watch.variances import AdaptiveErrorStd
 
 MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
@@ -81,10 +81,11 @@ class ContactDetector:
         self._report, self._sound = reporter, sound
         each = per_hour / len(reporter.joints) / (1 if sound.onset is None else 2)
         self.threshold, self._sudden = (
-            np.array([law.threshold(each) for law in laws]) for laws in (sound.contrast_tails, sound.onset_tails)
+            np.array([law.threshold(each) for law in laws])
+            for laws in (sound.contrast_distributions, sound.onset_distributions)
         )
-        self._level = ErrorLevel(sound.contrast)
-        self._onset_level = None if sound.onset is None else ErrorLevel(sound.onset.variance)
+        self._level = AdaptiveErrorStd(sound.contrast)
+        self._onset_level = None if sound.onset is None else AdaptiveErrorStd(sound.onset.variance)
         self._open: _Open | None = None
         self._quiet = 0.0
         self._outlasted: FloatArray | None = None

@@ -14,7 +14,7 @@ MIN_NOISE_VARIANCE_SHARE, MIN_TORQUE_VARIANCE = 1e-3, 1e-18
 """Least share of the mean variance that is noise, and least variance, (N m)^2."""
 
 
-class ErrorLevel:
+class AdaptiveErrorStd:
     """Present standard deviation of each joint's error, increased if recent errors were larger than expected.
 
     Args:

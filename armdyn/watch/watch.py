@@ -13,8 +13,8 @@ from armdyn.watch.changes import (
     JOINT_CHANGES,
     SLIDING_JOINT_CHANGE_UNITS,
     WINDOW_SIZES_IN_BLOCKS,
-    BlockSums,
     MotionBlocks,
+    RegressionBlockSums,
 )
 from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
@@ -71,8 +71,10 @@ class Watch:
         self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
         self._blocks = MotionBlocks(compiled_functions(model)[1], sound.residual)
         share = per_hour / 4.0
-        self._load_threshold = sound.load_tail.threshold(share) if sound.load_tail is not None else np.inf
-        laws, each = sound.joint_tails or (), share / (len(joints) * len(JOINT_CHANGES))
+        self._load_threshold = (
+            sound.load_score_distribution.threshold(share) if sound.load_score_distribution is not None else np.inf
+        )
+        laws, each = sound.joint_score_distributions or (), share / (len(joints) * len(JOINT_CHANGES))
         self._own_thresholds = np.array([[law.threshold(each) for law in joint] for joint in laws])
         self._carried = int(joints.index(model.joints[-1]))
         self._load, self._own = np.zeros(LOAD_PARAMETER_COUNT), np.zeros((len(joints), len(JOINT_CHANGES)))
@@ -132,7 +134,7 @@ class Watch:
 
     def _changes(self, time: float) -> list[WatchEvent]:
         """The events that the last blocks of motion give, at a time, s."""
-        blocks = BlockSums.stacked(list(self._blocks.sums))
+        blocks = RegressionBlockSums.stacked(list(self._blocks.sums))
         if self._refining is not None:
             self._refine(blocks)
             return []
@@ -166,9 +168,9 @@ class Watch:
             else []
         )
 
-    def _best(self, blocks: BlockSums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
+    def _best(self, blocks: RegressionBlockSums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
-        found: tuple[int, BlockSums] | None = None
+        found: tuple[int, RegressionBlockSums] | None = None
         highest = 1.0
         for window in windows:
             if len(blocks.load) < window:
@@ -198,7 +200,7 @@ class Watch:
         return best, [change for change in every if change is not best]
 
     def _identified(
-        self, time: float, since: float, best: _Change, others: list[_Change], blocks: BlockSums
+        self, time: float, since: float, best: _Change, others: list[_Change], blocks: RegressionBlockSums
     ) -> WatchEvent:
         """Report a change, and subtract it from now on."""
         found, sums = self._size(best, blocks)
@@ -222,7 +224,7 @@ class Watch:
         )
         return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
-    def _noticed(self, best: _Change, blocks: BlockSums) -> _Alarm:
+    def _noticed(self, best: _Change, blocks: RegressionBlockSums) -> _Alarm:
         sums, baseline = blocks.select(slice(-best.window, None)).total, self.sound.baselines[best.window]
         offset = JOINT_CHANGES.index("torque_offset")
         joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
@@ -240,7 +242,7 @@ class Watch:
         return self._report.event(EventKind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
     def _undecided(
-        self, time: float, since: float, best: _Change, others: list[_Change], blocks: BlockSums
+        self, time: float, since: float, best: _Change, others: list[_Change], blocks: RegressionBlockSums
     ) -> WatchEvent:
         found, _ = self._size(best, blocks)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
@@ -251,7 +253,7 @@ class Watch:
     def _name(self, change: _Change) -> str:
         return "payload" if change.joint < 0 else f"{JOINT_CHANGES[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _size(self, change: _Change, blocks: BlockSums) -> tuple[ChangeEstimate, BlockSums]:
+    def _size(self, change: _Change, blocks: RegressionBlockSums) -> tuple[ChangeEstimate, RegressionBlockSums]:
         sums, baseline = blocks.select(slice(-change.window, None)).total, self.sound.baselines[change.window]
         if change.joint < 0:
             load, std = baseline.load_change(sums)
@@ -260,14 +262,14 @@ class Watch:
         found = baseline.joint_change(sums, change.joint, change.kind)
         return ChangeEstimate(change.joint, *found, units[change.kind], JOINT_CHANGES[change.kind]), sums
 
-    def _count_in(self, change: _Change, sums: BlockSums) -> None:
+    def _count_in(self, change: _Change, sums: RegressionBlockSums) -> None:
         baseline = self.sound.baselines[change.window]
         if change.joint < 0:
             self._load = self._load + baseline.load_change(sums)[0]
         else:
             self._own[change.joint, change.kind] += baseline.joint_change(sums, change.joint, change.kind)[0]
 
-    def _refine(self, blocks: BlockSums) -> None:
+    def _refine(self, blocks: RegressionBlockSums) -> None:
         """Correct the size of a reported change with the blocks after it, without an event."""
         change = self._refining
         largest = max(

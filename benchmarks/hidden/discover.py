@@ -43,7 +43,7 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
     return {
         "kind": kind, "seed": seed, "kinds": kinds, "before": before, "after": after,
-        "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.new_laws),
+        "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.laws_outside_catalogue),
         "found": [one.sentence for one in found.laws], "seconds": round(seconds),
     }  # fmt: skip
 
@@ -59,7 +59,7 @@ def _model(given: World, folder: Path) -> Model:
 def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
     """Found laws as effects to add, after their file was written to a folder and read as a user's file."""
     own: dict[str, Effect] = {}
-    if found.new_laws:
+    if found.laws_outside_catalogue:
         found.write(folder / "effect.py")
         own = {e.name: e for e in load_effects(folder / "effect.py")}
     known = {e.name: e for e in available_effects(model)} | own

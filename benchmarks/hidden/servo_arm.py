@@ -64,7 +64,7 @@ def off(model: ArmModel, run: Run) -> dict[str, float]:
 def examine(seed: int) -> hidden_table.Row:
     """Row of the table for one arm."""
     arm = generated.generate(seed)
-    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.possible_joints(e)}
+    truth = {(e.name, j) for e in arm.truth.effects for j in e.joints or arm.truth.joints_effect_can_act_on(e)}
     begun = time.process_time()
     *training, held_out = arm.runs
     row = {"seed": seed, "robot": Path(arm.robot).stem, "law": arm.law, "hidden": len(truth)}

@@ -79,7 +79,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
         }  # fmt: skip
         later = column.run is not None and name not in place and not name.endswith("#1")
         truth[j] = first.values[j] if later else true.get(column.parameter.name.partition(".")[0], truth[j])
-    wanted = problem.fitted & ~problem.unknowns_of([n for c in study.candidates for n in c.names])
+    wanted = problem.fitted & ~problem.mask_of_unknowns([n for c in study.candidates for n in c.names])
     best = problem.fit(wanted, truth)
     blocks = problem.blocks(best.values)
     reachable, reached = hidden_table.chi2_per_sample(blocks), first.chi2_per_sample

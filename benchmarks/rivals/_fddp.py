@@ -7,7 +7,7 @@ import crocoddyl
 import numpy as np
 from _problem_ta import DT, STEPS, Staged
 
-from armdyn.codegen import BufferedFunction, compile_functions
+from armdyn.codegen import PreallocatedFunction, compile_functions
 
 MOST_ITERATIONS = 200
 
@@ -32,7 +32,9 @@ def fddp(staged: Staged) -> Callable[[], tuple[float, int]]:
             "expansion": ca.Function("expansion", [s], [ca.densify(slope), ca.densify(hessian)]),
         },
     )  # fmt: skip
-    step, linearised, end, expansion = (BufferedFunction(built[k]) for k in ("step", "linearised", "end", "expansion"))
+    step, linearised, end, expansion = (
+        PreallocatedFunction(built[k]) for k in ("step", "linearised", "end", "expansion")
+    )
 
     def calc(data: Data, x: np.ndarray, a: np.ndarray | None) -> None:
         if a is not None:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from armdyn.identify.least_squares import Descent, Outcome, free_to_move, newton_step, sufficient_decrease
-from armdyn.identify.problem import FreeCost
+from armdyn.identify.least_squares import DescentResult, Outcome, newton_step, not_held_by_bound, sufficient_decrease
+from armdyn.identify.problem import CostOfFreeUnknowns
 
 
 def gradient_descent(
-    problem: FreeCost, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
-) -> Descent:
+    problem: CostOfFreeUnknowns, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
+) -> DescentResult:
     """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by typical size.
 
     The arguments are those of `descend`.
@@ -17,7 +17,7 @@ def gradient_descent(
     at = problem.evaluate(values)
     evaluations, length, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
     for _ in range(most_steps):
-        free = free_to_move(problem, values, at.gradient)
+        free = not_held_by_bound(problem, values, at.gradient)
         if newton_step(at, free, 0.0)[1] < tolerance:
             outcome = Outcome.CONVERGED
             break
@@ -32,6 +32,6 @@ def gradient_descent(
                 break
             length /= 2
             if length * float(np.max(np.abs(direction / problem.typical))) < 1e-12:
-                return Descent(values, at, evaluations, Outcome.STALLED)
+                return DescentResult(values, at, evaluations, Outcome.STALLED)
         values, at = trial, after
-    return Descent(values, at, evaluations, outcome)
+    return DescentResult(values, at, evaluations, outcome)

@@ -87,7 +87,7 @@ Condition = Callable[[Measures], bool]
 def fisher_information(model: PendulumModel, run: Run, names: tuple[str, ...]) -> np.ndarray:
     """Fisher information of a run about some parameters, with the others known (Kay, Estimation Theory, 1993, §3.9)."""
     problem = Problem(model, [run], {(run.name, "load_force"): NOISE})
-    return problem.expansion(problem.start_values(), problem.unknowns_of(names)).hessian
+    return problem.expansion(problem.start_values(), problem.mask_of_unknowns(names)).hessian
 
 
 def measure(gripper: np.ndarray) -> Measures:

@@ -24,7 +24,7 @@ import ruckig
 
 import ik
 import urdf
-from pipeline.motion import LineLimits, LineSmoother, LineState, finish_over_box
+from pipeline.motion import LineLimits, LineSmoother, LineState, motion_to_finish_over_box
 from pipeline.motion.finish import MAX_FINISH_ACCELERATION, MAX_FINISH_SHARE_OF_SPEED_LIMIT
 from pipeline.motion.reference import smooth_reference
 
@@ -144,7 +144,7 @@ def finish(limits: LineLimits) -> None:
     """Print the durations of the move over the box, from rest at s = 0.13 m to s = 0.46 m, under the same limits."""
     begin, end = 0.13, 0.46
     share = MAX_FINISH_SHARE_OF_SPEED_LIMIT
-    ours = finish_over_box(LineState(begin), end, limits, 1e-3).time[-1]
+    ours = motion_to_finish_over_box(LineState(begin), end, limits, 1e-3).time[-1]
     inside = (limits.s >= begin) & (limits.s <= end)
     otg, trajectory, p = ruckig.Ruckig(1), ruckig.Trajectory(1), ruckig.InputParameter(1)
     p.current_position, p.target_position = [begin], [end]

@@ -10,14 +10,14 @@ from ik.volume.blocks import BlockSolver
 from ik.volume.grid import TargetGrid
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
-from ik.workers import LostItem, map_in_processes, map_on_cluster
+from ik.workers import FailedWorkItem, map_in_processes, map_on_cluster
 from urdf import Robot
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class VolumeReport:
+class VolumeBuildResult:
     """Result of `build_volume`.
 
     Attributes:
@@ -42,7 +42,7 @@ def build_volume(
     scheduler: str | None = None,
     collisions: bool = False,
     progress: Progress | None = None,
-) -> VolumeReport:
+) -> VolumeBuildResult:
     """Solve the inverse kinematics of every target of a grid, and store the postures in a zarr directory.
 
     The postures vary smoothly from target to target, starting near the robot's home posture. The directory of an
@@ -85,11 +85,11 @@ def build_volume(
     else:
         answers = ((block, solver(block)) for block in blocks)
     for block, solved in answers:
-        if isinstance(solved, LostItem):
+        if isinstance(solved, FailedWorkItem):
             raise TaskFailedError(
                 f"volume: block {block}: {solved.reason}; free some memory and run the same command again to continue"
             )
         table.write(block, solved)
         done += solved.status.size
         say(done, grid.targets)
-    return VolumeReport(table, left, resumed, time.perf_counter() - started)
+    return VolumeBuildResult(table, left, resumed, time.perf_counter() - started)

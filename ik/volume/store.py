@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError, check_built_for
+from ik.errors import StaleTableError, check_table_belongs_to_robot
 from ik.volume.blocks import BlockSolution
 from ik.volume.grid import TARGETS_PER_BLOCK_EDGE, Block, TargetGrid, TargetStatus
 from urdf import Robot
@@ -136,7 +136,7 @@ class VolumeTable:
         except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
             raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE_REMEDY}") from error
         if robot is not None:
-            check_built_for(source, about, robot, REMOVE_REMEDY)
+            check_table_belongs_to_robot(source, about, robot, REMOVE_REMEDY)
         if collisions is not None and about["collisions"] != collisions:
             built, wanted = ("with" if checked else "without" for checked in (about["collisions"], collisions))
             raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE_REMEDY}")

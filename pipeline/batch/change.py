@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from armdyn.recording.channels import FloatArray
-from pipeline.batch.series import ParameterSeries, StepTest, neighbour_correlation
+from pipeline.batch.series import ChangeTestSeries, ParameterSeries, estimate_lag_one_correlation
 
 DEFAULT_FALSE_ALARM_PROBABILITY = 0.01
 """Default probability of a false alarm in a batch in which nothing changes."""
@@ -83,21 +83,21 @@ class ParameterDrift:
 
 
 @dataclass(frozen=True)
-class ChangeTest:
+class ParameterChangeTestResult:
     """Result of testing a batch of series for changes.
 
     Attributes:
         steps: sudden changes, the clearest first.
         drifts: slow changes of series without a step, the clearest first.
         tested: number of series that were tested.
-        too_short: number of series that were not tested, because they are too short or constant.
+        untested_series_count: number of series that were not tested, because they are too short or constant.
         false_alarms: probability of at least one false step, and of at least one false drift, in the batch.
     """
 
     steps: tuple[ParameterStep, ...]
     drifts: tuple[ParameterDrift, ...]
     tested: int
-    too_short: int
+    untested_series_count: int
     false_alarms: float
 
 
@@ -107,7 +107,7 @@ def find_changes(
     *,
     batches: int = SIMULATED_BATCHES,
     seed: int = 0,
-) -> ChangeTest:
+) -> ParameterChangeTestResult:
     """Find the steps and drifts in a batch of parameter series.
 
     Args:
@@ -120,32 +120,34 @@ def find_changes(
         The steps and drifts that are significant; one series may have several steps.
     """
     rng = np.random.default_rng(seed)
-    tests = {name: test for name, one in series.items() if (test := StepTest.from_series(one)) is not None}
+    tests = {name: test for name, one in series.items() if (test := ChangeTestSeries.from_series(one)) is not None}
     if not tests:
-        return ChangeTest((), (), 0, len(series), false_alarms)
-    kinds: dict[str, list[StepTest]] = {}
+        return ParameterChangeTestResult((), (), 0, len(series), false_alarms)
+    kinds: dict[str, list[ChangeTestSeries]] = {}
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
-    phi = {kind: neighbour_correlation(group, rng) for kind, group in kinds.items()}
+    phi = {kind: estimate_lag_one_correlation(group, rng) for kind, group in kinds.items()}
     tests = {
-        name: test for name in tests if (test := StepTest.from_series(series[name], phi[_kind(name[1])])) is not None
+        name: test
+        for name in tests
+        if (test := ChangeTestSeries.from_series(series[name], phi[_kind(name[1])])) is not None
     }
     size = sum(len(test.time) for test in tests.values())
     batches = min(batches, max(MIN_SIMULATED_BATCHES, MAX_SIMULATED_VALUES // size))
     largest = np.zeros((2, batches))
     for test in tests.values():
-        np.maximum(largest, test.simulated_deviates(batches, rng), out=largest)
+        np.maximum(largest, test.simulated_normal_deviates(batches, rng), out=largest)
     step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
     steps: list[ParameterStep] = []
     drifts: list[ParameterDrift] = []
     for name, test in tests.items():
         found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
         steps += found
-        trend = float(test.slope_deviates(test.scores[None])[0])
+        trend = float(test.slope_normal_deviates(test.scores[None])[0])
         if not found and trend > drift_bound:
             slope = float(theilslopes(test.value, test.time).slope)
             drifts.append(ParameterDrift(*name, slope, _chance(trend, largest[1])))
-    return ChangeTest(
+    return ParameterChangeTestResult(
         tuple(sorted(steps, key=lambda s: (s.chance, s.first_after))),
         tuple(sorted(drifts, key=lambda d: d.chance)),
         len(tests),
@@ -168,18 +170,18 @@ def _steps(
         bound: deviate above which a step is significant.
     """
     first, end = part
-    test = StepTest.from_series(series.section(first, end), phi)
+    test = ChangeTestSeries.from_series(series.section(first, end), phi)
     if test is None:
         return
     deviates, best, _ = test.best_step(test.scores[None])
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    sharp = test.step_deviate(int(best[0]), parabola=True)
+    sharp = test.step_normal_deviate(int(best[0]), parabola=True)
     start, stop = max(first, middle - NEIGHBOURS_PER_SIDE_OF_STEP), min(end, middle + NEIGHBOURS_PER_SIDE_OF_STEP)
-    nearby = StepTest.from_series(series.section(start, stop), phi)
+    nearby = ChangeTestSeries.from_series(series.section(start, stop), phi)
     if nearby is not None:
         split = int(np.argmin(np.abs(nearby.splits - (middle - start))))
-        sharp = max(sharp, nearby.step_deviate(split, parabola=False))
+        sharp = max(sharp, nearby.step_normal_deviate(split, parabola=False))
     if min(deviate, sharp) <= bound:
         return
     sides = (first, middle), (middle, end)

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.batch.change import ChangeTest, ParameterStep, SeriesKey, find_changes
+from pipeline.batch.change import ParameterChangeTestResult, ParameterStep, SeriesKey, find_changes
 from pipeline.batch.run import BatchRow
 from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import BatchSpec
@@ -35,7 +35,7 @@ class ParameterHistory:
     series: dict[SeriesKey, ParameterSeries]
     rows: dict[SeriesKey, list[BatchRow]]
     units: dict[str, str]
-    change_test: ChangeTest
+    change_test: ParameterChangeTestResult
     events: tuple[ChangeEvent, ...]
 
 

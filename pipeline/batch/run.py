@@ -17,7 +17,7 @@ from typing import Any
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
-from ik.workers import LostItem, map_in_processes, map_on_cluster
+from ik.workers import FailedWorkItem, map_in_processes, map_on_cluster
 from pipeline.batch.spec import BatchItem, BatchSpec
 from pipeline.batch.work import BatchJob, JobOutcome, file_digest, job_digest, model_digest, run_job, text_digest
 from pipeline.processes import Closable
@@ -53,7 +53,7 @@ class Journal(Closable):
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
             ) from error
         for line in data[:whole].splitlines():
-            outcome = JobOutcome.from_line(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
+            outcome = JobOutcome.from_json_line(line) if len(line) <= MAX_JOURNAL_LINE_BYTES else None
             if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 
@@ -138,12 +138,14 @@ def run_batch(
             break
         if number % 20 == 0:
             say(f"{number} of {len(spec.items)} recordings looked at")
-        model_key = models[item.model]
+        model_content_digest = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         sound = sounds[item.calibrate] = sounds.get(item.calibrate) or text_digest([*map(file_digest, item.calibrate)])
-        key = keys[item.model, item.run] = job_digest(task, model_key, spec.relative_name(item.run), item.run, sound)
+        key = keys[item.model, item.run] = job_digest(
+            task, model_content_digest, spec.relative_name(item.run), item.run, sound
+        )
         jobs[key] = BatchJob(
-            key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
+            key, spec.task, item.model.absolute(), model_content_digest, item.run.absolute(), spec.effects, spec.trust,
             tuple(path.absolute() for path in item.calibrate),
         )  # fmt: skip
     with Journal(folder / JOURNAL_FILE) as journal:
@@ -172,7 +174,7 @@ def _outcomes(
     else:
         done = map_on_cluster(run_job, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
-        if isinstance(outcome, LostItem):
+        if isinstance(outcome, FailedWorkItem):
             outcome = JobOutcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
         yield outcome
 

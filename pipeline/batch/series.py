@@ -80,7 +80,7 @@ class ParameterSeries:
 
 
 @dataclass(frozen=True)
-class StepTest:
+class ChangeTestSeries:
     """A series of n recordings, prepared for the tests of k possible steps and of a slope.
 
     Attributes:
@@ -91,8 +91,8 @@ class StepTest:
         scores: weighted values, with outliers replaced and the correlation of neighbours removed, (n,).
         line: orthonormal basis of a constant and a slope, with the correlation of neighbours removed, (n, 2).
         splits: index of the first recording after each possible step, (k,).
-        line_components: components of each possible step along `line`, (k, 2).
-        step_norms: norm of each possible step after its components along `line` are removed, (k,).
+        step_components_along_line: components of each possible step along `line`, (k, 2).
+        orthogonalised_step_norms: norm of each possible step after its components along `line` are removed, (k,).
     """
 
     time: FloatArray
@@ -102,11 +102,11 @@ class StepTest:
     scores: FloatArray
     line: FloatArray
     splits: np.ndarray
-    line_components: FloatArray
-    step_norms: FloatArray
+    step_components_along_line: FloatArray
+    orthogonalised_step_norms: FloatArray
 
     @classmethod
-    def from_series(cls, series: ParameterSeries, phi: float = 0.0) -> "StepTest | None":
+    def from_series(cls, series: ParameterSeries, phi: float = 0.0) -> "ChangeTestSeries | None":
         """Prepare a series for the tests; None if it is too short, or all its values or times are equal."""
         time, value = series.time, series.value
         count = len(value)
@@ -141,23 +141,25 @@ class StepTest:
             (m, n).
         """
         left = scores - scores @ self.line @ self.line.T
-        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.step_norms
+        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.orthogonalised_step_norms
         best = np.argmax(np.abs(along), axis=1)
         size = along[np.arange(len(along)), best]
         stepped = _own(self.weight * (np.arange(left.shape[1]) >= self.splits[best][:, None]), self.phi)
-        rest = left - (size / self.step_norms[best])[:, None] * (stepped - self.line_components[best] @ self.line.T)
+        rest = left - (size / self.orthogonalised_step_norms[best])[:, None] * (
+            stepped - self.step_components_along_line[best] @ self.line.T
+        )
         return _deviate(size, left, 3), best, rest
 
     def residual_after_two_steps(self, scores: FloatArray) -> FloatArray:
         """Residual of scores (m, n) after the best step, and then the best second step, were removed: (m, n)."""
         return self.best_step(self.best_step(scores)[2])[2]
 
-    def slope_deviates(self, scores: FloatArray) -> FloatArray:
+    def slope_normal_deviates(self, scores: FloatArray) -> FloatArray:
         """Normal deviates of the slope of m series of scores (m, n): (m,)."""
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
-    def step_deviate(self, split: int, *, parabola: bool) -> float:
+    def step_normal_deviate(self, split: int, *, parabola: bool) -> float:
         """Normal deviate of one possible step, an index in `splits`, fitted together with a line or a parabola."""
         smooth = self.line
         if parabola:
@@ -170,7 +172,7 @@ class StepTest:
             return 0.0
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
-    def simulated_deviates(self, batches: int, rng: np.random.Generator) -> FloatArray:
+    def simulated_normal_deviates(self, batches: int, rng: np.random.Generator) -> FloatArray:
         """Z-scores of the best step and of the slope in simulated noise: the two rows of (2, batches)."""
         found = np.empty((2, batches))
         size = max(1, MAX_VALUES_SIMULATED_AT_ONCE // len(self.time))
@@ -179,11 +181,11 @@ class StepTest:
             noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
             scores = _own(self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight), self.phi)
             found[0, some] = self.best_step(scores)[0]
-            found[1, some] = self.slope_deviates(scores)
+            found[1, some] = self.slope_normal_deviates(scores)
         return found
 
 
-def neighbour_correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
+def estimate_lag_one_correlation(group: Sequence[ChangeTestSeries], rng: np.random.Generator) -> float:
     """Estimate the correlation of neighbouring recordings in a group of series.
 
     The correlation in the residuals, after two steps per series were removed, is compared with that of simulated noise.

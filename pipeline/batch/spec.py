@@ -22,20 +22,26 @@ from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import DEFAULT_FALSE_ALARM_PROBABILITY
-from pipeline.batch.times import RecordingTime, TimeRules, TimeSource, is_date_format, relative_path_text
-from urdf.toml_tables import ValueCheck, table_to_dataclass
+from pipeline.batch.times import (
+    RecordingTime,
+    RecordingTimeRules,
+    RecordingTimeSource,
+    is_date_format,
+    relative_path_text,
+)
+from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 BATCH_TASKS = ("compare", "repair")
 ROBOT_PLACEHOLDER = "{robot}"
 FALSE_ALARM_PROBABILITY_RANGE = (1e-3, 0.2)
 """Smallest and largest allowed probability of a false alarm; a smaller one needs more simulated batches."""
-TIME_SOURCES = {place.key: place for place in TimeSource if place is not TimeSource.NOWHERE}
+TIME_SOURCES = {place.key: place for place in RecordingTimeSource if place is not RecordingTimeSource.NOWHERE}
 """Sources of a recording's time, by the name that the specification uses."""
 MAX_BATCH_FILES = 200_000
 """Largest number of recordings of a batch, whose results are held in memory."""
 
 
-_Text = Annotated[str, ValueCheck(bool, "give a name")]
+_Text = Annotated[str, TomlValueCheck(bool, "give a name")]
 _LOW, _HIGH = FALSE_ALARM_PROBABILITY_RANGE
 
 
@@ -45,7 +51,7 @@ class _Recordings:
 
     model: _Text
     runs: Annotated[
-        _Text | tuple[_Text, ...], ValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')
+        _Text | tuple[_Text, ...], TomlValueCheck(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')
     ]
     robot: str = ""
     calibrate: tuple[_Text, ...] = ()
@@ -54,13 +60,13 @@ class _Recordings:
 
 @dataclass(frozen=True)
 class _Time:
-    """The table ``[time]``: see `TimeRules`."""
+    """The table ``[time]``: see `RecordingTimeRules`."""
 
-    from_: Annotated[str, ValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None = (
-        None
-    )
+    from_: (
+        Annotated[str, TomlValueCheck(TIME_SOURCES.__contains__, f"choose one of {', '.join(TIME_SOURCES)}")] | None
+    ) = None
     form: Annotated[
-        str, ValueCheck(lambda f: not f or is_date_format(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
+        str, TomlValueCheck(lambda f: not f or is_date_format(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')
     ] = ""
 
 
@@ -69,7 +75,7 @@ class _Changes:
     """The table ``[changes]``: the probability of a false alarm."""
 
     false_alarms: Annotated[
-        float, ValueCheck(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
+        float, TomlValueCheck(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
     ] = DEFAULT_FALSE_ALARM_PROBABILITY
 
 
@@ -146,7 +152,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
-    clock = TimeRules(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
+    clock = RecordingTimeRules(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
@@ -157,7 +163,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     return BatchSpec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
-def _items(entry: _Recordings, where: str, folder: Path, clock: TimeRules) -> Iterator[BatchItem]:
+def _items(entry: _Recordings, where: str, folder: Path, clock: RecordingTimeRules) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
     if ROBOT_PLACEHOLDER not in entry.model and any(ROBOT_PLACEHOLDER in run for run in (*runs, *entry.calibrate)):
         raise InputError(

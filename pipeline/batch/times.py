@@ -19,7 +19,7 @@ DATE_PATTERN = re.compile(
 """Pattern of a date in a file name: year, month and day with equal or no separators, and an optional time of day."""
 
 
-class TimeSource(Enum):
+class RecordingTimeSource(Enum):
     """Source of a recording's time; the value is a text for messages."""
 
     SPEC = "the SPEC"
@@ -53,22 +53,22 @@ class RecordingTime:
     """
 
     time: datetime | None
-    source: TimeSource
+    source: RecordingTimeSource
     problem: str = ""
 
 
 @dataclass(frozen=True)
-class TimeRules:
+class RecordingTimeRules:
     """Rules for finding the time of a recording.
 
     Attributes:
-        only_source: the only source to use; None for the first of specification, sidecar file and file name that has a
-            time.
+        required_time_source: the only source to use; None for the first of specification, sidecar file and file name
+            that has a time.
         date_format: format of the whole file name without suffix, for `datetime.strptime`; empty to search the name
             for a date in the order year, month, day.
     """
 
-    only_source: TimeSource | None = None
+    required_time_source: RecordingTimeSource | None = None
     date_format: str = ""
 
     def find_time(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> RecordingTime:
@@ -81,23 +81,27 @@ class TimeRules:
         """
         name = relative_path_text(path, folder)
         for source in (
-            [self.only_source]
-            if self.only_source is not None
-            else [TimeSource.SPEC, TimeSource.SIDECAR, TimeSource.NAME]
+            [self.required_time_source]
+            if self.required_time_source is not None
+            else [RecordingTimeSource.SPEC, RecordingTimeSource.SIDECAR, RecordingTimeSource.NAME]
         ):
             found: datetime | str | None
-            if source is TimeSource.SPEC:
+            if source is RecordingTimeSource.SPEC:
                 found = given.get(name, given.get(path.name))
-            elif source is TimeSource.SIDECAR:
+            elif source is RecordingTimeSource.SIDECAR:
                 found = _of_sidecar(path)
             else:
                 found = self._of_name(name)
             if isinstance(found, datetime):
                 return RecordingTime(found, source)
             if isinstance(found, str):
-                return RecordingTime(None, TimeSource.NOWHERE, found)
-        where = "the SPEC, the sidecar or a date in the name" if self.only_source is None else self.only_source.value
-        return RecordingTime(None, TimeSource.NOWHERE, f"no time in {where}")
+                return RecordingTime(None, RecordingTimeSource.NOWHERE, found)
+        where = (
+            "the SPEC, the sidecar or a date in the name"
+            if self.required_time_source is None
+            else self.required_time_source.value
+        )
+        return RecordingTime(None, RecordingTimeSource.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:
         if self.date_format:

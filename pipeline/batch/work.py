@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import ArmdynError, InputError, error_sentence
 from armdyn.inspection.check import WrongRecordingError
-from armdyn.read_files import protect_inputs
+from armdyn.read_files import refuse_overwriting_inputs
 from urdf import DescriptionWarning
 from urdf.toml_tables import read_toml_with_text
 
@@ -39,7 +39,7 @@ class BatchJob:
         key: digest of all files of the job; the job is computed again only when one of them changes.
         task: ``"compare"`` or ``"repair"``.
         model: file of the model.
-        model_key: digest of the content of the model.
+        model_content_digest: digest of the content of the model.
         run: file of the recording.
         effects: file with effects that the user has written; None without one.
         trust: whether to use the recording even if a mistake was found in it.
@@ -50,7 +50,7 @@ class BatchJob:
     key: str
     task: str
     model: Path
-    model_key: str
+    model_content_digest: str
     run: Path
     effects: Path | None
     trust: bool = False
@@ -101,7 +101,7 @@ class JobOutcome:
         return json.dumps({"digest": text_digest([text]), **json.loads(text)})
 
     @classmethod
-    def from_line(cls, line: bytes) -> "JobOutcome | None":
+    def from_json_line(cls, line: bytes) -> "JobOutcome | None":
         """Read an outcome from a line of the journal; None if the line is damaged or has another format."""
         try:
             entry = json.loads(line)
@@ -116,7 +116,7 @@ class JobOutcome:
 
 def run_job(job: BatchJob) -> JobOutcome:
     """Run a job; an error becomes the `problem` of its outcome."""
-    with _one_at_a_time, warnings.catch_warnings(), protect_inputs():
+    with _one_at_a_time, warnings.catch_warnings(), refuse_overwriting_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
         began = time.perf_counter()
         try:
@@ -137,10 +137,10 @@ def run_job(job: BatchJob) -> JobOutcome:
 def _found(job: BatchJob) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
-    from pipeline.answers import fit_answer
+    from pipeline.answers import model_fit_json
     from pipeline.fields import attributes_as_json, finite_or_none
 
-    known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
+    known, run = _known(job.model, job.model_content_digest, job.effects), read_run(job.run)
     choosing = None if job.task == "repair" else ()
     given = CheckedStudy.of(known, [run], effects=choosing, trusted=job.trust)
     if job.task == "compare":
@@ -150,7 +150,7 @@ def _found(job: BatchJob) -> dict[str, Any]:
         repaired = given.repair()
         compared, model = repaired.after, repaired.model
         answer = attributes_as_json(repaired, "verdict sentence explained")
-    fit, columns = fit_answer(compared), compared.fit.problem.columns
+    fit, columns = model_fit_json(compared), compared.fit.problem.columns
     of_the_run = {c.name for c in columns if c.parameter.scope == "per_run"}
     return {
         **answer,
@@ -168,12 +168,12 @@ def _found(job: BatchJob) -> dict[str, Any]:
 
 
 def _events(job: BatchJob, run: "Run") -> tuple[str, ...]:
-    from armdyn.watch.fault_free import samples_of
+    from armdyn.watch.fault_free import joint_samples_of_recording
     from armdyn.watch.watch import Watch
 
-    model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
+    model, sound = _sound(job.model, job.model_content_digest, job.effects, job.calibrate)
     found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).events_of(
-        samples_of(model.with_estimated_channels(run), model)
+        joint_samples_of_recording(model.with_estimated_channels(run), model)
     )
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
@@ -186,7 +186,7 @@ def _sound(
     from armdyn.watch.fault_free import statistics_of_recordings
     from pipeline.watch.sources import read_arm_runs, sample_sources
 
-    model = _known(path, key, effects).file.model.as_arm()
+    model = _known(path, key, effects).file.model.arm_model_or_none()
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
     return model, statistics_of_recordings(model, sample_sources(model, read_arm_runs(model, calibrate)))
@@ -216,12 +216,12 @@ def model_digest(path: Path, effects: Path | None) -> str:
     return text_digest([file_digest(file) for file in files if file is not None] + robot)
 
 
-def job_digest(task: str, model_key: str, name: str, run: Path, reference_digest: str) -> str:
+def job_digest(task: str, model_content_digest: str, name: str, run: Path, reference_digest: str) -> str:
     """Digest of a job.
 
     Args:
         task: the task and its options.
-        model_key: digest of the model.
+        model_content_digest: digest of the model.
         name: name of the recording.
         run: file of the recording; its content and its sidecar file are part of the digest.
         reference_digest: digest of the recordings of the robot in good condition.
@@ -229,7 +229,15 @@ def job_digest(task: str, model_key: str, name: str, run: Path, reference_digest
     from armdyn import __version__
 
     return text_digest(
-        [__version__, task, model_key, name, file_digest(run), file_digest(run.with_suffix(".toml")), reference_digest]
+        [
+            __version__,
+            task,
+            model_content_digest,
+            name,
+            file_digest(run),
+            file_digest(run.with_suffix(".toml")),
+            reference_digest,
+        ]
     )
 
 

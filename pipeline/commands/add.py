@@ -6,7 +6,7 @@ import typer
 
 from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
-from pipeline.console.repair_result import conclude_repair
+from pipeline.console.repair_result import report_and_save_repair
 
 HELP_PANEL = "What a model lacks"
 
@@ -31,4 +31,4 @@ def add(
             given.study.model.with_effect(each)  # an unsuitable effect is refused before the fit
         say("fitting")
         found = given.add(wanted)
-    conclude_repair(inputs, given, found, output or inputs.model, named_only=named_only)
+    report_and_save_repair(inputs, given, found, output or inputs.model, named_only=named_only)

@@ -9,7 +9,7 @@ from pipeline.console.options import ArmChoice, JsonOption, parse_numbers
 from pipeline.console.screen import finish_command
 
 if TYPE_CHECKING:
-    from armdyn.arm.posture import ArmPosture, Ellipsoid
+    from armdyn.arm.posture import ArmPosture, ManipulabilityEllipsoid
     from armdyn.recording.channels import FloatArray
     from urdf import Robot
 
@@ -98,7 +98,7 @@ def _matrix(robot: "Robot", values: "FloatArray") -> Table:
     return Table([Column("", robot.joint_names), *columns])
 
 
-def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
+def _ellipsoid(title: str, ellipsoid: "ManipulabilityEllipsoid | None") -> list[Section]:
     if ellipsoid is None:
         return []
     x, y, z = ellipsoid.along

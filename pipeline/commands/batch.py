@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import JsonOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish_command, progress_display
@@ -59,7 +59,7 @@ def batch(
             say("looking for changes")
             found = parameter_history(asked, done.rows)
     if signals:
-        again = command_text("batch", spec, "--output", output)
+        again = shell_quoted_command("batch", spec, "--output", output)
         typer.echo(
             f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
         )

@@ -60,7 +60,7 @@ def check(
     import urdf
     from ik import default_table
     from pipeline.box import Box
-    from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
+    from pipeline.motion.feasibility import CheckSettings, box_and_table_obstacles, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_report
@@ -73,16 +73,16 @@ def check(
         say("reading the robot")
         known = choice.robot or "baxter"
         arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)
-        line = arm.given_line
+        line = arm.line_or_none
         if (on_line or box) and line is None:
             option = "--on-line" if on_line else "--box"
             raise InputError(f"{option}: robot '{arm.name}' has no line")
         motion = read_trajectory(trajectory, arm)
         near = line is not None and (on_line or _starts_on(line, motion, arm))
-        obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
+        obstacles = box_and_table_obstacles(line, Box()) if line is not None and (near if box is None else box) else ()
         settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
         if not (near or isinstance(motion, LineTrajectory)):
-            settings = replace(settings, singular_value=0.0)  # joint motions may pass singularities
+            settings = replace(settings, min_singular_value=0.0)  # joint motions may pass singularities
         at = (
             (None if start is None else parse_number_list(len(arm.joint_names), start, "--start", arm.joint_names))
             if ros is None

@@ -11,7 +11,7 @@ HELP_PANEL = "What a model lacks"
 
 def compare(inputs: StudyInputs) -> None:
     """Fit a model's free parameters to recordings, and report how well it predicts them and where it fails."""
-    from pipeline.answers import comparison_answer
+    from pipeline.answers import comparison_json
     from pipeline.report.repair import comparison_report
 
     with inputs.begin(choosing=False) as (given, say):
@@ -25,7 +25,7 @@ def compare(inputs: StudyInputs) -> None:
     inputs.finish(
         given,
         replace(found.document(), next_steps=steps),
-        lambda: comparison_answer(given.study, found),
+        lambda: comparison_json(given.study, found),
         lambda: comparison_report(given.study, found),
         failed=bool(found.lost),
     )

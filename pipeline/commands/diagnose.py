@@ -12,7 +12,7 @@ HELP_PANEL = "What a model lacks"
 def diagnose(inputs: StudyInputs) -> None:
     """Find out which physical effect a model lacks, or report that the recordings cannot decide."""
     from armdyn.identify.sentence import Verdict
-    from pipeline.answers import diagnosis_answer
+    from pipeline.answers import diagnosis_json
     from pipeline.report.repair import diagnosis_report
 
     with inputs.begin() as (given, say):
@@ -27,7 +27,7 @@ def diagnose(inputs: StudyInputs) -> None:
     inputs.finish(
         given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),
-        lambda: diagnosis_answer(given.study, found),
+        lambda: diagnosis_json(given.study, found),
         lambda: diagnosis_report(given.study, found),
         failed=found.verdict is Verdict.LOST,
     )

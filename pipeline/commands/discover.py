@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import ModelAndRunInputs, StudyInputsWithoutExam
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def discover(
     with inputs.begin(output) as (given, say):
         found = given.discover(say)
     written = []
-    if output is not None and found.new_laws:
+    if output is not None and found.laws_outside_catalogue:
         found.write(output)
         written = [f"written to {output}"]
     aside = [f"{text}." for text in given.set_aside]
@@ -51,14 +51,14 @@ def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | No
     own = ["--effects", file] if first.term is not None else []
     held_out = [word for path in inputs.held_out or () for word in ("--held-out", path)]
     words = (inputs.model, first.label, *inputs.runs, *held_out, *own, "--output", "repaired.toml")
-    steps = [NextStep("add it", command_text("add", *words))]
+    steps = [NextStep("add it", shell_quoted_command("add", *words))]
     if len(found.laws) > 1:
         steps = [
             NextStep(
                 "add them all", inputs.proposed_command("repair", "--effects", str(file), "--output", "repaired.toml")
             )
         ]
-    rival = next((one for one in found.new_laws if one.known_as and one.joint is None), None)
+    rival = next((one for one in found.laws_outside_catalogue if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
         apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
         judge.append(NextStep("tell them apart", inputs.proposed_command("next", *apart)))
@@ -66,7 +66,7 @@ def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | No
 
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
-    from pipeline.answers import missing_force_answer, parameters_answer
+    from pipeline.answers import missing_force_json, parameters_json
     from pipeline.fields import attributes_as_json, json_value
 
     return {
@@ -75,7 +75,7 @@ def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
         "found": [
             {
                 **attributes_as_json(one, "effect joint acts_on kind formula depends_on"),
-                "values": parameters_answer(one.values),
+                "values": parameters_json(one.values),
                 "explains": one.explained_share,
                 "held_out_rmse": json_value(found.held_out_rmse),
                 **attributes_as_json(one, "known_as rivals"),
@@ -83,5 +83,5 @@ def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
             }
             for one in found.laws
         ],
-        "missing_force": missing_force_answer(found.missing_force),
+        "missing_force": missing_force_json(found.missing_force),
     }

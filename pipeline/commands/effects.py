@@ -3,7 +3,7 @@
 from typing import Any
 
 from pipeline.console.options import EffectsOption, JsonOption
-from pipeline.console.screen import screen_console, write_answer
+from pipeline.console.screen import screen_console, write_json_if_file_given
 
 HELP_PANEL = "Models"
 
@@ -24,7 +24,9 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         reads = {"columns": columns} if columns else {}
         return attributes_as_json(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
 
-    if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
+    if not write_json_if_file_given(
+        json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}
+    ):
         return
     from rich.text import Text
 

@@ -8,7 +8,7 @@ import typer
 
 from armdyn.document import MAX_CARD_ROWS, NextStep
 from armdyn.errors import InputError
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import (
     EffectsOption,
     JointsOption,
@@ -93,7 +93,7 @@ def excite(
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
         from armdyn.recording.csv_run import csv_text
-        from pipeline.answers_motion import excitation_answer
+        from pipeline.answers_motion import excitation_json
         from pipeline.motion.excitation import design_excitation
         from pipeline.report.excitation import excitation_document, excitation_report
 
@@ -105,12 +105,12 @@ def excite(
     write_text(output, csv_text(found.motion.channels))
     # `check` reads the arm from its description again.
     known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]
-    again = [NextStep("check it again", command_text("check", output, *known))]
+    again = [NextStep("check it again", shell_quoted_command("check", output, *known))]
     notes = missing_mesh_sentences(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
     finish_command(
         replace(document, next_steps=again if joints is None and tool is None else []),
-        lambda: excitation_answer(found, output),
+        lambda: excitation_json(found, output),
         json_file,
         report,
         lambda: excitation_report(found),

@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import error_location
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
 from pipeline.console.outputs import check_outputs, check_overwrite
-from pipeline.console.screen import progress_display, write_answer
+from pipeline.console.screen import progress_display, write_json_if_file_given
 
 HELP_PANEL = "Models"
 
@@ -56,7 +56,7 @@ def export(
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
-    if write_answer(json_file, lambda: answer):
+    if write_json_if_file_given(json_file, lambda: answer):
         typer.echo(f"{made.kind} {'not ' * refused}written to {output}")
         for note in written.notes:
             typer.echo(f"  not in it: {note}")

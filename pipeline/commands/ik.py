@@ -8,7 +8,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import ArmChoice, JsonOption, parse_number_list, tool_rotation
-from pipeline.console.screen import finish_command, write_answer
+from pipeline.console.screen import finish_command, write_json_if_file_given
 from pipeline.fields import attributes_as_json
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def volume(
 
     arm = choice.load()
     sides = [round(count) for count in parse_number_list(3, counts, "--counts")]
-    if not tool_rpy and arm.given_line is None:
+    if not tool_rpy and arm.line_or_none is None:
         raise InputError(f"--tool-rpy: robot '{arm.name}' has no line to take the tool's orientation from; give one")
     rotations = [tool_rotation(rpy) for rpy in tool_rpy] if tool_rpy else [arm.line.rotation]
     grid = TargetGrid(
@@ -83,7 +83,7 @@ def volume(
         "reached": done.table.reached_share(),
         "neighbours_apart": done.table.discontinuity_share(),
     }
-    if write_answer(json_file, lambda: answer):
+    if write_json_if_file_given(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
             f"({answer['targets_per_second']:.0f} per second), {done.resumed} solved before\n"
@@ -144,7 +144,7 @@ def build(
     table: PathTable
     if search:
         found = search_line(arm, _requirements(extent, core, direction, tool_rpy), progress=_say)
-        arm = replace(arm, home=found.home, given_line=found.line)
+        arm = replace(arm, home=found.home, line_or_none=found.line)
         table = build_line_table(arm, progress=_say)
     elif path is not None:
         if target is None:

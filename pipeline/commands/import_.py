@@ -9,11 +9,17 @@ import typer
 
 from armdyn import atomic
 from armdyn.errors import InputError, collect_errors
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import exit_on_wrong_recording
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
-from pipeline.console.screen import borderless_table, print_document, progress_display, screen_console, write_answer
+from pipeline.console.screen import (
+    borderless_table,
+    print_document,
+    progress_display,
+    screen_console,
+    write_json_if_file_given,
+)
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -61,11 +67,11 @@ def import_(
 ) -> None:
     """Convert recordings in other formats to runs, and inspect them; a robot gives the names of the joints."""
     from pipeline.imports import read_foreign
-    from pipeline.imports.mapping import check_rate
+    from pipeline.imports.mapping import check_table_sample_rate
 
     if wanted.mapping is not None and wanted.guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
-    check_rate(wanted.rate_text)
+    check_table_sample_rate(wanted.rate_text)
     check_outputs(json_file)
     with exit_on_wrong_recording(json_file), progress_display() as say:
         recordings: list[ForeignRecording] = []
@@ -89,9 +95,9 @@ def _import(
     from armdyn.arm.model import arm_model
     from armdyn.inspection.check import Inspection, sorted_by_severity
     from armdyn.inspection.inspect import inspect_runs, require_usable
-    from pipeline.answers import checks_answer
+    from pipeline.answers import recording_checks_json
     from pipeline.imports.conversion import run_from_recording
-    from pipeline.imports.guess import known_columns
+    from pipeline.imports.guess import map_unambiguous_columns
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
@@ -103,7 +109,7 @@ def _import(
     for foreign in recordings:
         for name, own in given.items():
             with collect_errors(problems):
-                read = own or known_columns(foreign, joints)
+                read = own or map_unambiguous_columns(foreign, joints)
                 read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
                 found.append(run_from_recording(part, read, columns))
@@ -114,17 +120,19 @@ def _import(
     if not trust_data:
         require_usable(Inspection(looked.runs, checks))
     written = _write([each.run for each in found], wanted)
-    if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(checks)}):
+    if write_json_if_file_given(
+        json_file, lambda: {**_answer(found, written), "recording_checks": recording_checks_json(checks)}
+    ):
         if checks:
             print_document(inspection_document(Inspection(looked.runs, checks)))
         _say(found, written, choice)
 
 
 def _joints(choice: RobotChoice) -> "RobotJoints | None":
-    from armdyn.arm.arm import find_arm
+    from armdyn.arm.arm import load_arm_description
     from pipeline.imports.joints import RobotJoints
 
-    return RobotJoints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
+    return RobotJoints.of(load_arm_description(choice.urdf_file, choice.robot).robot) if choice else None
 
 
 def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
@@ -145,7 +153,7 @@ def _propose(
 ) -> None:
     from pipeline.fields import attributes_as_json
     from pipeline.imports.guess import guess_map
-    from pipeline.imports.mapping import map_text
+    from pipeline.imports.mapping import column_map_toml
 
     joints = _joints(choice)
     found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
@@ -155,19 +163,19 @@ def _propose(
         f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "
         "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
-    atomic.write_text(target, map_text(found, comment))
+    atomic.write_text(target, column_map_toml(found, comment))
     answer = {
         "schema": "armdyn.map/1",
         "file": str(target),
         "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
         "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
     }
-    if write_answer(json_file, lambda: answer):
+    if write_json_if_file_given(json_file, lambda: answer):
         _say_guess(found, recordings, target)
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         own = _words(choice) if choice else []
-        again = command_text("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
+        again = shell_quoted_command("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
@@ -210,10 +218,10 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
-    compare = f"then: {command_text('compare', 'M.toml', *written[:3])}"
+    compare = f"then: {shell_quoted_command('compare', 'M.toml', *written[:3])}"
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
-        typer.echo(f"next: {command_text('new', 'arm', 'M.toml', *_words(choice))}")
+        typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice))}")
         measured = any(name.startswith("tau.") for name in runs[0].channels)
         typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
     else:

@@ -8,7 +8,7 @@ import typer
 
 from armdyn.document import NextStep
 from armdyn.errors import InputError
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
 from pipeline.console.screen import finish_command, progress_display
@@ -41,7 +41,7 @@ def inspect(
     from armdyn.checked_study import ModelWithCatalogue
     from armdyn.inspection.inspect import inspect_runs
     from armdyn.run import read_run
-    from pipeline.answers import inspection_answer
+    from pipeline.answers import inspection_json
     from pipeline.report.inspection import inspection_document, inspection_report
 
     model_file = files[0] if files[0].suffix.lower() == ".toml" else None
@@ -58,14 +58,14 @@ def inspect(
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
         copies = [path for path in written if path.suffix == ".csv"]
-        steps.append(NextStep("next", command_text("inspect", *([model_file] if model_file else []), *copies)))
+        steps.append(NextStep("next", shell_quoted_command("inspect", *([model_file] if model_file else []), *copies)))
     elif fix is not None:
         lines.append("nothing to correct in the files")
     elif found.corrected():
-        steps.append(NextStep("write corrected copies", command_text("inspect", *files, "--fix", "fixed")))
+        steps.append(NextStep("write corrected copies", shell_quoted_command("inspect", *files, "--fix", "fixed")))
     finish_command(
         replace(inspection_document(found), next_steps=steps),
-        lambda: inspection_answer(found),
+        lambda: inspection_json(found),
         json_file,
         report,
         lambda: inspection_report(found),
@@ -90,7 +90,7 @@ def write_corrected_copies(found: "Inspection", folder: Path, force: bool) -> li
         InputError: a file exists already or cannot be written.
     """
     from armdyn import atomic
-    from pipeline.imports.mapping import correction_text
+    from pipeline.imports.mapping import correction_toml
 
     corrected = found.corrected()
     runs = {folder / Path(run.name.replace("/", "_")).with_suffix(".csv").name: run
@@ -100,5 +100,5 @@ def write_corrected_copies(found: "Inspection", folder: Path, force: bool) -> li
         check_overwrite(file, force)
     write_runs({path: corrected[run.name].applied_to(run) for path, run in runs.items()}, force)
     for file, run in maps.items():
-        atomic.write_text(file, correction_text(run, corrected[run.name]))
+        atomic.write_text(file, correction_toml(run, corrected[run.name]))
     return [file for pair in zip(runs, maps, strict=True) for file in pair]

@@ -9,11 +9,11 @@ import typer
 import typer.core
 
 from armdyn.errors import InputError
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from armdyn.read_files import allow_overwrite
 from pipeline.console.options import JointsOption, JsonOption, ToolOption, split_names
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import write_answer
+from pipeline.console.screen import write_json_if_file_given
 
 if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
@@ -106,7 +106,7 @@ def arm(
     weightless = [
         f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and its true weight will "
         "appear as an effect: write its mass, centre and inertia into the URDF"
-        for link in made.arm.without_inertia
+        for link in made.arm.links_without_mass
     ]
     _write(target, ModelFile(made, description), (*made.arm.robot.notes, *weightless))
 
@@ -139,13 +139,13 @@ def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()
         about = {"schema": "armdyn.model/1", "file": str(path), "effects": effects, "parameters": parameters}
         return {**about, **model.file_entries(path.parent), **description, **({"notes": list(notes)} if notes else {})}
 
-    if write_answer(target.json_file, answer):
+    if write_json_if_file_given(target.json_file, answer):
         what = [f"{name} {p.value:g} {p.unit}" for name, p in shared.items()]
         what += [f"joints {', '.join(description['joints'])}"] if "joints" in description else []
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
-        typer.echo(f"next: {command_text('compare', path)} RUN... --report compare.html")
+        typer.echo(f"next: {shell_quoted_command('compare', path)} RUN... --report compare.html")
 
 
 def _check_replaced(target: NewModelOptions) -> None:

@@ -44,12 +44,12 @@ def next_(
     """Plan the experiment, and the motion of the gripper, that best distinguishes effects which may be missing."""
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import rivals_of_study
-    from pipeline.answers_motion import next_answer
-    from pipeline.front import plan_experiment, rig_limits
+    from pipeline.answers_motion import next_experiment_json
+    from pipeline.front import plan_experiment, user_given_gripper_limits
     from pipeline.motion.feasible_motion import write_motion
     from pipeline.report.next_experiment import next_experiment_document, next_experiment_report
 
-    limits = rig_limits(travel, speed, acceleration, swing)
+    limits = user_given_gripper_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
         verdict, sentence, found = rivals_of_study(given.study, split_names(rivals), say)
@@ -64,7 +64,7 @@ def next_(
     document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
     finish_command(
         document,
-        lambda: next_answer(made, verdict, sentence, written),
+        lambda: next_experiment_json(made, verdict, sentence, written),
         inputs.json_file,
         inputs.report,
         lambda: next_experiment_report(document, made),

@@ -7,7 +7,7 @@ import typer
 
 from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, RosOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import progress_display, screen_console, write_answer
+from pipeline.console.screen import progress_display, screen_console, write_json_if_file_given
 
 HELP_PANEL = "Experiments"
 
@@ -46,7 +46,7 @@ def record(
         "channels": {name: len(channel) for name, channel in run.channels.items()},
         "notes": list(said),
     }
-    if write_answer(json_file, lambda: answer):
+    if write_json_if_file_given(json_file, lambda: answer):
         say = screen_console().print
         say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
         for note in said:

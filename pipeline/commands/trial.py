@@ -10,7 +10,7 @@ from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden_effects, parse_option_quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import ProgressDisplay, progress_display
-from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
+from pipeline.console.trial_result import RobotOptions, real_trial, report_and_save_trial
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
@@ -97,7 +97,7 @@ def trial(
             return
         with progress_display() as progress:
             done = simulate_trial(replace(settings, out=folder), progress)
-        conclude_trial(
+        report_and_save_trial(
             done,
             folder,
             json_file,

@@ -50,7 +50,7 @@ def twin(
     from pipeline.interrupts import deferred_signals
     from pipeline.robot.settings import PlantSettings
     from pipeline.ros.topics import read_topics, settings_file
-    from pipeline.ros.twin import Twin
+    from pipeline.ros.twin import SimulatedBaxterOnRos
 
     check_outputs(json_file, calibration)
     arm = urdf.load("baxter")
@@ -60,7 +60,7 @@ def twin(
     plant = replace(PlantSettings(), length=length)
     ends: list[int] = []
     topics = read_topics(settings_file("baxter"))
-    with Twin(ros, arm, topics, posture, plant, parse_hidden_effects(hidden or []), seed) as robot:
+    with SimulatedBaxterOnRos(ros, arm, topics, posture, plant, parse_hidden_effects(hidden or []), seed) as robot:
         if calibration is not None:
             robot.calibration.save(calibration)
         typer.echo(f"loadcell {robot.port.port}")

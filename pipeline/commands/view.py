@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import EffectsOption, JsonOption, RobotChoice
 from pipeline.console.outputs import check_outputs, check_overwrite
-from pipeline.console.screen import progress_display, write_answer
+from pipeline.console.screen import progress_display, write_json_if_file_given
 
 HELP_PANEL = "Recordings"
 
@@ -50,13 +50,13 @@ def view(
         chosen = urdf.load(choice.robot or str(choice.urdf_file), meshes=False) if choice else None
         say("drawing")
         scene = scene_of_file(file, given, chosen)
-        write_scene_page(scene, page, command_text(*sys.argv[1:]))
+        write_scene_page(scene, page, shell_quoted_command(*sys.argv[1:]))
     answer = {
         "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
         "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],
         "note": scene.note,
     }  # fmt: skip
-    if write_answer(json_file, lambda: answer):
+    if write_json_if_file_given(json_file, lambda: answer):
         typer.echo(f"view written to {page}" + (f"; {scene.note}" if scene.note else ""))
     if output is None and not no_browser and sys.stdout.isatty():
         import webbrowser

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import progress_display
@@ -185,4 +185,4 @@ class _Out:
 
     def _repair(self, files: list[Path]) -> str:
         own = ["--effects", self._effects] if self._effects is not None else []
-        return command_text("repair", self._model, *files, *own)
+        return shell_quoted_command("repair", self._model, *files, *own)

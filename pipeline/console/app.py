@@ -15,7 +15,7 @@ from typer.exceptions import TyperException
 
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from armdyn.read_files import protect_inputs
+from armdyn.read_files import refuse_overwriting_inputs
 from pipeline import commands
 from pipeline.console.description_warnings import collected_warnings, collecting_warnings
 from pipeline.console.groups import with_flattened_options
@@ -79,7 +79,7 @@ def run(interrupts: SignalHandler) -> int:
         The exit status: 0 done, 1 the answer is no or the task failed, 2 bad input, 3 an error of armdyn itself,
         128 + n if signal n ended the command.
     """
-    with protect_inputs(), non_raising_streams() as problem_of_output, collecting_warnings():
+    with refuse_overwriting_inputs(), non_raising_streams() as problem_of_output, collecting_warnings():
         try:
             status = _run_command(interrupts)
             for sentence in collected_warnings():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from armdyn.read_files import allow_overwrite
 from pipeline.console.options import (
     EffectsOption,
@@ -56,7 +56,7 @@ class ModelAndRunInputs:
             words += [word for path in paths or () for word in (option, path)]
         words += ["--effects", self.effects] if self.effects is not None else []
         words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
-        return command_text(name, *words, *options)
+        return shell_quoted_command(name, *words, *options)
 
     def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
         """Read the model and the recordings of a study, and check the recordings for mistakes.
@@ -134,10 +134,10 @@ class StudyInputs(ModelAndRunInputs):
             written: a sentence for each other file that was written.
             failed: whether the command ends with exit status 1.
         """
-        from pipeline.answers import checks_answer
+        from pipeline.answers import recording_checks_json
 
         def whole() -> dict[str, Any]:
-            return {**answer(), "recording_checks": checks_answer(given.inspection.checks)}
+            return {**answer(), "recording_checks": recording_checks_json(given.inspection.checks)}
 
         finish_command(document, whole, self.json_file, self.report, page, written, failed=failed)
 
@@ -157,10 +157,10 @@ def exit_on_wrong_recording(json_file: Path | None) -> "Iterator[None]":
     try:
         yield
     except WrongRecordingError as error:
-        from pipeline.answers import inspection_answer
+        from pipeline.answers import inspection_json
         from pipeline.report.inspection import inspection_document
 
         note = "No effect is named while a recording is wrong; --trust-data goes on regardless."
         found = error.inspection
-        finish_command(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
+        finish_command(replace(inspection_document(found), notes=[note]), lambda: inspection_json(found), json_file)
         raise typer.Exit(1) from error

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.document import NextStep
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import StudyInputs
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ REPAIR_OUTPUT_OPTIONS = ("--output", "repaired.toml", "--report", "repair.html")
 """Options for the output files in a proposed command `armdyn repair`."""
 
 
-def conclude_repair(
+def report_and_save_repair(
     inputs: StudyInputs, given: "CheckedStudy", found: "Repair", output: Path, *, named_only: bool = False
 ) -> None:
     """Write the repaired model, its report and JSON, and print how the error fell.
@@ -33,7 +33,7 @@ def conclude_repair(
     """
     from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
-    from pipeline.answers import history_entries, repair_answer
+    from pipeline.answers import history_entries, repair_json
     from pipeline.report.repair import repair_report
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
@@ -46,7 +46,7 @@ def conclude_repair(
     inputs.finish(
         given,
         replace(found.document(given.study.holdout_kinds), next_steps=steps),
-        lambda: repair_answer(found),
+        lambda: repair_json(found),
         lambda: repair_report(given.study, found, steps),
         written,
         failed=lost,
@@ -63,7 +63,7 @@ def repair_next_steps(model: "Model", output: Path, effects: Path | None) -> lis
     """
     own = ["--effects", effects] if effects is not None else []
     kind = ".py" if model.hangs_from_gripper else ".xml" if model.robot is not None else ".json"
-    export = command_text("export", output, *own, "--output", f"{output.stem}{kind}")
-    swing = command_text("trial", "--model", output, *own)
+    export = shell_quoted_command("export", output, *own, "--output", f"{output.stem}{kind}")
+    swing = shell_quoted_command("trial", "--model", output, *own)
     steps = [NextStep("swing with it", swing)] if model.hangs_from_gripper else []
     return [*steps, NextStep("take it elsewhere", export)]

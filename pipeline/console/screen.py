@@ -15,7 +15,7 @@ import typer
 
 from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.description_warnings import collected_warnings
 
 if TYPE_CHECKING:
@@ -67,9 +67,11 @@ def print_document(document: "Document") -> None:
         if sentence:
             console.print(sentence, soft_wrap=True)
         for table in tables:
-            made = borderless_table(*(Column(column.heading, overflow="fold") for column in table.narrow_columns))
+            made = borderless_table(
+                *(Column(column.heading, overflow="fold") for column in table.columns_kept_when_narrow)
+            )
             most = len(table) if table.name else MAX_CARD_ROWS
-            for row in list(zip(*(column.texts for column in table.narrow_columns), strict=True))[:most]:
+            for row in list(zip(*(column.texts for column in table.columns_kept_when_narrow), strict=True))[:most]:
                 made.add_row(*row)
             console.print(made)
             if len(table) > most:
@@ -107,7 +109,7 @@ def finish_command(
     """
     if report is not None and page is not None:
         save_report(page(), report)
-    if write_answer(json_file, answer):
+    if write_json_if_file_given(json_file, answer):
         print_document(document)
         if document.sections:
             typer.echo("")
@@ -131,7 +133,7 @@ def save_report(document: "Document", file: Path) -> None:
 
     from pipeline.report.page import write_page
 
-    write_page(replace(document, command=command_text(*sys.argv[1:])), file)
+    write_page(replace(document, command=shell_quoted_command(*sys.argv[1:])), file)
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:
@@ -160,7 +162,7 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
         atomic.write_text(file, text + "\n")
 
 
-def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
+def write_json_if_file_given(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
     """Write the JSON output of a command if a file was given.
 
     Args:

@@ -18,7 +18,7 @@ from datetime import datetime
 from importlib import metadata
 from typing import Any, TextIO
 
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 
 REPORTED_PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
@@ -42,7 +42,7 @@ def _report(error: BaseException) -> str:
     versions = ", ".join(f"{name} {_version(name)}" for name in REPORTED_PACKAGES)
     return "\n".join(
         (
-            f"command: {command_text(*sys.argv[1:])}",
+            f"command: {shell_quoted_command(*sys.argv[1:])}",
             f"time: {datetime.now().astimezone().isoformat(timespec='seconds')}",
             f"system: {platform.platform()}, Python {platform.python_version()}",
             f"versions: {versions}",

@@ -14,8 +14,8 @@ from pipeline.console.screen import (
     progress_display,
     save_report,
     screen_console,
-    write_answer,
     write_json,
+    write_json_if_file_given,
 )
 from pipeline.fields import attributes_as_json
 
@@ -111,7 +111,7 @@ class RobotOptions:
         def tell(sentence: str) -> None:
             typer.echo(sentence, err=json_file == Path("-"))
 
-        def may_move(question: str) -> bool:
+        def ask_permission_to_move(question: str) -> bool:
             if self.yes:
                 tell(question.partition(" Is its space")[0])
             return self.yes or typer.confirm(question, err=True)
@@ -121,10 +121,10 @@ class RobotOptions:
                 return self.landed == "yes"
             return typer.confirm("Did the load come to rest in the box?", err=True)
 
-        return OperatorPrompts(tell, may_move, has_landed)
+        return OperatorPrompts(tell, ask_permission_to_move, has_landed)
 
 
-def conclude_trial(
+def report_and_save_trial(
     done: "SimulatedTrial | RealTrial",
     out: Path,
     json_file: Path | None,
@@ -226,7 +226,7 @@ def real_trial(
             statistics, farthest = rehearse(settings, link, prompts, progress)
     if options.rehearse:
         answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
-        if write_answer(json_file, lambda: answer):
+        if write_json_if_file_given(json_file, lambda: answer):
             say = screen_console().print
             say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
             for text in _timing(statistics):
@@ -238,7 +238,7 @@ def real_trial(
         for name, t in done.result.timing.items()
     }
     answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": nodes}
-    conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
+    report_and_save_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
 
 
 def _timing(statistics: "LinkStatistics") -> list[str]:

@@ -69,7 +69,7 @@ def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool
     made = format_of_file(output)
     found = made.export(file, output, f"{made.kind} of {name}")
     missing = export_deviation(file, found.held)
-    refused = missing is not None and missing.needs_request and not incomplete
+    refused = missing is not None and missing.needs_explicit_request and not incomplete
     if not refused:
         atomic.write_text(output, found.text)
     return ExportResult(refused, tuple(found.notes), missing, found.usage)

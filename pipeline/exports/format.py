@@ -9,7 +9,7 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
 
 
-class Exported(NamedTuple):
+class ExportedModelText(NamedTuple):
     """A model in one format.
 
     Attributes:
@@ -36,7 +36,7 @@ class Format(NamedTuple):
 
     ending: str
     kind: str
-    export: Callable[[ModelFile, Path, str], Exported]
+    export: Callable[[ModelFile, Path, str], ExportedModelText]
 
 
 def arm_of_model_file(file: ModelFile, output: Path) -> ArmModel:
@@ -45,7 +45,7 @@ def arm_of_model_file(file: ModelFile, output: Path) -> ArmModel:
     Raises:
         InputError: the model is not an arm.
     """
-    arm = file.model.as_arm()
+    arm = file.model.arm_model_or_none()
     if arm is None:
         raise InputError(
             f"{output.suffix} is for arms, and this model's base is '{file.model.base}': write it as .c, .py or .json"

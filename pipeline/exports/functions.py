@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from armdyn import __version__
-from armdyn.arm.composition import compose_joint
+from armdyn.arm.composition import torque_functions_with_effects
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import recorded_columns
 from armdyn.errors import InputError
@@ -24,7 +24,7 @@ from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
-from pipeline.exports.format import Exported, Format
+from pipeline.exports.format import ExportedModelText, Format
 from pipeline.exports.parts import inexpressible_background, inexpressible_effects
 
 EFFECTS_OF_PAST_INPUTS = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
@@ -66,7 +66,7 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
     missing += [
         f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in recorded_columns(model.effects)
     ]
-    if observer and (arm := model.as_arm()) is not None:
+    if observer and (arm := model.arm_model_or_none()) is not None:
         try:
             functions.append(_observer_of(arm))
         except InputError as error:
@@ -90,7 +90,7 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     held = {
         effect.name
         for effect in model.effects
-        if effect.name in named or effect.reach == "base" or not compose_joint([effect]).remembers
+        if effect.name in named or effect.reach == "base" or not torque_functions_with_effects([effect]).remembers
     }
     kept = model.with_only_effects(held)
     motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}
@@ -132,7 +132,7 @@ def _observer_of(model: ArmModel) -> ExportedFunction:
         MAX_SAMPLE_GAP_SECONDS,
         STATES_PER_JOINT,
         observer_function,
-        without_memory,
+        without_past_dependent_effects,
     )
 
     n = len(model.arm.joints)
@@ -155,7 +155,7 @@ def _observer_of(model: ArmModel) -> ExportedFunction:
         "motion": "3 n numbers: positions, velocities and accelerations behind the low-pass",
     }
     summary = "One sample of the observer of outside torques: no allocation, the same time for every sample."
-    return ExportedFunction(observer_function(without_memory(model)), summary, inputs, outputs)
+    return ExportedFunction(observer_function(without_past_dependent_effects(model)), summary, inputs, outputs)
 
 
 def _of_pendulum(model: PendulumModel) -> tuple[list[ExportedFunction], list[str]]:
@@ -273,20 +273,20 @@ def _shape(size: int) -> str:
 
 def _exported(
     file: ModelFile, about: str, write: Callable[[list[ExportedFunction], list[str]], str], **of: bool
-) -> Exported:
+) -> ExportedModelText:
     """The functions in one language, with a comment on what they lack; `of` are the options of `exported_functions`."""
     functions, notes = exported_functions(file.model, **of)
     lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
     held = {effect.name for effect in file.model.effects} - EFFECTS_OF_PAST_INPUTS
-    return Exported(write(functions, lines), notes, held, functions[0].function.name())
+    return ExportedModelText(write(functions, lines), notes, held, functions[0].function.name())
 
 
-def _export_c(file: ModelFile, output: Path, about: str) -> Exported:
+def _export_c(file: ModelFile, output: Path, about: str) -> ExportedModelText:
     usage = f"cc -O2 -shared -fPIC {quote(str(output))} -o {quote(str(output.with_suffix('.so')))} -lm"
     return _exported(file, about, c_text, observer=True)._replace(usage=usage)
 
 
-def _export_python(file: ModelFile, output: Path, about: str) -> Exported:
+def _export_python(file: ModelFile, output: Path, about: str) -> ExportedModelText:
     found = _exported(file, about, python_text)
     return found._replace(usage=f"from {output.stem} import {found.usage}")
 

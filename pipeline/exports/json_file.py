@@ -7,14 +7,14 @@ import numpy as np
 
 from armdyn.arm.rigid import inertia_about_centre
 from armdyn.model_file import ModelFile
-from pipeline.answers import background_answer
-from pipeline.exports.format import Exported, Format
-from pipeline.exports.parts import joint_parts
+from pipeline.answers import background_force_json
+from pipeline.exports.format import ExportedModelText, Format
+from pipeline.exports.parts import exported_joint_dynamics
 from pipeline.fields import attributes_as_json, finite_or_none
 from urdf.write import INERTIA_INDICES
 
 
-def parameters_answer(file: ModelFile) -> dict[str, Any]:
+def parameters_json(file: ModelFile) -> dict[str, Any]:
     """JSON ``armdyn.parameters/1``: a model's effects and parameters; for an arm also its links in kg, m and kg m^2.
 
     The links have no standard deviations here, because they depend on correlations that the model file does not
@@ -30,18 +30,18 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
             for name, p in named.parameters.items()
             if p.scope == "shared"
         },
-        **background_answer(model),
+        **background_force_json(model),
     }
-    if (arm := model.as_arm()) is not None:
+    if (arm := model.arm_model_or_none()) is not None:
         answer["gravity"] = {"value": [finite_or_none(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
         answer["links"] = [
-            {"joint": joint.name, "urdf": link_answer(joint.described), "model": link_answer(joint.link)}
-            for joint in joint_parts(arm)
+            {"joint": joint.name, "urdf": link_inertia_json(joint.described), "model": link_inertia_json(joint.link)}
+            for joint in exported_joint_dynamics(arm)
         ]
     return answer
 
 
-def link_answer(link: np.ndarray) -> dict[str, Any]:
+def link_inertia_json(link: np.ndarray) -> dict[str, Any]:
     """JSON of a link: mass, centre of mass and inertia about it, in the frame of the joint that moves the link.
 
     Args:
@@ -58,9 +58,9 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _export(file: ModelFile, *_: object) -> Exported:
-    text = json.dumps(parameters_answer(file), indent=1, allow_nan=False) + "\n"
-    return Exported(text, [], [effect.name for effect in file.model.effects], "its units are in it")
+def _export(file: ModelFile, *_: object) -> ExportedModelText:
+    text = json.dumps(parameters_json(file), indent=1, allow_nan=False) + "\n"
+    return ExportedModelText(text, [], [effect.name for effect in file.model.effects], "its units are in it")
 
 
 FORMATS = (Format(".json", "parameters", _export),)

@@ -38,7 +38,7 @@ class ExportDeviation:
         return self.total / self.removed if self.removed > 0.0 else 0.0
 
     @property
-    def needs_request(self) -> bool:
+    def needs_explicit_request(self) -> bool:
         """Whether the error is so large that the file is only written on request."""
         return self.share > MAX_EXPORT_TO_REMOVED_ERROR_RATIO
 
@@ -64,7 +64,7 @@ def export_deviation(file: ModelFile, held: Collection[str]) -> ExportDeviation 
     Returns:
         The error; None if no effect is missing, if the file has no history of a repair, or for a pendulum.
     """
-    model = file.model.as_arm()
+    model = file.model.arm_model_or_none()
     if model is None:
         return None
     entries = [entry for entry in file.history if "contribution" in entry]

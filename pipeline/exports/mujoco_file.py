@@ -16,18 +16,18 @@ import pinocchio as pin
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre, joint_axes
-from armdyn.arm.symbolic import drive_readings
+from armdyn.arm.symbolic import drive_reading_gains_and_offsets
 from armdyn.model_file import ModelFile
-from pipeline.exports.format import Exported, Format, arm_of_model_file
+from pipeline.exports.format import ExportedModelText, Format, arm_of_model_file
 from pipeline.exports.parts import (
     EXPRESSIBLE_EFFECTS,
-    JointParts,
+    ExportedJointDynamics,
+    exported_joint_dynamics,
     inexpressible_effects,
-    joint_parts,
     require_physical_inertia,
 )
 from urdf.validate import joint_link
-from urdf.write import numbers_text
+from urdf.write import xml_number_list
 
 DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
@@ -48,14 +48,14 @@ LINK_CAPSULE_RADIUS = 0.02
 
 def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """MuJoCo's XML of an arm with the values of its model, and sentences on effects that it cannot express."""
-    arm, parts, gravity = model.arm.model, joint_parts(model), model.gravity()
+    arm, parts, gravity = model.arm.model, exported_joint_dynamics(model), model.gravity()
     notes = [
         *inexpressible_effects(model, EXPRESSIBLE_EFFECTS["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
         "shapes: capsules stand for the links, nothing collides",
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    option = ET.SubElement(root, "option", gravity=numbers_text(gravity), integrator="implicitfast")
+    option = ET.SubElement(root, "option", gravity=xml_number_list(gravity), integrator="implicitfast")
     step = min(_delay(model, joint.name) or DEFAULT_TIME_STEP for joint in parts)
     if step < DEFAULT_TIME_STEP:
         option.set("timestep", repr(step))
@@ -72,11 +72,11 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
 
-def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[JointParts]) -> None:
+def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> None:
     """Add an actuator for every joint, which gives the torque (command - offset) / gain, or that of a servo's law."""
     actuators = ET.SubElement(root, "actuator")
     limits = model.arm.model.effortLimit.tolist()
-    for joint, effort, (gain, offset) in zip(parts, limits, drive_readings(model), strict=True):
+    for joint, effort, (gain, offset) in zip(parts, limits, drive_reading_gains_and_offsets(model), strict=True):
         attributes, kind = {"name": joint.name, "joint": joint.name}, "motor"
         servo = model.servo(joint.name)
         if servo is not None and servo.gain is not None:
@@ -97,7 +97,11 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[JointParts]) 
 def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
     """A drive as an affine actuator: force = (k (q_cmd - q) - damping v - offset) / gain, within its limit."""
     own = {"position": (-k, -servo.damping), "velocity": (0.0, -k)}.get(servo.law, (0.0, 0.0))
-    law = {"gainprm": repr(k / gain), "biastype": "affine", "biasprm": numbers_text(np.array([-offset, *own]) / gain)}
+    law = {
+        "gainprm": repr(k / gain),
+        "biastype": "affine",
+        "biasprm": xml_number_list(np.array([-offset, *own]) / gain),
+    }
     if np.isfinite(servo.largest):
         law["forcerange"] = f"{(-servo.largest - offset) / gain!r} {(servo.largest - offset) / gain!r}"
     return law
@@ -110,7 +114,7 @@ def _delay(model: ArmModel, joint: str) -> float:
     return late if late > MIN_EXPORTED_DELAY_SECONDS else 0.0
 
 
-def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts]) -> list[ET.Element]:
+def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> list[ET.Element]:
     """Add a body for every joint, in the order of the joints, and a site at the tool."""
     arm, names, axes = model.arm.model, _link_names(model), joint_axes(model.arm.model)
     bodies: list[ET.Element] = []
@@ -120,12 +124,12 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
         body = ET.SubElement(outer, "body", {"name": names[i], **_pose(placement, placement.translation)})
         mass, centre, inertia = inertia_about_centre(joint.link)
         inertia = _for_mujoco(names[i], inertia)
-        moments = numbers_text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        moments = xml_number_list(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         mass_text = repr(max(mass, MIN_MASS_AND_INERTIA))
-        ET.SubElement(body, "inertial", pos=numbers_text(centre), mass=mass_text, fullinertia=moments)
+        ET.SubElement(body, "inertial", pos=xml_number_list(centre), mass=mass_text, fullinertia=moments)
         slides = model.arm.slides[i]
         axis = axes[i][:3] if slides else axes[i][3:]
-        attributes = {"name": joint.name, "type": "slide" if slides else "hinge", "axis": numbers_text(axis)}
+        attributes = {"name": joint.name, "type": "slide" if slides else "hinge", "axis": xml_number_list(axis)}
         dynamics = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
         if joint.stiffness:
             dynamics |= {"stiffness": joint.stiffness, "springref": joint.rest}
@@ -145,7 +149,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
 
 def _pose(placement: pin.SE3, position: np.ndarray) -> dict[str, str]:
     q = pin.Quaternion(np.asarray(placement.rotation))
-    return {"pos": numbers_text(position), "quat": numbers_text(np.array([q.w, q.x, q.y, q.z]))}
+    return {"pos": xml_number_list(position), "quat": xml_number_list(np.array([q.w, q.x, q.y, q.z]))}
 
 
 def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
@@ -164,12 +168,16 @@ def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:
     for i, body in enumerate(bodies):
         ends = [arm.jointPlacements[k + 1].translation for k in range(len(bodies)) if arm.parents[k + 1] == i + 1]
         ends = [end for end in ends if np.linalg.norm(end) > LINK_CAPSULE_RADIUS]
-        shapes = [{"type": "capsule", "fromto": f"0 0 0 {numbers_text(end)}"} for end in ends] or [{"type": "sphere"}]
+        shapes = [{"type": "capsule", "fromto": f"0 0 0 {xml_number_list(end)}"} for end in ends] or [
+            {"type": "sphere"}
+        ]
         for shape in shapes:
             ET.SubElement(body, "geom", shape | look)
 
 
-def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, parts: Sequence[JointParts]) -> None:
+def _add_springs(
+    root: ET.Element, bodies: list[ET.Element], model: ArmModel, parts: Sequence[ExportedJointDynamics]
+) -> None:
     """Add a tendon for every gravity spring.
 
     Its torque is s sin q + c cos q = A sin(q - q0); the ends of a spring of zero free length meet at q0.
@@ -190,7 +198,7 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
         spring = ET.SubElement(tendons, "spatial", name=f"{joint.name}_spring", stiffness=stiffness, springlength="0")
         for body, end, place in ((bodies[i], "link", on_link), (outer, "frame", placement.act(turned))):
             name = f"{joint.name}_spring_{end}"
-            ET.SubElement(body, "site", name=name, pos=numbers_text(place), size="0.005")
+            ET.SubElement(body, "site", name=name, pos=xml_number_list(place), size="0.005")
             ET.SubElement(spring, "site", site=name)
 
 
@@ -200,9 +208,11 @@ def _link_names(model: ArmModel) -> list[str]:
     return [children.get(name) or f"{name}_link" for name in model.arm.joints]
 
 
-def _export(file: ModelFile, output: Path, _about: str) -> Exported:
+def _export(file: ModelFile, output: Path, _about: str) -> ExportedModelText:
     text, notes = mujoco_text(arm_of_model_file(file, output))
-    return Exported(text, notes, EXPRESSIBLE_EFFECTS["mujoco"], f"python -m mujoco.viewer --mjcf={quote(str(output))}")
+    return ExportedModelText(
+        text, notes, EXPRESSIBLE_EFFECTS["mujoco"], f"python -m mujoco.viewer --mjcf={quote(str(output))}"
+    )
 
 
 FORMATS = (Format(".xml", "MuJoCo model", _export),)

@@ -34,7 +34,7 @@ INEXPRESSIBLE_REASONS = {
 
 
 @dataclass(frozen=True)
-class JointParts:
+class ExportedJointDynamics:
     """One joint of an arm with its drive and its link, in the parameters of simulators.
 
     Attributes:
@@ -62,19 +62,19 @@ class JointParts:
     rest: float
 
 
-def joint_parts(model: ArmModel) -> tuple[JointParts, ...]:
+def exported_joint_dynamics(model: ArmModel) -> tuple[ExportedJointDynamics, ...]:
     """The joints of an arm, from base to tool, in the parameters of simulators."""
     links = model.link_parameters()
     return tuple(_joint(model, name, links[name], model.arm.described[i]) for i, name in enumerate(model.arm.joints))
 
 
-def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) -> JointParts:
+def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) -> ExportedJointDynamics:
     def value(of: str) -> float:
         parameter = model.parameters.get(f"{of}[{name}]")
         return parameter.value if parameter is not None else 0.0
 
     forward, backward = (value(f"joint_asymmetric_friction.{side}") for side in ("positive", "negative"))
-    return JointParts(
+    return ExportedJointDynamics(
         name,
         link,
         described,
@@ -118,10 +118,10 @@ def inexpressible_effects(
     sentences = []
     named = model.without_background()
     for effect in named.effects:
-        joints = [joint for joint in named.joints_with(effect.name) if joint]
+        joints = [joint for joint in named.joints_having_effect(effect.name) if joint]
         why = INEXPRESSIBLE_REASONS.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
         if not why and symmetric and effect.name == "joint_asymmetric_friction":
-            uneven = {joint.name for joint in joint_parts(model) if joint.uneven}
+            uneven = {joint.name for joint in exported_joint_dynamics(model) if joint.uneven}
             joints = [joint for joint in joints if joint in uneven and joint not in uneven_drives]
             why = f"{whose} has one friction for both directions; their mean is used" if joints else ""
         if why:

@@ -12,12 +12,12 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre, is_physical, parameters_about_origin
 from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
-from pipeline.exports.format import Exported, Format, arm_of_model_file
+from pipeline.exports.format import ExportedModelText, Format, arm_of_model_file
 from pipeline.exports.parts import (
     EXPRESSIBLE_EFFECTS,
-    JointParts,
+    ExportedJointDynamics,
+    exported_joint_dynamics,
     inexpressible_effects,
-    joint_parts,
     require_physical_inertia,
 )
 from urdf.robot import URDF_DYNAMICS
@@ -46,8 +46,8 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     gravity = robot.model.gravity.linear
     if not np.array_equal(gravity, URDF_DYNAMICS.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
-    bare = model.without_effect("payload") if model.joints_with("payload") else model
-    for joint in joint_parts(bare):
+    bare = model.without_effect("payload") if model.joints_having_effect("payload") else model
+    for joint in exported_joint_dynamics(bare):
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
@@ -73,7 +73,7 @@ def _joint(root: ET.Element, name: str) -> ET.Element:
     return found
 
 
-def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
+def _set_dynamics(element: ET.Element, joint: ExportedJointDynamics) -> None:
     """Write the model's friction in place of the URDF's, which armdyn does not use."""
     old = element.find("dynamics")
     if old is None and joint.damping == joint.friction == 0.0:
@@ -83,7 +83,7 @@ def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
     dynamics.set("friction", repr(joint.friction))
 
 
-def _set_link(root: ET.Element, name: str, joint: JointParts) -> list[str]:
+def _set_link(root: ET.Element, name: str, joint: ExportedJointDynamics) -> list[str]:
     """Write the inertia of the model; links that are fixed to this one keep their own where that is possible."""
     link = next(element for element in root.findall("link") if element.get("name") == name)
     own = _inertial(link) + joint.link - joint.described
@@ -141,7 +141,7 @@ def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
 
 def _add_payload(root: ET.Element, model: ArmModel) -> None:
     """Add the payload, a point mass, as a link that is fixed to the last joint's link."""
-    (joint,) = model.joints_with("payload")
+    (joint,) = model.joints_having_effect("payload")
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD_LINK_NAME)
     _write_inertial(link, parameters_about_origin(mass, np.zeros(3), np.zeros((3, 3))))
@@ -179,10 +179,10 @@ def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
             mesh.set("filename", os.path.relpath(old / name, new))
 
 
-def _export(file: ModelFile, output: Path, _about: str) -> Exported:
+def _export(file: ModelFile, output: Path, _about: str) -> ExportedModelText:
     text, notes = urdf_text(arm_of_model_file(file, output), output.resolve().parent)
     usage = f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator"
-    return Exported(text, notes, EXPRESSIBLE_EFFECTS["urdf"], usage)
+    return ExportedModelText(text, notes, EXPRESSIBLE_EFFECTS["urdf"], usage)
 
 
 FORMATS = (Format(".urdf", "URDF", _export),)

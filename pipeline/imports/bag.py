@@ -82,10 +82,10 @@ def _take(publishers: Publishers, topic: str, kind: str, publisher: str, receive
     stamp = _stamp(content)
     numbers = ((name, value, "") for name, value in _numbers(topic, content))
     if (command := _command(kind, content)) is not None:
-        publishers.take_joints(topic, publisher, *command, stamp, received, commanded=True, beside=list(numbers))
+        publishers.add_joint_message(topic, publisher, *command, stamp, received, commanded=True, beside=list(numbers))
     elif (state := _joint_state(kind, content)) is not None:
         commanded = not COMMAND_TOPIC_WORDS.isdisjoint(name_words(topic))
-        publishers.take_joints(topic, publisher, *state, stamp, received, commanded=commanded)
+        publishers.add_joint_message(topic, publisher, *state, stamp, received, commanded=commanded)
     else:
         publishers.take(topic, publisher, stamp, received, list(numbers))
 

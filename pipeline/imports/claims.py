@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from pipeline.imports.words import HeaderParts
+from pipeline.imports.words import ColumnHeaderParts
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Claim:
     column: str
     channel: str
     body: str
-    label: HeaderParts
+    label: ColumnHeaderParts
     doubts: tuple[str, ...] = ()
 
     @property

@@ -26,9 +26,9 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
-from pipeline.imports.foreign import ForeignColumn, ForeignRecording, SampleAccount
+from pipeline.imports.foreign import ForeignColumn, ForeignRecording, ImportedSampleCounts
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
-from pipeline.imports.stamps import dated_samples
+from pipeline.imports.stamps import samples_with_valid_stamps
 from pipeline.imports.words import is_unit_like
 from urdf.toml_tables import join_problems
 
@@ -51,7 +51,7 @@ class ImportedRun:
     """
 
     run: Run
-    accounts: tuple[SampleAccount, ...]
+    accounts: tuple[ImportedSampleCounts, ...]
 
     @property
     def checks(self) -> list[Check]:
@@ -73,7 +73,7 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
     problems: list[str] = []
     notes = [*foreign.notes, *mapping.notes]
     table: tuple[FloatArray, RowIndices] | None = None
-    accounts: list[SampleAccount] = []
+    accounts: list[ImportedSampleCounts] = []
     empty: list[str] = []
     if foreign.is_table:
         with collect_errors(problems):
@@ -186,14 +186,14 @@ def _conversion(entry: ColumnEntry, unit: str) -> Conversion:
     return Conversion(si, factor, zero + offset)
 
 
-def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArray, RowIndices, SampleAccount]:
+def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArray, RowIndices, ImportedSampleCounts]:
     """Stamps [s] and indices of the rows of a table that are used, and their account."""
     count = len(next(iter(foreign.columns.values())).value)
     if mapping.rate:
         return (
             np.arange(count) / parse_quantity(mapping.rate, "Hz").value,
             np.arange(count),
-            SampleAccount("", count, count),
+            ImportedSampleCounts("", count, count),
         )
     if not mapping.time:
         raise InputError(f"no time: {TIME_HINT}")
@@ -201,8 +201,8 @@ def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArr
         raise UnknownNameError("column", mapping.time, foreign.columns)
     column = foreign.columns[mapping.time]
     with error_location(f"'{mapping.time}'"):
-        found = dated_samples(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
-    account = SampleAccount("", count, len(found.rows), dict(found.left_out), found.steps)
+        found = samples_with_valid_stamps(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
+    account = ImportedSampleCounts("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_COMPARED_CHANNEL_SAMPLES:
         raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
     return found.time, found.rows, account

@@ -34,7 +34,7 @@ SECOND_PUBLISHER = "of a second publisher"
 
 
 @dataclass(frozen=True)
-class SampleAccount:
+class ImportedSampleCounts:
     """Numbers of used and left-out messages of a topic, or rows of a table.
 
     Attributes:
@@ -99,7 +99,7 @@ class ForeignRecording:
     columns: Mapping[str, ForeignColumn]
     notes: tuple[str, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
-    accounts: Mapping[str, SampleAccount] = field(default_factory=dict)
+    accounts: Mapping[str, ImportedSampleCounts] = field(default_factory=dict)
     headed: bool = True
 
     @property
@@ -108,7 +108,7 @@ class ForeignRecording:
         return all(column.time is None for column in self.columns.values())
 
 
-def split_label(label: str) -> tuple[str, str]:
+def split_name_and_unit(label: str) -> tuple[str, str]:
     """Name and unit of a column's header: ``q [deg]``, ``q (deg)`` and ``q``; ``q[0]`` is the name of an entry."""
     name, unit = name_and_unit(label)
     if not unit and label.rstrip().endswith(")") and "(" in label:

@@ -18,11 +18,18 @@ from armdyn.recording.channels import channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording
-from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, number_pattern
+from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, words_with_numbers_masked
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
-from pipeline.imports.units import joined_doubts, judged_entries
-from pipeline.imports.words import IRRELEVANT_WORDS, HeaderParts, header_parts, is_unit_like, name_words, word_set
+from pipeline.imports.units import entries_with_inferred_units, joined_doubts
+from pipeline.imports.words import (
+    IRRELEVANT_WORDS,
+    ColumnHeaderParts,
+    is_unit_like,
+    name_words,
+    split_column_header,
+    word_set,
+)
 from urdf.infer import is_gripper_name
 
 TIME_WORDS = word_set("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
@@ -37,7 +44,7 @@ MIN_ROW_SHARE_WITH_RISING_TIME = 0.9
 PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 
 
-def known_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
+def map_unambiguous_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
     """Mapping of columns whose names are unambiguous: joint states, and names of armdyn's channels.
 
     Args:
@@ -115,17 +122,19 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
     declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
     complete = not _missing(declared, known)
     entries: dict[str, ColumnEntry] = {}
-    labels: dict[str, HeaderParts] = {}
-    of_joints: dict[str, HeaderParts] = {}
+    labels: dict[str, ColumnHeaderParts] = {}
+    of_joints: dict[str, ColumnHeaderParts] = {}
     for name, found in columns.items():
         if name == timing.time or _is_repeated(name, columns):
             continue
         if (entry := declared.get(name)) is None:
-            labels[name] = header_parts(name, found[0].unit)
+            labels[name] = split_column_header(name, found[0].unit)
         elif complete or not entry.joint or entry.joint in known.beside:
             entries[name] = entry
         else:
-            of_joints[name] = replace(header_parts(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt="")
+            of_joints[name] = replace(
+                split_column_header(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt=""
+            )
     of_joints = _of_joints(labels, known) | of_joints
     if known.arm or _is_arm(of_joints):
         claims = _joint_claims(of_joints, known, first.texts)
@@ -136,7 +145,7 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
     taken = {entry.channel for entry in entries.values()}
     seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
     best = best_claims(claim for claim in claims if claim.channel not in taken)
-    entries |= judged_entries(best, columns, known, first, seconds)
+    entries |= entries_with_inferred_units(best, columns, known, first, seconds)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
         places = {"x", "y"} <= {word for label in labels.values() for word in label.words}
@@ -151,7 +160,10 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
 
 
 def _commands(
-    labels: Mapping[str, HeaderParts], entries: Mapping[str, ColumnEntry], known: RobotJoints, texts: Mapping[str, str]
+    labels: Mapping[str, ColumnHeaderParts],
+    entries: Mapping[str, ColumnEntry],
+    known: RobotJoints,
+    texts: Mapping[str, str],
 ) -> dict[str, ColumnEntry]:
     """Commands of joints in a recording without torques: there the error of a drive replaces the torque."""
     by_channel = {entry.channel: entry for entry in entries.values()}
@@ -190,15 +202,15 @@ def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -
     doubt = f"no header says so: taken in the order {', '.join(quantities)}"
     places = [(quantity, joint) for quantity in quantities for joint in arm]
     return [
-        Claim(name, f"{quantity}.{joint}", joint, HeaderParts((), quantity, "", True, ()), (doubt,))
+        Claim(name, f"{quantity}.{joint}", joint, ColumnHeaderParts((), quantity, "", True, ()), (doubt,))
         for name, (quantity, joint) in zip(names, places, strict=True)
     ]
 
 
-def _of_joints(labels: Mapping[str, HeaderParts], known: RobotJoints) -> dict[str, HeaderParts]:
+def _of_joints(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints) -> dict[str, ColumnHeaderParts]:
     """Labels that may be a joint's, with the most likely quantity."""
-    found: dict[str, HeaderParts] = {}
-    kinds = Counter(number_pattern(label.words) for label in labels.values())
+    found: dict[str, ColumnHeaderParts] = {}
+    kinds = Counter(words_with_numbers_masked(label.words) for label in labels.values())
     for name, label in labels.items():
         if is_gripper_name(name) or not label.measured:
             continue
@@ -207,7 +219,7 @@ def _of_joints(labels: Mapping[str, HeaderParts], known: RobotJoints) -> dict[st
             quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
         elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
             quantity = "a"  # Pinocchio's name of an acceleration, not an axis
-        elif not quantity and _names_a_joint(label, kinds[number_pattern(label.words)], known):
+        elif not quantity and _names_a_joint(label, kinds[words_with_numbers_masked(label.words)], known):
             quantity, doubt = "q", "taken as positions"
         elif quantity == "force":
             quantity = "tau" if known.arm else ""
@@ -225,7 +237,7 @@ def _of_joints(labels: Mapping[str, HeaderParts], known: RobotJoints) -> dict[st
     return found
 
 
-def _names_a_joint(label: HeaderParts, alike: int, known: RobotJoints) -> bool:
+def _names_a_joint(label: ColumnHeaderParts, alike: int, known: RobotJoints) -> bool:
     """Whether a label without a quantity is only the name or number of a joint, as `alike` labels are."""
     letters = {word for word in label.words if not word.isdigit()}
     if any(
@@ -242,7 +254,7 @@ def _names_a_joint(label: HeaderParts, alike: int, known: RobotJoints) -> bool:
     return bool({"j", "joint", "a", "axis"} & letters) and (alike == len(known.arm) if known.arm else alike > 1)
 
 
-def _is_arm(labels: Mapping[str, HeaderParts]) -> bool:
+def _is_arm(labels: Mapping[str, ColumnHeaderParts]) -> bool:
     """Whether columns are those of an arm: of several joints, or with a joint's torque or current."""
     rests = {label.rest for label in labels.values()}
     numbers = {word for rest in rests for word in rest if word.isdigit()}
@@ -253,7 +265,7 @@ def _is_arm(labels: Mapping[str, HeaderParts]) -> bool:
     )
 
 
-def _joint_claims(labels: Mapping[str, HeaderParts], known: RobotJoints, texts: Mapping[str, str]) -> list[Claim]:
+def _joint_claims(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints, texts: Mapping[str, str]) -> list[Claim]:
     """Claims of the labels of joints, by column; `texts` are those of the recording's columns of text."""
     names = {}
     for column, label in labels.items():
@@ -273,7 +285,9 @@ def _joint_claims(labels: Mapping[str, HeaderParts], known: RobotJoints, texts: 
 
 def _time(foreign: ForeignRecording) -> ColumnMap:
     """A mapping with the time of a table only."""
-    called = [n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or header_parts(n).unit in TIME_UNITS]
+    called = [
+        n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or split_column_header(n).unit in TIME_UNITS
+    ]
     named, rising = (
         {name: count for name in names if (count := _count_stamps(foreign.columns[name].value, share))}
         for names, share in ((called, MIN_ROW_SHARE_WITH_RISING_TIME), (foreign.columns, 1.0))
@@ -289,7 +303,7 @@ def _time(foreign: ForeignRecording) -> ColumnMap:
         doubts.append("no header says that it is the time")
     elif counts[name] < len(column.value):
         doubts.append(f"{len(column.value) - counts[name]} stamps are those of the row before")
-    unit, why = column.unit or header_parts(name).unit, "as written"
+    unit, why = column.unit or split_column_header(name).unit, "as written"
     if not is_unit_like(unit, "s"):
         step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
         likely = [

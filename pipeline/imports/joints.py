@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from pipeline.imports.words import IRRELEVANT_WORDS, HeaderParts, name_words
+from pipeline.imports.words import IRRELEVANT_WORDS, ColumnHeaderParts, name_words
 from urdf import Robot
 from urdf.gripper import gripper_joints
 from urdf.validate import MOVING_JOINT_TYPES
@@ -95,7 +95,7 @@ class RobotJoints:
         return cls(arm, others, tuple(grippers), ranges, sliding)
 
 
-class JointMatch(NamedTuple):
+class MatchedJointName(NamedTuple):
     """Joint to which a column belongs (empty for a column to leave out), and a doubt (empty for a certain joint)."""
 
     joint: str
@@ -103,8 +103,8 @@ class JointMatch(NamedTuple):
 
 
 def match_joints(
-    labels: Mapping[str, HeaderParts], joints: RobotJoints, names: Mapping[str, str]
-) -> dict[str, JointMatch]:
+    labels: Mapping[str, ColumnHeaderParts], joints: RobotJoints, names: Mapping[str, str]
+) -> dict[str, MatchedJointName]:
     """Find the joint of every column.
 
     Args:
@@ -114,7 +114,7 @@ def match_joints(
     """
     groups: dict[tuple[str, ...], list[str]] = {}
     for column in labels:
-        groups.setdefault(number_pattern(labels[column].words), []).append(column)
+        groups.setdefault(words_with_numbers_masked(labels[column].words), []).append(column)
     rests = _differing({column: label.rest for column, label in labels.items()})
     headers = _Headers(labels, rests, joints, tuple(groups.values()))
     return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
@@ -131,12 +131,12 @@ class _Headers:
         groups: columns that differ in numbers only.
     """
 
-    labels: Mapping[str, HeaderParts]
+    labels: Mapping[str, ColumnHeaderParts]
     rests: Mapping[str, tuple[str, ...]]
     joints: RobotJoints
     groups: tuple[Sequence[str], ...]
 
-    def named_by_themselves(self) -> dict[str, JointMatch]:
+    def named_by_themselves(self) -> dict[str, MatchedJointName]:
         """Joints with the names in the headers, where no robot is known."""
         found = {}
         for columns in self.groups:
@@ -147,17 +147,17 @@ class _Headers:
                 joint = f"joint_{numbers[column]}" if numbered else "_".join(self.rests[column]) or "joint_1"
                 own = _OWN_NAME.fullmatch(column)
                 certain = numbered or self.rests[column]
-                found[column] = JointMatch(own["name"] if own else joint, "" if certain else "no joint is named")
+                found[column] = MatchedJointName(own["name"] if own else joint, "" if certain else "no joint is named")
         return found
 
-    def named_by_robot(self, names: Mapping[str, str]) -> dict[str, JointMatch]:
+    def named_by_robot(self, names: Mapping[str, str]) -> dict[str, MatchedJointName]:
         """Match by the names of the robot's joints, else by their numbers, else by their order."""
         differing = _differing({joint: name_words(joint) for joint in self.joints.arm})
         cores = {
             joint: tuple(word for word in core if word not in IRRELEVANT_WORDS) or core
             for joint, core in differing.items()
         }
-        found: dict[str, JointMatch] = {}
+        found: dict[str, MatchedJointName] = {}
         for column, label in self.labels.items():
             words, rest = (name_words(names[column]), ()) if column in names else (label.words, self.rests[column])
             if match := _by_name(words, rest, cores, self.joints):
@@ -197,14 +197,16 @@ class _Headers:
         complete = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
         return first if complete and first in (0, 1) else None
 
-    def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, JointMatch]:
+    def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, MatchedJointName]:
         """Match the columns of one group by their numbers."""
         numbers, arm = self._numbers(columns), self.joints.arm
         if numbers is None:
             return {}
         named = self._names(columns[0])
         if any(set(name_words(joint)) & set(named) for joint in arm):
-            return dict.fromkeys(columns, JointMatch(""))  # several numbers of one joint, such as the place of an elbow
+            return dict.fromkeys(
+                columns, MatchedJointName("")
+            )  # several numbers of one joint, such as the place of an elbow
         first, certain = self._first(columns), True
         if first is None:
             first = next(iter(firsts)) if len(firsts) == 1 else 0 if 0 in numbers.values() else 1
@@ -218,7 +220,7 @@ class _Headers:
         }
         why = next(doubt for doubt, holds in doubts.items() if holds)
         return {
-            column: JointMatch(arm[number - first] if 0 <= number - first < len(arm) else "", why)
+            column: MatchedJointName(arm[number - first] if 0 <= number - first < len(arm) else "", why)
             for column, number in numbers.items()
         }
 
@@ -227,41 +229,41 @@ class _Headers:
         entry = any(word in JOINT_STATE_ARRAYS and after.isdigit() for word, after in pairwise(words))
         return entry and ("states" in words or any("effort" in label.words for label in self.labels.values()))
 
-    def _by_order(self, columns: Sequence[str], found: Mapping[str, JointMatch]) -> dict[str, JointMatch]:
+    def _by_order(self, columns: Sequence[str], found: Mapping[str, MatchedJointName]) -> dict[str, MatchedJointName]:
         """Match unknown names by the order of the columns where their number fits; else each is a joint of its own."""
         kinds = list(dict.fromkeys(self.rests[column] for column in columns if self.rests[column]))
         free = [joint for joint in self.joints.arm if joint not in {match.joint for match in found.values()}]
         matches = {}
         for column in columns:
             if not (rest := self.rests[column]):
-                matches[column] = JointMatch(self.joints.arm[0] if len(self.joints.arm) == 1 else "")
+                matches[column] = MatchedJointName(self.joints.arm[0] if len(self.joints.arm) == 1 else "")
             elif len(kinds) == len(free):
-                matches[column] = JointMatch(free[kinds.index(rest)], "taken in the order of the columns")
+                matches[column] = MatchedJointName(free[kinds.index(rest)], "taken in the order of the columns")
             else:
-                matches[column] = JointMatch("_".join(rest), "no joint of the robot has this name")
+                matches[column] = MatchedJointName("_".join(rest), "no joint of the robot has this name")
         return matches
 
 
 def _by_name(
     words: Sequence[str], rest: Sequence[str], cores: Mapping[str, tuple[str, ...]], joints: RobotJoints
-) -> JointMatch | None:
+) -> MatchedJointName | None:
     """The joint whose whole name is in a header, else the one whose distinctive words are those of the header."""
     inside = [j for j in joints.names if contains_phrase(words, name_words(j)) and any(map(str.isalpha, name_words(j)))]
     inside = [j for j in inside if not any(contains_phrase(name_words(k), name_words(j)) for k in inside if k != j)]
     if len(inside) == 1:
         extra = " ".join((Counter(rest) - Counter(name_words(inside[0]))).elements())
         if inside[0] in joints.grippers:
-            return JointMatch("")
-        return JointMatch(inside[0], f"its header also says '{extra}'" if extra else "")
+            return MatchedJointName("")
+        return MatchedJointName(inside[0], f"its header also says '{extra}'" if extra else "")
     if not any(word.isalpha() for word in rest):
         return None
     same = [joint for joint, core in cores.items() if "".join(core) == "".join(rest)]
     if len(same) == 1:
-        return JointMatch(same[0])
+        return MatchedJointName(same[0])
     letters = {word for word in rest if word.isalpha() and len(word) > 1}
     numbers = set(filter(str.isdigit, rest))
     near = [j for j, core in cores.items() if letters & set(core) and numbers == set(filter(str.isdigit, core))]
-    return JointMatch(near[0], "a name like it") if len(near) == 1 else None
+    return MatchedJointName(near[0], "a name like it") if len(near) == 1 else None
 
 
 _OWN_NAME = re.compile(
@@ -279,7 +281,7 @@ def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...
     return {name: tuple(word for word in words if word not in common) for name, words in names.items()}
 
 
-def number_pattern(words: Iterable[str]) -> tuple[str, ...]:
+def words_with_numbers_masked(words: Iterable[str]) -> tuple[str, ...]:
     """Words of a name with ``#`` in place of every number, so that names that differ in a number become equal."""
     return tuple("#" if word.isdigit() else word for word in words)
 

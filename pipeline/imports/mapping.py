@@ -31,7 +31,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
-from urdf.toml_tables import TomlFileError, ValueCheck, join_problems, table_to_dataclass
+from urdf.toml_tables import TomlFileError, TomlValueCheck, join_problems, table_to_dataclass
 
 TIME_HINT = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
@@ -65,17 +65,19 @@ class ColumnEntry:
 
     channel: str
     unit: str = ""
-    sign: Annotated[float, ValueCheck(lambda sign: sign in (1, -1), "write 1 or -1")] = 1.0
+    sign: Annotated[float, TomlValueCheck(lambda sign: sign in (1, -1), "write 1 or -1")] = 1.0
     offset: str = ""
     gear_ratio: Annotated[
-        float, ValueCheck(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
+        float, TomlValueCheck(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
     ] = 1.0
     torque_constant: str = ""
     scale: Annotated[
-        float, ValueCheck(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")
+        float, TomlValueCheck(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")
     ] = 1.0
     late: str = ""
-    fast: Annotated[float, ValueCheck(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
+    fast: Annotated[float, TomlValueCheck(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = (
+        0.0
+    )
     turn: str = ""
     check: str = ""
     why: str = ""
@@ -177,7 +179,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             if not seconds > 0.0:
                 raise InputError(f"'{time['period']}' is no time from one row to the next: write it as '4 s'")
             rate = f"{1.0 / seconds!r} Hz"
-        check_rate(rate)
+        check_table_sample_rate(rate)
     columns = table.get("columns", {})
     if not isinstance(columns, dict) or not columns:
         problems.append('no [columns]: write lines such as "J1 pos" = { channel = "q.shoulder", unit = "deg" }')
@@ -202,7 +204,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
     return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate)
 
 
-def check_rate(rate: str) -> None:
+def check_table_sample_rate(rate: str) -> None:
     """Refuse an impossible sampling rate of rows, such as ``"1 mHz"``; an empty text is accepted.
 
     Raises:
@@ -212,7 +214,7 @@ def check_rate(rate: str) -> None:
         raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
-def map_text(mapping: ColumnMap, comment: str = "") -> str:
+def column_map_toml(mapping: ColumnMap, comment: str = "") -> str:
     """Text of a mapping file in TOML: `comment` at its head, and beside each guessed column a comment why."""
 
     def line(name: str, values: Mapping[str, object], why: str) -> str:
@@ -233,7 +235,7 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def correction_text(run: Run, correction: Correction) -> str:
+def correction_toml(run: Run, correction: Correction) -> str:
     """Text of a mapping file that applies the correction of a recorded run during an import."""
     entries = {}
     for channel, recorded in run.channels.items():
@@ -250,4 +252,4 @@ def correction_text(run: Run, correction: Correction) -> str:
                 turn=f"{reading.wrap_period:.12g} {run.channels[reading.source].unit}" if reading.wrap_period else "",
             )
     comment = f"Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS"
-    return map_text(ColumnMap(entries, "time", "s"), comment)
+    return column_map_toml(ColumnMap(entries, "time", "s"), comment)

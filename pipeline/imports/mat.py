@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
-from ik.workers import LostItem, map_in_processes
+from ik.workers import FailedWorkItem, map_in_processes
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
 from urdf.bounds import MAX_DECOMPRESSED_FILE_BYTES, MAX_TABLE_COLUMNS, MIB
 
@@ -31,7 +31,7 @@ def read_mat(path: Path) -> ForeignRecording:
     with error_location(path):
         # In a process of its own, because scipy ends the process on some damaged files.
         ((_, content),) = map_in_processes(partial(_content, data), [path.name], 1, "forkserver")
-        if isinstance(content, LostItem):
+        if isinstance(content, FailedWorkItem):
             raise InputError("is no MATLAB file that can be read: it is damaged")
         arrays = {
             name: a for key, value in content.items() if not key.startswith("__") for name, a in _arrays(key, value)

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.imports.claims import Claim
 from pipeline.imports.joints import JointRange, RobotJoints
-from pipeline.imports.words import COMMAND_WORDS, HeaderParts, is_unit_like, word_set
+from pipeline.imports.words import COMMAND_WORDS, ColumnHeaderParts, is_unit_like, word_set
 
 FORCE_WORDS = word_set("force tension loadcell load kraft")
 PIVOT_WORDS = word_set("gripper cart pivot trolley carriage slider hand")
@@ -25,7 +25,7 @@ PENDULUM_PARTS = RobotJoints(ranges={part: JointRange(True, np.inf, np.inf) for 
 """Moving parts of a pendulum in the form of prismatic joints with unknown ranges."""
 
 
-def pendulum_claims(labels: Mapping[str, HeaderParts]) -> list[Claim]:
+def pendulum_claims(labels: Mapping[str, ColumnHeaderParts]) -> list[Claim]:
     """Possible meanings of columns in the recording of a pendulum, from their parsed headers."""
     swings = any(set(label.words) & SWING_WORDS for label in labels.values())
     plane = any("y" in label.words for label in labels.values())  # x beside y is the load's place in a picture
@@ -40,7 +40,7 @@ def pendulum_claims(labels: Mapping[str, HeaderParts]) -> list[Claim]:
     return claims
 
 
-def _part(label: HeaderParts, swings: bool) -> str:
+def _part(label: ColumnHeaderParts, swings: bool) -> str:
     words, quantity = set(label.words), label.quantity
     if words & RATE_WORDS:
         return "swing"

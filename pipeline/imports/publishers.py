@@ -16,8 +16,8 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from armdyn.recording.tracks import samples_of_second_series
-from pipeline.imports.foreign import SECOND_PUBLISHER, ForeignColumn, SampleAccount
-from pipeline.imports.stamps import MAX_MESSAGE_DELAY_SECONDS, dated_samples, on_arrival_clock
+from pipeline.imports.foreign import SECOND_PUBLISHER, ForeignColumn, ImportedSampleCounts
+from pipeline.imports.stamps import MAX_MESSAGE_DELAY_SECONDS, samples_with_valid_stamps, shift_to_arrival_clock
 from urdf.bounds import MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, printable_excerpt
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -114,7 +114,7 @@ class Publishers:
     _names: set[str] = field(default_factory=set)
     _incomplete: Counter[tuple[str, str, int, int]] = field(default_factory=Counter)
 
-    def take_joints(
+    def add_joint_message(
         self,
         topic: str,
         publisher: str,
@@ -200,7 +200,7 @@ class Publishers:
 
     def columns(
         self, unread: Mapping[str, int], *, on_arrival: bool = False
-    ) -> tuple[dict[str, ForeignColumn], dict[str, SampleAccount], list[str]]:
+    ) -> tuple[dict[str, ForeignColumn], dict[str, ImportedSampleCounts], list[str]]:
         """Columns by name, an account by topic, and sentences on everything that was changed or left out.
 
         Args:
@@ -208,7 +208,7 @@ class Publishers:
             on_arrival: whether the times shall be those of the clock of the reception.
         """
         columns: dict[str, ForeignColumn] = {}
-        accounts: dict[str, SampleAccount] = {}
+        accounts: dict[str, ImportedSampleCounts] = {}
         clocks: dict[str, tuple[int, float]] = {}
         for topic, by_publisher in self._series.items():
             used, left_out = _used(by_publisher.values())
@@ -221,21 +221,21 @@ class Publishers:
                     np.array(part) for part in zip(*((m.stamp, m.received) for m in messages), strict=True)
                 )
                 known = _are_receptions(received, stamps)
-                found = dated_samples(stamps, received if known else None)
+                found = samples_with_valid_stamps(stamps, received if known else None)
                 kept, left_out, steps = kept + len(found.rows), left_out + found.left_out, steps + found.steps
                 stamped = stamped and (found.stamped or not np.isfinite(stamps).any())
                 if not len(found.rows):
                     continue
                 time, came = found.time, received[found.rows]
                 if on_arrival and found.stamped:
-                    time = on_arrival_clock(time, came)
+                    time = shift_to_arrival_clock(time, came)
                 if known:
                     clocks[topic] = max(clocks.get(topic, (0, 0.0)), (len(time), float((came - time).min())))
                 for name, (channel, rows, value) in _Series([messages[row] for row in found.rows]).columns.items():
                     unit = REVOLUTE_UNITS.get(channel.partition(".")[0], "")
                     columns[name] = ForeignColumn(value, unit, time[rows], channel, topic)
             count = sum(len(series.messages) for series in by_publisher.values()) + unread.get(topic, 0)
-            accounts[topic] = SampleAccount(topic, count, kept, dict(+left_out), steps, stamped)
+            accounts[topic] = ImportedSampleCounts(topic, count, kept, dict(+left_out), steps, stamped)
         notes = [
             f"{topic}: {count} messages with {values} of {part} for {names} joints: these are left out"
             for (topic, part, values, names), count in self._incomplete.items()

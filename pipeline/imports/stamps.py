@@ -35,7 +35,7 @@ REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP
 
 
 @dataclass(frozen=True, eq=False)
-class DatedSamples:
+class TimestampedSamples:
     """Samples of a recording with usable time stamps.
 
     Attributes:
@@ -53,7 +53,7 @@ class DatedSamples:
     stamped: bool = True
 
 
-def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> DatedSamples:
+def samples_with_valid_stamps(stamps: FloatArray, arrivals: FloatArray | None = None) -> TimestampedSamples:
     """Select the samples with usable stamps, and determine their times on the clock of the stamps.
 
     Args:
@@ -71,15 +71,15 @@ def dated_samples(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dat
         pieces = _pieces(arrivals, None)
         if 2 * sum(map(len, pieces)) > kept:
             rows, time, left = _laid(pieces, arrivals, None)
-            return DatedSamples(rows, time, _reasons(arrivals, rows) + left, stamped=False)
+            return TimestampedSamples(rows, time, _reasons(arrivals, rows) + left, stamped=False)
         pieces = _pieces(stamps[present], arrivals[present])
     pieces = [present[piece] for piece in pieces]
     steps = tuple(float(stamps[b[0]] - stamps[a[-1]]) for a, b in pairwise(pieces))
     rows, time, left = _laid(pieces, stamps, arrivals)
-    return DatedSamples(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
+    return TimestampedSamples(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
 
 
-def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
+def shift_to_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
     """Convert times of another clock (n,) [s] to the clock of the times of arrival (n,) [s].
 
     The offset of the clocks is the smallest difference seen around a sample, which grows by `MAX_RELATIVE_CLOCK_DRIFT`

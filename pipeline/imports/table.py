@@ -19,7 +19,7 @@ from armdyn.arrays import time_in_seconds
 from armdyn.errors import InputError, error_location
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
-from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_label
+from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_name_and_unit
 from pipeline.imports.head import single_header_table
 from urdf.bounds import (
     MAX_DECOMPRESSED_FILE_BYTES,
@@ -69,7 +69,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
     columns: dict[str, ForeignColumn] = {}
     texts = {}
     for i, label in enumerate(table.labels):
-        column, unit = split_label(label)
+        column, unit = split_name_and_unit(label)
         if column in columns:
             notes.append(f"'{column}' stands in the header again: that column is called '{column}#{i + 1}'")
         column = column if column and column not in columns else f"{column or 'column'}#{i + 1}"
@@ -146,7 +146,7 @@ def read_parquet(path: Path) -> ForeignRecording:
         if table.num_rows == 0:
             raise InputError("holds no row: give a recording")
     for label in table.column_names:
-        name, unit = split_label(label)
+        name, unit = split_name_and_unit(label)
         found = _arrow_columns(name, table[label])
         if not found:
             notes.append(f"'{name}' holds no numbers: left out")

@@ -40,7 +40,7 @@ ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale?
 """Doubt about positions that are large whole numbers."""
 
 
-def judged_entries(
+def entries_with_inferred_units(
     claims: Sequence[Claim],
     columns: Mapping[str, Sequence[ForeignColumn]],
     known: RobotJoints,

@@ -76,7 +76,7 @@ QUANTITY_UNITS |= {"force": ("N",), "time": ("s",)}
 
 
 @dataclass(frozen=True)
-class HeaderParts:
+class ColumnHeaderParts:
     """Parts of a column's header.
 
     Attributes:
@@ -104,7 +104,7 @@ def name_words(text: str) -> tuple[str, ...]:
     return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
 
 
-def header_parts(name: str, unit: str = "") -> HeaderParts:
+def split_column_header(name: str, unit: str = "") -> ColumnHeaderParts:
     """Parse a column's header.
 
     Args:
@@ -119,7 +119,7 @@ def header_parts(name: str, unit: str = "") -> HeaderParts:
     )
     text = name.strip()
     if unit and not written and is_unit_like(unit, "J"):
-        return HeaderParts(name_words(text), "", unit, False, ())
+        return ColumnHeaderParts(name_words(text), "", unit, False, ())
     if unit and not written:  # the brackets contain something else, such as the axis
         text = f"{text} {unit}"
     found = None if written else _SUFFIX.search(text)
@@ -143,7 +143,7 @@ def is_unit_like(unit: str, *choices: str) -> bool:
     return False
 
 
-def _without_unit(text: str, unit: str) -> HeaderParts:
+def _without_unit(text: str, unit: str) -> ColumnHeaderParts:
     words = name_words(text)
     kinds = [_QUANTITY_OF[word] for word in words if word in _QUANTITY_OF]
     quantity = next((kind for kind in QUANTITY_WORDS if kind in kinds), "")
@@ -167,10 +167,10 @@ def _without_unit(text: str, unit: str) -> HeaderParts:
     coordinates |= quantity in ("force", "tau") and bool({"x", "y", "z"} & set(letters))
     of_joint = not (OTHER_QUANTITY_WORDS & set(words) or coordinates)
     commanded = bool(command_words)
-    return HeaderParts(words, quantity, unit, of_joint and not commanded, rest, doubt, of_joint and commanded)
+    return ColumnHeaderParts(words, quantity, unit, of_joint and not commanded, rest, doubt, of_joint and commanded)
 
 
-def _completed(label: HeaderParts) -> HeaderParts:
+def _completed(label: ColumnHeaderParts) -> ColumnHeaderParts:
     """The label with the quantity that its unit implies; a speed in the unit of an angle gets that unit per second."""
     quantity, unit = label.quantity, label.unit
     if not unit:

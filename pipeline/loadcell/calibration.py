@@ -9,20 +9,20 @@ from typing import Annotated
 
 from armdyn.atomic import write_text
 from armdyn.errors import InputError
-from pipeline.loadcell.faults import LoadCellLimits
+from pipeline.loadcell.faults import LoadCellFaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import has_plausible_magnitude
-from urdf.toml_tables import TomlFileError, ValueCheck, read_toml_with_text, table_to_dataclass
+from urdf.toml_tables import TomlFileError, TomlValueCheck, read_toml_with_text, table_to_dataclass
 
 QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Unit of each quantity in a calibration's file."""
 
 
-_Number = Annotated[float, ValueCheck(has_plausible_magnitude, "give a size that a load cell has")]
+_Number = Annotated[float, TomlValueCheck(has_plausible_magnitude, "give a size that a load cell has")]
 
 
-def _in_unit(name: str) -> ValueCheck:
-    return ValueCheck(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
+def _in_unit(name: str) -> TomlValueCheck:
+    return TomlValueCheck(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Calibration:
             raise InputError("a standard deviation is negative, or the noise is zero")
 
     @property
-    def force_limits(self) -> LoadCellLimits:
+    def force_limits(self) -> LoadCellFaultLimits:
         """Limits for detecting faults in this cell's samples of force [N]."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
-        return LoadCellLimits.from_noise(self.noise, abs(self.scale), *ends)
+        return LoadCellFaultLimits.from_noise(self.noise, abs(self.scale), *ends)
 
     def force(self, counts: float) -> float:
         """Convert counts to a force [N]."""

@@ -14,10 +14,10 @@ from pipeline.loadcell.faults import (
     LoadCellFault,
     LoadCellFaultDetector,
     LoadCellFaultEvent,
-    LoadCellLimits,
+    LoadCellFaultLimits,
     LoadCellStatus,
 )
-from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LineDecoder, open_port
+from pipeline.loadcell.protocol import DEFAULT_BAUD_RATE, MAXIMUM_COUNTS, MINIMUM_COUNTS, LoadCellLineDecoder, open_port
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.robot.protocol import ForceSample
 
@@ -74,7 +74,7 @@ MAX_FORCE_DRIFT_RATE = 0.1
 """Largest rate of drift of a cell that works, by creep or temperature [N/s]."""
 
 
-def count_fault_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> LoadCellLimits:
+def count_fault_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> LoadCellFaultLimits:
     """Limits for detecting faults in the counts of an HX711.
 
     Args:
@@ -83,11 +83,11 @@ def count_fault_limits(calibration: Calibration | None = None, silent_after: flo
     """
     noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
-        LoadCellLimits.from_noise(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
+        LoadCellFaultLimits.from_noise(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
         spike=MIN_SPIKE_SHARE_OF_FULL_SCALE * (MAXIMUM_COUNTS - MINIMUM_COUNTS)
         + SPIKE_MARGIN_STANDARD_DEVIATIONS * noise,
         silent_after=silent_after,
-        start_up=FIRST_LINE_TIMEOUT_SECONDS,
+        start_up_seconds=FIRST_LINE_TIMEOUT_SECONDS,
     )
     if calibration is None:
         return limits
@@ -137,7 +137,7 @@ class LoadCell(Closable):
         self._calibration, self._clock = calibration, clock
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
-        self._decoder, self._times = LineDecoder(), ReceptionClock()
+        self._decoder, self._times = LoadCellLineDecoder(), ReceptionClock()
         self._detector = LoadCellFaultDetector(count_fault_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=MAX_QUEUED_SAMPLES_OR_EVENTS)
         self._events: deque[LoadCellFaultEvent] = deque(maxlen=MAX_QUEUED_SAMPLES_OR_EVENTS)

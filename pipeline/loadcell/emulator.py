@@ -13,7 +13,13 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode_line
+from pipeline.loadcell.protocol import (
+    MAXIMUM_COUNTS,
+    MINIMUM_COUNTS,
+    SEQUENCE_MODULUS,
+    RawLoadCellReading,
+    encode_load_cell_line,
+)
 from pipeline.processes import Closable
 
 EMULATED_OFFSET_COUNTS, EMULATED_NEWTONS_PER_COUNT = 84213.0, 5.6e-6
@@ -42,9 +48,9 @@ class EmulatedPort(Closable):
 
     def next_line(self, counts: int) -> bytes:
         """Make the line for the next sample, with the next sequence number."""
-        reading = CellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
+        reading = RawLoadCellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        return encode_line(reading)
+        return encode_load_cell_line(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
         """Send bytes; returns False if no program reads them within `patience` [s], so that some are lost."""

@@ -52,7 +52,7 @@ class LoadCellFaultEvent:
 
 
 @dataclass(frozen=True)
-class LoadCellLimits:
+class LoadCellFaultLimits:
     """Limits for the samples of a load cell that works, in the unit of the samples: N or counts.
 
     Attributes:
@@ -66,7 +66,7 @@ class LoadCellLimits:
         drift: largest rate at which the mean may change in one direction, over `ONE_WAY_CHANGES_UNTIL_DRIFT` blocks
         [unit/s].
         silent_after: time without a sample after which the cell counts as silent [s].
-        start_up: additional time for the first sample [s]; most boards restart when the port is opened.
+        start_up_seconds: additional time for the first sample [s]; most boards restart when the port is opened.
     """
 
     lower: float = -math.inf
@@ -78,10 +78,10 @@ class LoadCellLimits:
     max_force: float = math.inf
     drift: float = math.inf
     silent_after: float = 0.2
-    start_up: float = 0.0
+    start_up_seconds: float = 0.0
 
     @classmethod
-    def from_noise(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellLimits":
+    def from_noise(cls, noise: float, step: float, lower: float, upper: float) -> "LoadCellFaultLimits":
         """Make limits for saturated and frozen cells.
 
         Args:
@@ -169,12 +169,12 @@ class LoadCellFaultDetector:
         limits: limits for the samples of a cell that works; by default `FaultLimits()`.
     """
 
-    def __init__(self, limits: LoadCellLimits | None = None) -> None:
-        self._limits = limits or LoadCellLimits()
+    def __init__(self, limits: LoadCellFaultLimits | None = None) -> None:
+        self._limits = limits or LoadCellFaultLimits()
         self._active: set[LoadCellFault] = set()
         self._events: list[LoadCellFaultEvent] = []
         self._heard: float | None = None
-        self._patience = self._limits.start_up + self._limits.silent_after
+        self._patience = self._limits.start_up_seconds + self._limits.silent_after
         self._stuck, self._drift = _Stuck(self._limits.step), _Drift(self._limits.drift)
         self._latest: deque[float] = deque(maxlen=3)
         self._spikes: deque[bool] = deque(maxlen=SPIKE_WINDOW_SAMPLES)

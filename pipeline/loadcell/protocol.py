@@ -37,26 +37,26 @@ LINE_START = b"HX711 "
 _LINE = re.compile(rb"(HX711 (\d{1,5}) (-?\d{1,7})) ([0-9A-Fa-f]{1,4})")
 
 
-class CellReading(NamedTuple):
+class RawLoadCellReading(NamedTuple):
     """One sample from the load cell's microcontroller: its sequence number, and its value in counts."""
 
     sequence: int
     counts: int
 
 
-def encode_line(reading: CellReading) -> bytes:
+def encode_load_cell_line(reading: RawLoadCellReading) -> bytes:
     """Encode a sample as a line of the protocol, with a line feed at the end."""
     payload = LINE_START + b"%d %d" % reading
     return payload + b" %04X\n" % crc16(payload)
 
 
-def decode_line(line: bytes) -> CellReading | None:
+def decode_load_cell_line(line: bytes) -> RawLoadCellReading | None:
     """Decode a line of the protocol, without its line feed; None if it is not a valid sample."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
     payload, sequence, counts, crc = match.groups()
-    reading = CellReading(int(sequence), int(counts))
+    reading = RawLoadCellReading(int(sequence), int(counts))
     in_range = reading.sequence < SEQUENCE_MODULUS and MINIMUM_COUNTS <= reading.counts <= MAXIMUM_COUNTS
     return reading if in_range and int(crc, 16) == crc16(payload) else None
 
@@ -74,11 +74,11 @@ MAX_LOST_SAMPLES_WITHOUT_RESTART = 1000
 class DecodedSamples:
     """Result of decoding a part of the byte stream: samples, oldest first, and the number of faults of each kind."""
 
-    readings: list[CellReading] = field(default_factory=list)
+    readings: list[RawLoadCellReading] = field(default_factory=list)
     faults: Counter[LoadCellFault] = field(default_factory=Counter)
 
 
-class LineDecoder:
+class LoadCellLineDecoder:
     """Decodes the byte stream of a load cell: splits it into lines, and checks checksums and sequence numbers.
 
     The first line may be incomplete, because the port was opened in its middle; this is not a fault.
@@ -106,7 +106,7 @@ class LineDecoder:
         line = line.rstrip(b"\r")
         # A sample that follows noise on the same line is still valid, because its checksum is right.
         start = max(line.rfind(LINE_START), 0)
-        reading = decode_line(line[start:])
+        reading = decode_load_cell_line(line[start:])
         if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
             decoded.faults[LoadCellFault.MALFORMED] += 1
         if reading is not None and self._is_new(reading.sequence, decoded.faults):

@@ -4,10 +4,18 @@ The motions are functions of the line coordinate ``s`` [m] of the tool (positive
 can leave the line. An IK table of the package `ik` converts them to joint positions.
 """
 
-from pipeline.motion.finish import finish_over_box
-from pipeline.motion.gate import CommandGate, LineGate
+from pipeline.motion.finish import motion_to_finish_over_box
+from pipeline.motion.gate import JointCommandCheck, LineReferenceCheck
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 
-__all__ = ["CommandGate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]
+__all__ = [
+    "JointCommandCheck",
+    "LineLimits",
+    "LineReferenceCheck",
+    "LineSmoother",
+    "LineState",
+    "LineTrajectory",
+    "motion_to_finish_over_box",
+]

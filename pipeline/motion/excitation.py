@@ -71,7 +71,7 @@ REDUCED_AMPLITUDES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedResults:
+class ExpectedMotionInformation:
     """What a recording of a motion is expected to determine.
 
     Attributes:
@@ -106,9 +106,9 @@ class Excitation:
     series: FourierSeries
     trajectory: JointTrajectory
     feasibility: FeasibilityReport
-    expected: ExpectedResults
-    random: ExpectedResults | None
-    conditioned: ExpectedResults | None
+    expected: ExpectedMotionInformation
+    random: ExpectedMotionInformation | None
+    conditioned: ExpectedMotionInformation | None
     random_count: int
     torque: Array
 
@@ -133,7 +133,7 @@ class Excitation:
         return float(np.trapezoid(power, self.trajectory.time))
 
 
-SINGLE_JOINT_CHECK_SETTINGS = CheckSettings(singular_value=0.0)
+SINGLE_JOINT_CHECK_SETTINGS = CheckSettings(min_singular_value=0.0)
 """Settings of the check for motions of single joints: singular postures are allowed."""
 
 
@@ -181,27 +181,27 @@ def design_excitation(
             rival, starts, [goal.condition_number_criterion(information)[0] for information in informations], say
         )
         inside = shrink_within_limits(rival, other, MAX_COMPARED_LIMIT_EXCESS_SHARE)
-        conditioned = expected_results(problem, goal, other if inside is None else inside)
+        conditioned = expected_motion_information(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
         series=problem.series,
         trajectory=trajectory,
         feasibility=check,
-        expected=expected_results(problem, goal, x),
-        random=expected_results(problem, goal, best),
+        expected=expected_motion_information(problem, goal, x),
+        random=expected_motion_information(problem, goal, best),
         conditioned=conditioned,
         random_count=len(starts),
         torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
-def expected_results(problem: ArmProblem, goal: MotionGoal, x: Array) -> ExpectedResults:
+def expected_motion_information(problem: ArmProblem, goal: MotionGoal, x: Array) -> ExpectedMotionInformation:
     """Compute what a recording of a motion, given by its coefficients x (nj, size), is expected to determine."""
     information, prior = problem.information(x), goal.columns.prior
     K = posterior_covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.separations)
-    return ExpectedResults(x, std, separations)
+    return ExpectedMotionInformation(x, std, separations)
 
 
 def sample_motion(problem: ArmProblem, x: Array) -> JointTrajectory:

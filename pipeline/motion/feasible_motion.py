@@ -15,7 +15,7 @@ from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
 from ik import LineTable, default_table
 from pipeline.box import Box
-from pipeline.motion.feasibility import CheckSettings, PlannedSwing, box_and_table, check_line
+from pipeline.motion.feasibility import CheckSettings, PlannedSwing, box_and_table_obstacles, check_line
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineTrajectory
 
@@ -61,7 +61,9 @@ def fit_motion_to_arm(
         The feasible motion; None if none of sufficient size exists.
     """
     box, limits = Box(), LineLimits.from_table(table)
-    settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
+    settings = CheckSettings(
+        load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table_obstacles(table.line, box)
+    )
     for factor in AMPLITUDE_FACTORS:
         scaled = GripperPath(0.0, motion.dt, *factor * motion.motion_along_line)
         s, v, a = scaled.motion_along_line

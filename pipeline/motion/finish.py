@@ -25,7 +25,7 @@ MotionPieces = list[tuple[float, Callable[[float], LineState]]]
 """Successive parts of a motion: the duration of each [s], and a function from the time since its begin [s] to state."""
 
 
-def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
+def motion_to_finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
     """Plan the gripper's motion from its state at the end of the swing to rest over the box.
 
     Args:
@@ -44,10 +44,10 @@ def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: floa
     reduced = limits.scaled(MAX_FINISH_SHARE_OF_SPEED_LIMIT, 1.0, MAX_FINISH_ACCELERATION)
     # Where the swing ends faster than the finish may go, braking needs the whole limit.
     slow_enough = LinePlanner(reduced).stop(start) is not None
-    return point_to_point(start, s_end, reduced if slow_enough else limits, dt)
+    return point_to_point_motion(start, s_end, reduced if slow_enough else limits, dt)
 
 
-def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
+def point_to_point_motion(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
     """Plan a fast motion from a moving state to rest, under a speed limit that depends on the position.
 
     If the fastest motion with constant limits exceeds the speed limit somewhere, the motion has three parts: Ruckig
@@ -71,7 +71,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
         raise InputError(
             f"move to s = {s_end} m: its end must lie on the line, {limits.s_min:.4g} to {limits.s_max:.4g} m"
         )
-    planner, target = LinePlanner(limits.planning_limits()), LineState(s_end)
+    planner, target = LinePlanner(limits.limits_reduced_for_planning()), LineState(s_end)
     pieces = _fastest(planner, start, target) if planner.stop(start) is not None else []
     if not pieces:
         raise TaskFailedError(
@@ -91,7 +91,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
 def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> MotionPieces:
     """The motion within the limits with the shortest duration; empty without one."""
     acceleration = _acceleration(planner, start, target)
-    direct = planner.to_state(start, target, acceleration=acceleration)
+    direct = planner.plan_motion_to_state(start, target, acceleration=acceleration)
     if direct is not None and direct.respects(planner.limits):
         return [(direct.duration, direct.state_at)]
     moves = _ridden(planner, start, target), _slower(planner, start, target, acceleration)
@@ -113,7 +113,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Motion
         """Index of the position on the limit for which the whole motion is fastest, and the motion to or from it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-            motion = planner.to_state(begin, end, acceleration=_acceleration(planner, begin, end))
+            motion = planner.plan_motion_to_state(begin, end, acceleration=_acceleration(planner, begin, end))
             if motion is not None and motion.duration + riding[k] < shortest and motion.respects(limits):
                 shortest, place, chosen = motion.duration + riding[k], k, motion
         return place, chosen
@@ -148,7 +148,7 @@ def _slower(planner: LinePlanner, start: LineState, target: LineState, accelerat
         speed = 0.5 * (fits + fails)
         if speed < MIN_TRIED_SHARE_OF_SPEED_LIMIT * planner.limits.max_speed_limit:
             break
-        motion = planner.to_state(start, target, speed=speed, acceleration=acceleration)
+        motion = planner.plan_motion_to_state(start, target, speed=speed, acceleration=acceleration)
         if motion is not None and motion.respects(planner.limits):
             best, fits = [(motion.duration, motion.state_at)], speed
         else:

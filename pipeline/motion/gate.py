@@ -35,7 +35,7 @@ MAX_JOINT_SPEED_AT_REST = 1e-3
 """Commanded speed below which a joint counts as at rest [rad/s]."""
 
 
-class RefusalReason(Enum):
+class CommandRefusalReason(Enum):
     """Reason why a gate refused a command or a reference; the value is a sentence with advice."""
 
     NOT_A_NUMBER = "a command holds a NaN or an infinity, it is not finite: look at the node that made it"
@@ -65,7 +65,7 @@ class Refusal:
         detail: the joint, its value and the limit, as a text; may be empty.
     """
 
-    reason: RefusalReason
+    reason: CommandRefusalReason
     detail: str = ""
 
     @property
@@ -74,7 +74,7 @@ class Refusal:
         return f"{self.reason.value}{f' ({self.detail})' if self.detail else ''}"
 
 
-class CommandGate:
+class JointCommandCheck:
     """Checks a single command to the joints against the joint limits and the measured position.
 
     Args:
@@ -99,25 +99,25 @@ class CommandGate:
 
     def _form(self, q: Array, v: Array, a: Array) -> Refusal | None:
         if any(np.shape(x) != (len(self._names),) for x in (q, v, a)):
-            return Refusal(RefusalReason.WRONG_NUMBER, f"{np.size(q)} of {len(self._names)} joints")
+            return Refusal(CommandRefusalReason.WRONG_NUMBER, f"{np.size(q)} of {len(self._names)} joints")
         if not all(np.isfinite(x).all() for x in (q, v, a)):
-            return Refusal(RefusalReason.NOT_A_NUMBER)
+            return Refusal(CommandRefusalReason.NOT_A_NUMBER)
         return None
 
     def _follows(self, q: Array, measured: Array) -> Refusal | None:
-        return self._most(RefusalReason.TRACKING, np.abs(q - measured), MAX_TRACKING_ERROR, "rad")
+        return self._most(CommandRefusalReason.TRACKING, np.abs(q - measured), MAX_TRACKING_ERROR, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + LIMIT_TOLERANCE_SHARE
         outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
-            return Refusal(RefusalReason.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
-        return self._most(RefusalReason.VELOCITY, np.abs(v), more * limits.velocity, "rad/s") or self._most(
-            RefusalReason.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
+            return Refusal(CommandRefusalReason.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
+        return self._most(CommandRefusalReason.VELOCITY, np.abs(v), more * limits.velocity, "rad/s") or self._most(
+            CommandRefusalReason.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
         )
 
-    def _most(self, why: RefusalReason, value: Array, bound: Array | float, unit: str) -> Refusal | None:
+    def _most(self, why: CommandRefusalReason, value: Array, bound: Array | float, unit: str) -> Refusal | None:
         """Refusal if a value exceeds its bound or is nan, for the joint with the largest excess; None otherwise."""
         if np.all(value <= bound):
             return None
@@ -127,7 +127,7 @@ class CommandGate:
 
 
 @dataclass(frozen=True)
-class LineGate:
+class LineReferenceCheck:
     """Checks references on the line against the limits along the line and against the limits of the joints.
 
     A reference is the state that the tool should have at the end of a control cycle.
@@ -140,7 +140,7 @@ class LineGate:
 
     limits: LineLimits
     table: LineTable
-    joints: CommandGate
+    joints: JointCommandCheck
 
     def check(
         self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
@@ -153,18 +153,18 @@ class LineGate:
             measured: measured joint positions, from which it may not be far, (n,) [rad]; None to skip this check.
         """
         if not reference.is_finite:
-            return Refusal(RefusalReason.NOT_A_NUMBER)
+            return Refusal(CommandRefusalReason.NOT_A_NUMBER)
         more = 1.0 + LIMIT_TOLERANCE_SHARE
         s, v, a = reference
         # Written in this form, the comparison also refuses for a limit that is nan.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
-            return Refusal(RefusalReason.OFF_THE_LINE, f"s = {s:.4g} m")
+            return Refusal(CommandRefusalReason.OFF_THE_LINE, f"s = {s:.4g} m")
         if not abs(v) <= more * self.limits.speed_at(s):
-            return Refusal(RefusalReason.LINE_SPEED, f"{v:.3g} m/s")
+            return Refusal(CommandRefusalReason.LINE_SPEED, f"{v:.3g} m/s")
         if not abs(a) <= more * self.limits.acceleration_at(s):
-            return Refusal(RefusalReason.LINE_ACCELERATION, f"{a:.3g} m/s^2")
+            return Refusal(CommandRefusalReason.LINE_ACCELERATION, f"{a:.3g} m/s^2")
         if previous is not None and not self._follows(reference, previous):
-            return Refusal(RefusalReason.JUMP)
+            return Refusal(CommandRefusalReason.JUMP)
         s = min(max(s, float(self.table.s[0])), float(self.table.s[-1]))
         return self.joints.check(*self.table.joint_motion(s, v, a), measured)
 
@@ -180,7 +180,7 @@ class LineGate:
         )
 
 
-class StreamGate(CommandGate):
+class CommandStreamCheck(JointCommandCheck):
     """Checks each command of a stream against the commands before it and the arm's measured position.
 
     The arm follows a sequence of positions. The first, second and third divided differences of the positions are the
@@ -235,21 +235,23 @@ class StreamGate(CommandGate):
     def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
         """Refusal if the arm's position is unknown or too far from the commanded one; None otherwise."""
         if state is None:
-            return Refusal(RefusalReason.NO_STATE)
+            return Refusal(CommandRefusalReason.NO_STATE)
         age = now - state.time
         if not age <= MAX_STATE_AGE_SECONDS:
-            return Refusal(RefusalReason.STALE, f"{1e3 * age:.0f} ms")
+            return Refusal(CommandRefusalReason.STALE, f"{1e3 * age:.0f} ms")
         return self._follows(q, state.q)
 
     def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
         """Refusal if a stream does not begin at rest at the arm's position, or continues after a pause."""
         if not self.begins_stream(now):
             late = now - self._sent
-            return None if late <= NEW_STREAM_PAUSE_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
+            return (
+                None if late <= NEW_STREAM_PAUSE_SECONDS else Refusal(CommandRefusalReason.GAP, f"{1e3 * late:.0f} ms")
+            )
         self._last = []
         assert state is not None, "the state was judged before"
-        moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), MAX_JOINT_SPEED_AT_REST, "rad/s")
-        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
+        moving = self._most(CommandRefusalReason.ELSEWHERE, np.abs(v), MAX_JOINT_SPEED_AT_REST, "rad/s")
+        return moving or self._most(CommandRefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
         """Refusal if differences of positions, or feed-forward values, exceed a limit; None otherwise."""
@@ -261,7 +263,7 @@ class StreamGate(CommandGate):
             q, np.maximum(np.abs(velocities[-1]), np.abs(v)), np.maximum(np.abs(accelerations[-1]), np.abs(a))
         )
         refusal = refusal or self._most(
-            RefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
+            CommandRefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
         )
         early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * CONTROL_PERIOD_SECONDS
         if refusal is None or not early:

@@ -92,7 +92,7 @@ class LineLimits:
             self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, max_acceleration)
         )
 
-    def planning_limits(self) -> LineLimits:
+    def limits_reduced_for_planning(self) -> LineLimits:
         """Limits of speed and acceleration multiplied by `PLANNED_LIMIT_SHARE`, for planning."""
         return self.scaled(PLANNED_LIMIT_SHARE, PLANNED_LIMIT_SHARE)
 
@@ -162,7 +162,7 @@ class LineLimits:
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """Largest acceleration within the torque limits at every speed, (m,); infinite if motors cannot hold the arm."""
-    along, found = torque.path_terms(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
+    along, found = torque.path_torque_terms(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
     for share in SPEED_LIMIT_SHARES_FOR_TORQUES:
         low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
         most = np.minimum(high, -low)

@@ -31,7 +31,7 @@ class LinePlanner:
         for parameters in (self._to_state, self._to_rest):
             parameters.max_jerk = [limits.jerk]
 
-    def to_state(
+    def plan_motion_to_state(
         self,
         start: LineState,
         target: LineState,

@@ -73,7 +73,7 @@ def smooth_reference(
     if start is None:
         start = planner.nearest_stoppable_state(LineState(float(s_ref[0]), float(v_ref[0])))
     # The headroom covers errors of the linearisation, and what happens between samples.
-    program = _Program(s_ref, v_ref, dt, limits.planning_limits(), start, end)
+    program = _Program(s_ref, v_ref, dt, limits.limits_reduced_for_planning(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
     for k in range(MAX_LINEARISATION_ROUNDS):
         before, trust = (

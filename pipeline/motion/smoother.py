@@ -44,7 +44,7 @@ class LineSmoother:
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
         self._dt = dt
-        self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.planning_limits())
+        self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.limits_reduced_for_planning())
         self._limits = self._planner.limits
         self._ride = SpeedLimitCurve(self._limits)
         # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
@@ -106,14 +106,14 @@ class LineSmoother:
 
     def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
         """Begin the motion that reaches a target after a number of cycles, if it exists and is within the limits."""
-        motion = self._planner.to_state(self.state, target, duration=cycles * self._dt)
+        motion = self._planner.plan_motion_to_state(self.state, target, duration=cycles * self._dt)
         return motion is not None and motion.respects(self._limits) and self._begin(motion, self._planner, keep)
 
     def _pursue(self, target: LineState) -> bool:
         """Begin the fastest motion towards a position, along the speed limit where necessary."""
         s = self.state.s
         acceleration = self._limits.min_acceleration_between(min(s, target.s), max(s, target.s))
-        motion = self._planner.to_state(self.state, target, acceleration=acceleration)
+        motion = self._planner.plan_motion_to_state(self.state, target, acceleration=acceleration)
         if motion is not None and self._begin(motion, self._below_ride):
             return True
         # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
@@ -128,7 +128,9 @@ class LineSmoother:
                 return True
         for share in (0.9, 0.5):
             slower = max(share * min(abs(self.state.v), self._limits.min_speed_between(s, s)), 1e-3)
-            motion = self._planner.to_state(self.state, LineState(target.s), speed=slower, acceleration=acceleration)
+            motion = self._planner.plan_motion_to_state(
+                self.state, LineState(target.s), speed=slower, acceleration=acceleration
+            )
             if motion is not None and self._begin(motion, self._planner):
                 return True
         return False

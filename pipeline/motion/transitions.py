@@ -69,7 +69,7 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
     return share, speed, acceleration
 
 
-class StreamBlend:
+class DecayingStartOffset:
     """Adds a decaying offset to a stream of commands, so that the stream begins at the arm's measured position.
 
     An offset above `MAX_BRIDGED_COMMAND_OFFSET` is cut to this value; the gate then refuses the command.

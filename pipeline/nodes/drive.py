@@ -5,8 +5,8 @@ from contextlib import suppress
 
 from armdyn.errors import InputError
 from ik import LineTable
-from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, Refusal, RefusalReason
+from pipeline.motion import LineReferenceCheck, LineSmoother, LineState, LineTrajectory
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, CommandRefusalReason, Refusal
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -41,7 +41,7 @@ class DriveNode:
         robot: RobotInterface,
         table: LineTable,
         smoother: LineSmoother,
-        gate: LineGate,
+        gate: LineReferenceCheck,
         measurement: MeasurementNode,
         recorder: Recorder,
     ) -> None:
@@ -131,7 +131,7 @@ class DriveNode:
             try:
                 self._smoother.reset(state)
             except InputError:
-                refusal = Refusal(RefusalReason.NO_WAY_TO_REST)
+                refusal = Refusal(CommandRefusalReason.NO_WAY_TO_REST)
         return state, refusal
 
     def _next(self, now: float) -> LineState:

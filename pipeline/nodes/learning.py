@@ -97,7 +97,7 @@ class EstimatorNode:
             return
         if self._worker.is_pending(self.name):
             return
-        self._measurement.update_path()
+        self._measurement.append_to_smoothed_path()
         run = without_spikes(self._measurement.run(), ("load_force",))
         self.left_out = run.warnings
         self._worker.request(self.name, (now, run), self._take)
@@ -194,7 +194,7 @@ class SacNode:
             return
         begun = perf_counter()
         model = self._estimator.model
-        self._measurement.update_path()
+        self._measurement.append_to_smoothed_path()
         rollout = model.rollout(gripper_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
         action = self._control.act(SacState(now - start, here.s, here.v, *self._load(rollout)), model)

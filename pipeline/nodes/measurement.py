@@ -248,7 +248,7 @@ class MeasurementNode:
         with suppress(Exception):  # a cell that cannot be read is treated in the next step
             self._robot.load_cell()
 
-    def expect_touch(self, time: float) -> None:
+    def mark_possible_touch_from(self, time: float) -> None:
         """Record later samples in channels ``landing.*``, because the load may touch the box from `time` [s] on."""
         self.hangs_until = time
 
@@ -260,7 +260,7 @@ class MeasurementNode:
     def finish(self) -> None:
         """Record the samples that wait, and complete the run."""
         self._record_until(inf)
-        self.update_path()
+        self.append_to_smoothed_path()
 
     def _record_until(self, time: float) -> None:
         while self._waiting and self._waiting[0][1] <= time:
@@ -272,17 +272,17 @@ class MeasurementNode:
         """Begin the run for the estimator at the present time, while the load hangs at rest."""
         self._path = _SmoothedPath(self._gripper, self._height, self._robot.time, self.period)
 
-    def update_path(self) -> None:
+    def append_to_smoothed_path(self) -> None:
         """Add the samples since the last call to the smoothed path of the run."""
         if self._path is not None:
             # The end of a path affects its accelerations most: no extrapolated sample may be there.
             self._path.update(self._gripper.count - self._guessed)
 
     def run(self) -> RunInProgress:
-        """The run that was measured from `begin` to the last `update_path`; its time starts at 0.
+        """The run that was measured from `begin` to the last `append_to_smoothed_path`; its time starts at 0.
 
         Raises:
-            InputError: there are no samples, because `begin` or `update_path` was not called.
+            InputError: there are no samples, because `begin` or `append_to_smoothed_path` was not called.
         """
         if self._path is None or not self._path.count:
             raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")

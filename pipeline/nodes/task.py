@@ -14,7 +14,7 @@ from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
 from armdyn.errors import ArmdynError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from pipeline.box import Box
-from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
+from pipeline.motion import LineLimits, LineState, LineTrajectory, motion_to_finish_over_box
 from pipeline.motion.feasibility import FeasibilityReport
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.motion.reference import smooth_reference
@@ -46,7 +46,7 @@ class TaskSettings:
 
     Attributes:
         target_x: target of the load at the end of the swing, along the line [m].
-        target_below: target of the load at the end of the swing, below the line [m].
+        target_depth_below_line: target of the load at the end of the swing, below the line [m].
         travel_weight: weight of the gripper's squared distance from the line's middle in the cost [1/(m^2 s)]; it is
             not in the paper, and keeps the motions for long strings on the line.
         duration: duration of the swing [s].
@@ -60,7 +60,7 @@ class TaskSettings:
     """
 
     target_x: float = 0.45
-    target_below: float = 0.08
+    target_depth_below_line: float = 0.08
     travel_weight: float = 1.0
     duration: float = 5.0
     settling: float = 3.0
@@ -72,7 +72,7 @@ class TaskSettings:
 
     def swing_cost(self, limits: LineLimits) -> TaskCost:
         """Cost of the swing, at whose end the load should be at rest at the target."""
-        cost = TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
+        cost = TaskCost(target=(self.target_x, -self.target_depth_below_line), travel_weight=self.travel_weight)
         if not self.cautious:
             return cost
         return replace(
@@ -147,7 +147,7 @@ class _Request:
     ready: _Planned | None = None
 
 
-class TaskNode:
+class SwingPlanningNode:
     """Plans requested motions, and starts them.
 
     Args:
@@ -274,7 +274,9 @@ class TaskNode:
             trajectory = self._feasible(plan, task.here)
             if task.finish:
                 trajectory = trajectory.followed_by(
-                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, CONTROL_PERIOD_SECONDS)
+                    motion_to_finish_over_box(
+                        trajectory.end, self.settings.finish_x, self._limits, CONTROL_PERIOD_SECONDS
+                    )
                 )
         except ArmdynError as error:
             return _Planned(plan, problem=str(error))

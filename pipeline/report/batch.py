@@ -6,11 +6,11 @@ from pathlib import Path
 
 from armdyn.document import Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.identify.sentence import total_errors
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from pipeline.batch.history import ParameterHistory
 from pipeline.batch.run import BatchResult, BatchRow
 from pipeline.batch.spec import BatchSpec
-from pipeline.batch.times import TimeSource
+from pipeline.batch.times import RecordingTimeSource
 from pipeline.report.changes import (
     MAX_TABLE_ROWS,
     error_history_chart,
@@ -77,8 +77,8 @@ def _summary(done: BatchResult, found: ParameterHistory) -> str:
 def _times_sentence(rows: Sequence[BatchRow]) -> str:
     """Sentence that names the source of the recordings' times; times are never guessed silently."""
     counts = Counter(row.item.recording_time.source for row in rows)
-    nowhere = counts.pop(TimeSource.NOWHERE, 0)
-    parts = [f"{counts[source]} from {source.value}" for source in TimeSource if counts[source]]
+    nowhere = counts.pop(RecordingTimeSource.NOWHERE, 0)
+    parts = [f"{counts[source]} from {source.value}" for source in RecordingTimeSource if counts[source]]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if nowhere:
         problems = Counter(row.item.recording_time.problem for row in rows if row.item.recording_time.time is None)
@@ -96,7 +96,7 @@ def _next_steps(spec: BatchSpec, rows: Sequence[BatchRow]) -> list[NextStep]:
     files = [mine[0].model, *[item.run for item in mine if item.model == mine[0].model][:3]]
     here = Path.cwd()
     typed = [file.relative_to(here) if file.is_relative_to(here) else file for file in files]
-    command = command_text("repair", *typed, "--output", "repaired.toml", "--report", "repair.html")
+    command = shell_quoted_command("repair", *typed, "--output", "repaired.toml", "--report", "repair.html")
     return [NextStep(f"What the model of {robot} lacks", command)]
 
 

@@ -27,7 +27,7 @@ def parameter_change_section(history: ParameterHistory) -> Section:
         f"{test.tested} series of a parameter over time were tested. In a batch where nothing changes, a change is "
         f"marked with a probability of {100 * test.false_alarms:.2g} %, and a drift likewise."
     )
-    text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
+    text += f" {test.untested_series_count} series are too short or never vary." if test.untested_series_count else ""
     charts = [_event_chart(event, history) for event in history.events[:MAX_CHANGE_CHARTS]]
     steps = [(event, step) for event in history.events for step in event][:MAX_TABLE_ROWS]
     drifts = test.drifts[:MAX_TABLE_ROWS]

@@ -8,12 +8,12 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
 from pipeline.answers_motion import (
-    compare_motions,
-    determined_indices,
+    compare_with_other_motions,
+    determinable_parameter_indices,
     excitation_sentence,
     joint_peaks,
     rival_separations,
-    std_ratios,
+    std_ratios_to_designed_motion,
 )
 from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section, limit_use_section
@@ -73,7 +73,7 @@ def excitation_report(found: Excitation) -> Document:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
             for name, other, gain in zip(
-                BASELINE_MOTIONS, (found.random, found.conditioned), std_ratios(found), strict=True
+                BASELINE_MOTIONS, (found.random, found.conditioned), std_ratios_to_designed_motion(found), strict=True
             )
             if other is not None
         ]
@@ -100,14 +100,14 @@ def _expectation_table(found: Excitation, most: int) -> Table:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.separations]
         names = ("standard deviations from the rival", *BASELINE_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, rival_separations(found).T)])
-    rows, unknowns = determined_indices(found), [goal.columns.unknowns[i] for i in goal.wanted]
+    rows, unknowns = determinable_parameter_indices(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
         effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
-        ratios = np.transpose([std_ratios(found, own) for own in effects.values()])
+        ratios = np.transpose([std_ratios_to_designed_motion(found, own) for own in effects.values()])
         counted = Column("unknowns", [len(own) for own in effects.values()])
         others = _columns(("random / this", "condition number / this"), ratios)
         return Table([Column("effect (mean of its unknowns)", list(effects)), counted, *others])
-    own, *std = compare_motions(found, "std").T
+    own, *std = compare_with_other_motions(found, "std").T
     told = [
         f"{std:.3g} {p.unit}" if k in rows else "no motion tells"
         for k, (p, std) in enumerate(zip(unknowns, own, strict=True))
@@ -145,10 +145,10 @@ def _expectation_chart(found: Excitation) -> Chart:
     if goal.rivals:
         labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.separations], rival_separations(found)
     else:
-        rows = determined_indices(found)
+        rows = determinable_parameter_indices(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
-        values = compare_motions(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
+        values = compare_with_other_motions(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
     for name, colour, bars in zip(("this motion", *BASELINE_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})

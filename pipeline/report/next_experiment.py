@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
 from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ExperimentPlan, ProposedExperiment
-from armdyn.experiments.separation import RefittedRival
+from armdyn.experiments.separation import RivalRefitCost
 from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL_STYLE, GREY, ORANGE, TIME_AXIS, stacked_figure
 
@@ -27,8 +27,8 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
         motion: the designed motion of the gripper.
     """
     sentence = ""
-    if proposal.random_motion_rise is not None:
-        rise, random = proposal.expected.separation**2, proposal.random_motion_rise
+    if proposal.random_motion_chi2_increase is not None:
+        rise, random = proposal.expected.separation**2, proposal.random_motion_chi2_increase
         sentence = (
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
@@ -40,7 +40,7 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]
     for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
-        _, best = RefittedRival(rival, predicted).best_refit()
+        _, best = RivalRefitCost(rival, predicted).chi2_increase_and_refit()
         left = (predicted - rival.predict(best)[0])[: len(motion.time)]
         time = np.linspace(0.0, motion.duration, len(left))
         line = {"mode": "lines", "line": {"color": colour}}

@@ -265,7 +265,7 @@ def _pills(kind: str, legend: str, labels: Sequence[str], chosen: int) -> str:
     return radio_buttons_html(kind, legend, kind, options)
 
 
-def updated_curve(curve: SignalOverlay, most: int) -> dict[str, Any]:
+def last_step_curve_data(curve: SignalOverlay, most: int) -> dict[str, Any]:
     """Residual, error and explained share of a curve's last step, as data for the page's script.
 
     Args:

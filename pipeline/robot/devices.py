@@ -9,10 +9,10 @@ import pinocchio as pin
 
 import urdf
 from pipeline.motion.transitions import BrakingMotion
-from pipeline.robot.hidden import HiddenStage, stage_terms
+from pipeline.robot.hidden import HiddenEffectStage, hidden_effect_terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
-from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
+from pipeline.robot.settings import CellSettings, ServoSettings, SimulatedJointSensorSettings
 
 ACCELERATION_EXTRAPOLATION_SECONDS = 0.02
 """Time for which a command's acceleration is extrapolated [s]: two command periods."""
@@ -24,12 +24,14 @@ class CommandedMotion:
     Args:
         q: posture of the arm at rest at the start (n,) [rad].
         limits: limits of the joints, for braking.
-        hold_after: time after a command at which the arm brakes if no other command comes [s].
+        hold_position_after_seconds: time after a command at which the arm brakes if no other command comes [s].
         extrapolate: whether the position continues along the commanded velocity until the next command.
     """
 
-    def __init__(self, q: Vector, limits: urdf.Limits, hold_after: float, extrapolate: bool = True) -> None:
-        self._limits, self._hold_after, self._extrapolate = limits, hold_after, extrapolate
+    def __init__(
+        self, q: Vector, limits: urdf.Limits, hold_position_after_seconds: float, extrapolate: bool = True
+    ) -> None:
+        self._limits, self._hold_after, self._extrapolate = limits, hold_position_after_seconds, extrapolate
         self._start, self._brake_at = 0.0, math.inf
         self._q, self._v, self._a = q.copy(), np.zeros_like(q), np.zeros_like(q)
         self._brake: BrakingMotion | None = None
@@ -90,7 +92,7 @@ class SimulatedServo:
         self._model, self._data, self._limit = robot.model, robot.model.createData(), robot.limits.effort
         self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
         self._lead, self._reference = encoder_lead, reference
-        self._gain = _share_per_step(settings.filter_time)
+        self._gain = _share_per_step(settings.command_filter_time_constant)
         q, v, a = reference.at(0.0)
         self._constant = rest_torque - pin.rnea(self._model, self._data, q, v, a)
         self.reference_torque = self._wanted(0.0)
@@ -137,7 +139,7 @@ class SimulatedCell:
         self, settings: CellSettings, hidden: Mapping[str, float], bias: float, latency: float, rng: np.random.Generator
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
-        self._bias, self._terms = bias, stage_terms(hidden, HiddenStage.FORCE)
+        self._bias, self._terms = bias, hidden_effect_terms(hidden, HiddenEffectStage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / TIME_STEP))
         self._gain = _share_per_step(hidden["sensor_lag"])
@@ -186,9 +188,11 @@ class SimulatedCell:
 class SimulatedJointSensors:
     """Simulated encoders and effort sensors: add noise, resolution and hidden sensor errors to the true values."""
 
-    def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: SimulatedJointSensorSettings, hidden: Mapping[str, float], rng: np.random.Generator
+    ) -> None:
         self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
-        self._terms = stage_terms(hidden, HiddenStage.EFFORT)
+        self._terms = hidden_effect_terms(hidden, HiddenEffectStage.EFFORT)
 
     def measure(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading at a time [s], of true positions, velocities, accelerations and motors' torques, (n,) each."""

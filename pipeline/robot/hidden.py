@@ -19,7 +19,7 @@ from armdyn.errors import InputError, UnknownNameError
 from pipeline.robot.own_law import read_own_law
 
 
-class HiddenStage(Enum):
+class HiddenEffectStage(Enum):
     """Stage of a simulation step at which an effect adds a quantity; the value names this quantity and its inputs."""
 
     LOAD = "force on the load (3,) [N], from its velocity (3,) [m/s]"
@@ -27,7 +27,7 @@ class HiddenStage(Enum):
     PIVOT = "resistance to the swing [N m s/rad], from its rate [rad/s] and the rate that 1 N m reverses in a step"
     JOINTS = "dry friction (n,) [N m], from the share of effort, velocity and gravity torque of every joint (n,)"
     FORCE = "error of the load cell [N], from the force [N] and the time [s]"
-    OWN = "force on the load, torque and dry friction at the pivot (`LawForces`), from the load's motion (`LoadState`)"
+    OWN = "force on the load, torque and dry friction at the pivot (`LoadLawForces`), from its motion (`LoadState`)"
     EFFORT = "error of the measured efforts (n,) [N m], from the torques of the motors (n,) [N m]"
     BUILT_IN = "nothing at a step: the effect changes the MuJoCo model or the control"
 
@@ -43,7 +43,7 @@ class HiddenEffect:
         lower: smallest possible size.
         upper: largest size with which the integration in steps of 1 ms is accurate.
         stage: stage of the simulation at which the effect adds a quantity.
-        term: function from the size and the stage's inputs to the added quantity; None for `HiddenStage.BUILT_IN`.
+        term: function from the size and the stage's inputs to the added quantity; None for the stage `BUILT_IN`.
     """
 
     unit: str
@@ -51,7 +51,7 @@ class HiddenEffect:
     summary: str
     lower: float = 0.0
     upper: float = math.inf
-    stage: HiddenStage = HiddenStage.BUILT_IN
+    stage: HiddenEffectStage = HiddenEffectStage.BUILT_IN
     term: Callable[..., Any] | None = None
 
 
@@ -116,53 +116,54 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "payload": HiddenEffect("kg", 0.5, "A mass at the gripper's frame that the arm's model does not know.", 0.0, 5.0),
     "link_inertia": HiddenEffect("1", 0.1, "Mass and inertia of every arm link are larger by this share.", -0.9, 5.0),
     "linear_drag": HiddenEffect(
-        "N s/m", 5e-3, "Air drag proportional to the load's speed.", 0.0, 5.0, HiddenStage.LOAD, lambda c, v: -c * v),
+        "N s/m", 5e-3, "Air drag proportional to the load's speed.", 0.0, 5.0,
+        HiddenEffectStage.LOAD, lambda c, v: -c * v),
     "quadratic_drag": HiddenEffect(
         "N s^2/m^2", 3e-3, "Air drag growing with the square of the load's speed.", 0.0, 5.0,
-        HiddenStage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
+        HiddenEffectStage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
     "magnet": HiddenEffect(
         "N", 0.1, "A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line "
-        "of a dipole.", -1.0, 1.0, HiddenStage.POSITION, magnet_force),
+        "of a dipole.", -1.0, 1.0, HiddenEffectStage.POSITION, magnet_force),
     "pivot_viscous_friction": HiddenEffect(
         "N m s/rad", 1e-3, "A torque at the string's upper end, proportional to the swing rate.", 0.0, 0.5,
-        HiddenStage.PIVOT, lambda c, _rate, _reversal: c),
+        HiddenEffectStage.PIVOT, lambda c, _rate, _reversal: c),
     "pivot_coulomb_friction": HiddenEffect(
         "N m", 1e-3, "A torque of constant size at the string's upper end, against the swing.", 0.0, 0.5,
-        HiddenStage.PIVOT, pivot_coulomb_friction),
+        HiddenEffectStage.PIVOT, pivot_coulomb_friction),
     "joint_stribeck_friction": HiddenEffect(
         "N m", 1.0, "More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2).", 0.0, 20.0,
-        HiddenStage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),
+        HiddenEffectStage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),
     "joint_asymmetric_friction": HiddenEffect(
         "N m", 1.0, "More dry friction in every joint while it turns positively.", 0.0, 20.0,
-        HiddenStage.JOINTS, lambda c, share, v, _gravity: c * share * (v > 0.0)),
+        HiddenEffectStage.JOINTS, lambda c, share, v, _gravity: c * share * (v > 0.0)),
     "joint_load_friction": HiddenEffect(
         "1", 0.05, "Dry friction in every joint proportional to the gravity torque that it carries.", 0.0, 1.0,
-        HiddenStage.JOINTS, lambda c, _share, _v, gravity: c * np.abs(gravity)),
+        HiddenEffectStage.JOINTS, lambda c, _share, _v, gravity: c * np.abs(gravity)),
     "sensor_bias": HiddenEffect(
         "N", 0.02, "A constant added to the force (on top of the drawn bias).", -math.inf, math.inf,
-        HiddenStage.FORCE, lambda c, _force, _time: c),
+        HiddenEffectStage.FORCE, lambda c, _force, _time: c),
     "sensor_gain": HiddenEffect(
         "1", 0.03, "Relative error of the force's scale.", -0.9, math.inf,
-        HiddenStage.FORCE, lambda c, force, _time: c * force),
+        HiddenEffectStage.FORCE, lambda c, force, _time: c * force),
     "sensor_drift": HiddenEffect(
         "N/s", 1e-3, "The force's zero moves at a constant rate.", -math.inf, math.inf,
-        HiddenStage.FORCE, lambda c, _force, time: c * time),
+        HiddenEffectStage.FORCE, lambda c, _force, time: c * time),
     "sensor_nonlinearity": HiddenEffect(
         "1/N", 0.02, "The reading curves: this times the force squared is added.", -math.inf, math.inf,
-        HiddenStage.FORCE, lambda c, force, _time: c * force**2),
+        HiddenEffectStage.FORCE, lambda c, force, _time: c * force**2),
     "torque_offset": HiddenEffect(
         "N m", 0.5, "A constant added to every measured effort.", -math.inf, math.inf,
-        HiddenStage.EFFORT, lambda c, torque: np.full_like(torque, c)),
+        HiddenEffectStage.EFFORT, lambda c, torque: np.full_like(torque, c)),
     "torque_gain": HiddenEffect(
         "1", 0.05, "Relative error of the scale of every measured effort.", -0.9, math.inf,
-        HiddenStage.EFFORT, lambda c, torque: c * torque),
+        HiddenEffectStage.EFFORT, lambda c, torque: c * torque),
 })  # fmt: skip
 """Every effect that the simulated robot can have, by name, apart from laws of a user's own."""
 _OWN: dict[str, HiddenEffect] = {}
 """Laws of users' files that were read, by ``FILE.py:NAME``."""
 
 
-def stage_terms(hidden: Mapping[str, float], stage: HiddenStage) -> tuple[Callable[..., Any], ...]:
+def hidden_effect_terms(hidden: Mapping[str, float], stage: HiddenEffectStage) -> tuple[Callable[..., Any], ...]:
     """Functions of the present effects that add a quantity at a stage, from the stage's inputs.
 
     Args:
@@ -193,7 +194,7 @@ def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
             law, added = read_own_law(name)
             size = next(iter(law.quantities.values()))
             _OWN[name] = HiddenEffect(
-                size.unit, size.typical, law.summary, size.lower, size.upper, HiddenStage.OWN, added
+                size.unit, size.typical, law.summary, size.lower, size.upper, HiddenEffectStage.OWN, added
             )
         elif name not in HIDDEN_EFFECTS:
             raise UnknownNameError("hidden effect", name, HIDDEN_EFFECTS)

@@ -39,7 +39,7 @@ class LoadState(NamedTuple):
     velocity: Vector
 
 
-class LawForces(NamedTuple):
+class LoadLawForces(NamedTuple):
     """Forces of a user's law: on the load (3,) [N] in the line's frame, torque and dry friction at the pivot [N m]."""
 
     force: Vector
@@ -47,7 +47,7 @@ class LawForces(NamedTuple):
     dry: float
 
 
-def read_own_law(name: str) -> tuple[Effect, Callable[[float, LoadState], LawForces]]:
+def read_own_law(name: str) -> tuple[Effect, Callable[[float, LoadState], LoadLawForces]]:
     """Read a user's effect for the simulated robot.
 
     Args:
@@ -75,7 +75,7 @@ def read_own_law(name: str) -> tuple[Effect, Callable[[float, LoadState], LawFor
     return effect, _compiled(name, effect)
 
 
-def _compiled(name: str, effect: Effect) -> Callable[[float, LoadState], LawForces]:
+def _compiled(name: str, effect: Effect) -> Callable[[float, LoadState], LoadLawForces]:
     value = ca.SX.sym("value")
     time, mass, length, angle, rate = scalars = [ca.SX.sym(field) for field in LoadState._fields[:5]]
     position, velocity = ca.SX.sym("position", 3), ca.SX.sym("velocity", 3)
@@ -96,8 +96,8 @@ def _compiled(name: str, effect: Effect) -> Callable[[float, LoadState], LawForc
     parts = [getattr(changed, what, ca.SX.zeros(rows)) for what, rows in LAW_OUTPUT_SIZES.items()]
     law = ca.Function("law", [value, *scalars, position, velocity], [ca.densify(ca.vertcat(*parts))])
 
-    def added(size: float, swing: LoadState) -> LawForces:
+    def added(size: float, swing: LoadState) -> LoadLawForces:
         *force, torque, dry = law(size, *swing).full().ravel().tolist()
-        return LawForces(np.array(force), torque, dry)
+        return LoadLawForces(np.array(force), torque, dry)
 
     return added

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.robot.hidden import HiddenStage, pivot_coulomb_friction, stage_terms
+from pipeline.robot.hidden import HiddenEffectStage, hidden_effect_terms, pivot_coulomb_friction
 from pipeline.robot.own_law import LoadState
 from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import build_scene, relative_effort_limits
@@ -28,7 +28,7 @@ class Plant:
         dofs: index of each joint in MuJoCo's vectors of positions and velocities (n,).
         pivot, load: positions of the string's upper end and of the load's centre, views of MuJoCo's state (3,) [m].
         mass: true mass of the load [kg].
-        bias, latency, link_scale: see `PlantTruth`.
+        bias, latency, link_scale: see `TruePlantParameters`.
     """
 
     def __init__(
@@ -36,10 +36,10 @@ class Plant:
     ) -> None:
         self.robot, self.settings, self.hidden = robot, settings, hidden
         # Values that the settings fix are drawn too and not used, so that the other draws stay the same.
-        spread, cell = settings.inertia_spread, settings.cell
+        spread, cell = settings.relative_inertia_std, settings.cell
         self.link_scale = 1.0 + rng.uniform(-spread, spread, len(robot.joint_names))
-        self.mass = float(settings.mass * (1.0 + settings.mass_spread * rng.standard_normal()))
-        bias, latency = cell.bias_spread * rng.standard_normal(), rng.uniform(0.0, cell.latency_up_to)
+        self.mass = float(settings.mass * (1.0 + settings.relative_mass_std * rng.standard_normal()))
+        bias, latency = cell.bias_std * rng.standard_normal(), rng.uniform(0.0, cell.max_random_latency)
         self.bias = float(bias) if cell.bias is None else cell.bias
         self.latency = float(latency) if cell.latency is None else cell.latency
         self.line = robot.line
@@ -105,12 +105,12 @@ class LoadForces:
         self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
         self._on_load, self._at_pivot = (
-            stage_terms(plant.hidden, HiddenStage.LOAD),
-            stage_terms(plant.hidden, HiddenStage.PIVOT),
+            hidden_effect_terms(plant.hidden, HiddenEffectStage.LOAD),
+            hidden_effect_terms(plant.hidden, HiddenEffectStage.PIVOT),
         )
         self._at_place, self._own = (
-            stage_terms(plant.hidden, HiddenStage.POSITION),
-            stage_terms(plant.hidden, HiddenStage.OWN),
+            hidden_effect_terms(plant.hidden, HiddenEffectStage.POSITION),
+            hidden_effect_terms(plant.hidden, HiddenEffectStage.OWN),
         )
         added = self._on_load or self._at_pivot or self._at_place or self._own
         self._active = bool(added or plant.hidden["string_elasticity"])
@@ -162,7 +162,7 @@ class LoadForces:
         return np.asarray(force @ frame)
 
 
-class JointEffects:
+class HiddenJointEffects:
     """Hidden effects on the joints: dry friction and gravity springs, set in MuJoCo at every step.
 
     Dry friction is a constraint of MuJoCo's solver, which holds a joint exactly at rest; only its bound is changed.
@@ -175,7 +175,7 @@ class JointEffects:
         robot, self._plant = plant.robot, plant
         self._share = relative_effort_limits(robot)
         self._base = plant.model.dof_frictionloss[plant.dofs].copy()
-        self._friction = stage_terms(plant.hidden, HiddenStage.JOINTS)
+        self._friction = hidden_effect_terms(plant.hidden, HiddenEffectStage.JOINTS)
         strength = plant.hidden["gravity_spring"]
         if strength and not robot.springs:
             raise InputError(

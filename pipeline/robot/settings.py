@@ -37,8 +37,8 @@ class ServoSettings:
         damping: derivative gain [N m s/rad].
         armature: rotor inertia behind the gears [kg m^2].
         friction: dry friction of the joint, unknown to the controller [N m].
-        filter_time: time constant through which reference and feed-forward pass [s].
-        hold_after: time without a command after which the arm brakes and holds [s].
+        command_filter_time_constant: time constant through which reference and feed-forward pass [s].
+        hold_position_after_seconds: time without a command after which the arm brakes and holds [s].
         extrapolate: whether a commanded position continues along its velocity until the next command. If it is held
             instead, commanded velocity and acceleration are only used for the feed-forward.
     """
@@ -47,8 +47,8 @@ class ServoSettings:
     damping: tuple[float, ...] = (40.0, 40.0, 25.0, 25.0, 5.0, 5.0, 2.5)
     armature: tuple[float, ...] = (0.05, 0.05, 0.05, 0.05, 0.01, 0.01, 0.01)
     friction: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3)
-    filter_time: float = 0.015
-    hold_after: float = 0.1
+    command_filter_time_constant: float = 0.015
+    hold_position_after_seconds: float = 0.1
     extrapolate: bool = True
 
     def __post_init__(self) -> None:
@@ -56,7 +56,7 @@ class ServoSettings:
 
 
 @dataclass(frozen=True)
-class ReadingSettings:
+class SimulatedJointSensorSettings:
     """Noise and resolution of the simulated encoders and effort sensors, as in recordings of the real Baxter.
 
     Attributes:
@@ -84,11 +84,11 @@ class CellSettings:
         noise: standard deviation of one sample [N].
         resolution: step of the analogue-digital converter [N].
         full_scale: largest magnitude of a measured force [N]; that of a 1 kg cell by default.
-        bias: zero error [N]; None for a random one with standard deviation `bias_spread`.
-        bias_spread: standard deviation of a random zero error [N].
+        bias: zero error [N]; None for a random one with standard deviation `bias_std`.
+        bias_std: standard deviation of a random zero error [N].
         latency: time from the force to the reception of its sample [s]; None for a random one, uniform from 0 to
-            `latency_up_to`.
-        latency_up_to: upper end of a random latency [s].
+            `max_random_latency`.
+        max_random_latency: upper end of a random latency [s].
     """
 
     period: float = 0.01
@@ -96,9 +96,9 @@ class CellSettings:
     resolution: float = 5e-4
     full_scale: float = 9.80665
     bias: float | None = None
-    bias_spread: float = 0.01
+    bias_std: float = 0.01
     latency: float | None = None
-    latency_up_to: float = 0.02
+    max_random_latency: float = 0.02
 
     def __post_init__(self) -> None:
         _check(self, period=POSITIVE_RANGE, full_scale=POSITIVE_RANGE, bias=(-math.inf, math.inf))
@@ -111,10 +111,11 @@ class PlantSettings:
     Attributes:
         length: distance from the string's upper end to the load's centre, hanging at rest [m].
         mass: nominal mass of the load [kg].
-        mass_spread: relative standard deviation of the true mass about the nominal mass.
+        relative_mass_std: relative standard deviation of the true mass about the nominal mass.
         load_radius: radius of the load, a solid sphere [m].
         start_angle: swing angle at which the load is released at time 0 [rad].
-        inertia_spread: largest relative error of mass and inertia of an arm link in the URDF, uniformly distributed.
+        relative_inertia_std: largest relative error of mass and inertia of an arm link in the URDF, uniformly
+        distributed.
         rigid_arm: whether the joints are immovable, so that the load is a pendulum with a fixed pivot.
         servo: joint controller and joint friction.
         readings: joint sensors.
@@ -124,20 +125,20 @@ class PlantSettings:
 
     length: float = 0.368
     mass: float = 0.08
-    mass_spread: float = 0.01
+    relative_mass_std: float = 0.01
     load_radius: float = LOAD_RADIUS
     start_angle: float = 0.0
-    inertia_spread: float = 0.1
+    relative_inertia_std: float = 0.1
     rigid_arm: bool = False
     servo: ServoSettings = field(default_factory=ServoSettings)
-    readings: ReadingSettings = field(default_factory=ReadingSettings)
+    readings: SimulatedJointSensorSettings = field(default_factory=SimulatedJointSensorSettings)
     cell: CellSettings = field(default_factory=CellSettings)
     box: Box | None = field(default_factory=Box)
 
     def __post_init__(self) -> None:
         spread, angle = (0.0, 0.5), (-math.pi / 2, math.pi / 2)
         positive = dict.fromkeys(("length", "mass", "load_radius"), POSITIVE_RANGE)
-        _check(self, **positive, mass_spread=spread, inertia_spread=spread, start_angle=angle)
+        _check(self, **positive, relative_mass_std=spread, relative_inertia_std=spread, start_angle=angle)
         if self.length <= self.load_radius:
             raise InputError(
                 f"PlantSettings.length is {self.length:g} m: it must exceed load_radius, {self.load_radius:g} m"

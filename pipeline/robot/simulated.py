@@ -8,14 +8,14 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.gate import CommandGate
+from pipeline.motion.gate import JointCommandCheck
 from pipeline.robot.devices import CommandedMotion, SimulatedCell, SimulatedJointSensors, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
+from pipeline.robot.plant import HiddenJointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start_posture
-from pipeline.robot.truth import PlantTruth, TrueMotion, swing_angle
+from pipeline.robot.truth import TrueMotion, TruePlantParameters, swing_angle
 
 MIN_LANDED_SECONDS = 0.2
 """Time for which the load must be in the box without a break to count as landed [s]."""
@@ -60,21 +60,23 @@ class SimulatedRobot:
         self._hidden = resolve_hidden(hidden or {})
         q = checked_start_posture(robot, q_start, settings)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        self.joint_names, self._gate = robot.joint_names, CommandGate(robot.joint_names, robot.limits)
+        self.joint_names, self._gate = robot.joint_names, JointCommandCheck(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
         self._data, self._string = plant.data, LoadString(plant)
-        self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)
+        self._load_forces, self._joint_effects = LoadForces(plant, self._string), HiddenJointEffects(plant)
         self._data.qpos[plant.dofs] = q
         self._joint_effects.apply()
         rest_torque = place_at_rest(plant, self._string, q)
         servo, lead = settings.servo, self._hidden["gripper_lag"]
-        self._reference = CommandedMotion(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
+        self._reference = CommandedMotion(
+            q, robot.limits, servo.hold_position_after_seconds, extrapolate=servo.extrapolate
+        )
         self._servo = SimulatedServo(robot, servo, self._reference, rest_torque, lead)
         self._cell = SimulatedCell(settings.cell, self._hidden, plant.bias, plant.latency, cell_rng)
         self._readings = SimulatedJointSensors(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         present = {name: value for name, value in self._hidden.items() if value}
-        self.truth = PlantTruth(
+        self.truth = TruePlantParameters(
             plant.mass, plant.bias, plant.latency, plant.link_scale, settings.length, self._string.length, present
         )
         self._steps, self._steps_in_box, self._until = 0, 0, 0.0

@@ -9,7 +9,7 @@ from pipeline.robot.protocol import Vector
 
 
 @dataclass(frozen=True)
-class PlantTruth:
+class TruePlantParameters:
     """Random and hidden true values of a simulated robot, which its controller and its models do not know.
 
     Attributes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from armdyn.errors import InputError
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 
 MIN_POWER_STATE_PERIOD_SECONDS = 0.02
 """Shortest time between two messages on the power state that the bridge passes on [s]."""
@@ -82,7 +82,7 @@ class BaxterPower:
         name: name space of the topics, such as ``/robot``.
     """
 
-    def __init__(self, bridge: Bridge, name: str) -> None:
+    def __init__(self, bridge: RosBridge, name: str) -> None:
         self._bridge, self._name = bridge, name
         self._state: AssemblyState | None = None
         self._changed = threading.Condition()

@@ -33,7 +33,7 @@ class BridgeError(ArmdynError):
     """The connection to the bridge is lost, and is not restored."""
 
 
-class Bridge(Closable):
+class RosBridge(Closable):
     """One connection to rosbridge.
 
     Any thread may publish. Received messages are handled in a separate thread. Nothing is queued: the operating system

@@ -12,7 +12,7 @@ from itertools import count
 from armdyn.errors import InputError
 from pipeline.processes import HighPriorityThread
 from pipeline.robot.link import Percentiles
-from pipeline.ros.bridge import Bridge, BridgeError, Message
+from pipeline.ros.bridge import BridgeError, Message, RosBridge
 
 MASTER_SERVICE = "/rosapi/get_time"
 """Service that is called to test the master; it need not exist, since the bridge asks the master first."""
@@ -30,7 +30,7 @@ class MasterWatch:
         trouble: sentence on the lost master; None while it answers.
     """
 
-    def __init__(self, bridge: Bridge) -> None:
+    def __init__(self, bridge: RosBridge) -> None:
         self._bridge = bridge
         self.trouble: str | None = None
         self._closed = threading.Event()
@@ -65,7 +65,7 @@ MIN_RETURNED_PING_SHARE = 0.5
 _names = count()
 
 
-def round_trip_times(bridge: Bridge) -> Percentiles:
+def round_trip_times(bridge: RosBridge) -> Percentiles:
     """Measure round-trip times of messages through a bridge, sent at 100 Hz [s].
 
     Raises:

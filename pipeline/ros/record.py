@@ -14,13 +14,13 @@ import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
-from pipeline.imports.foreign import ForeignColumn, SampleAccount
+from pipeline.imports.foreign import ForeignColumn, ImportedSampleCounts
 from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
 from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.calibration import Calibration, default_calibration_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
-from pipeline.ros.bridge import Bridge, Message
+from pipeline.ros.bridge import Message, RosBridge
 from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, header_stamp, missing_state_error
 from pipeline.ros.topics import RosTopics
 
@@ -61,7 +61,7 @@ def record_run(
     forces: list[ForceSample] = []
     used = Calibration.load(calibration or default_calibration_path()) if port is not None else None
     with ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(uri))
+        bridge = stack.enter_context(RosBridge(uri))
         cell = stack.enter_context(LoadCell(port, used)) if port is not None and used is not None else None
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", heard.take)
         heard.wait_for(arm.joint_names)
@@ -124,7 +124,7 @@ class _ReceivedStates:
             try:
                 stamp = header_stamp(message)
                 values = {part: _numbers(message.get(part)) for part, _ in JOINT_STATE_QUANTITIES}
-                self._publishers.take_joints(
+                self._publishers.add_joint_message(
                     self._topic, "", list(message["name"]), values, stamp if stamp > 0.0 else np.nan, now
                 )
             except (KeyError, TypeError, ValueError):
@@ -148,14 +148,14 @@ class _ReceivedStates:
             others = f"; what came is of {', '.join(self._names)}" if self._names else ""
         raise missing_state_error(self._topic, missing, others)
 
-    def columns(self) -> tuple[dict[str, ForeignColumn], SampleAccount, list[str]]:
+    def columns(self) -> tuple[dict[str, ForeignColumn], ImportedSampleCounts, list[str]]:
         """Kept joint states as columns, with times on our clock."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
         unread = self._unread[self._topic]
         return (
             columns,
-            accounts.get(self._topic, SampleAccount(self._topic, unread, 0, {UNREADABLE_REASON: unread})),
+            accounts.get(self._topic, ImportedSampleCounts(self._topic, unread, 0, {UNREADABLE_REASON: unread})),
             notes,
         )
 
@@ -192,7 +192,7 @@ def _run(
         if missing:
             said.append(f"no {quantity} of {', '.join(missing)} was sent")
     if forces:
-        if arm.given_line is not None and all(f"q.{joint}" in channels for joint in arm.joint_names):
+        if arm.line_or_none is not None and all(f"q.{joint}" in channels for joint in arm.joint_names):
             time_of_states = channels[f"q.{arm.joint_names[0]}"].time
             q = [np.interp(time_of_states, c.time, c.value) for c in (channels[f"q.{j}"] for j in arm.joint_names)]
             along = np.array([arm.line.coordinates(arm.tool_pose(row).translation) for row in np.column_stack(q)])

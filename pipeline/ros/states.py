@@ -12,7 +12,7 @@ import numpy as np
 from armdyn.errors import InputError
 from pipeline.imports.stamps import MAX_RELATIVE_CLOCK_DRIFT
 from pipeline.robot.protocol import JointState, Vector
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 
 MAX_BURST_DELAY_SECONDS = 0.05
 """Largest delay of messages that arrive in a burst [s]: 0.04 s for a client that only receives, with a margin."""
@@ -49,7 +49,7 @@ class StampClock:
         return min(stamp + self._offset, received)
 
 
-class JointStates:
+class JointStateBuffer:
     """The latest states of an arm's joints, from messages that may contain other joints too.
 
     The bridge's thread adds messages; any thread may read states. Messages that lack one of the arm's joints, such as a
@@ -217,8 +217,8 @@ def present_joint_state(uri: str, names: Sequence[str], topic: str) -> JointStat
     Raises:
         InputError: no bridge, or no state of these joints in time.
     """
-    joints = JointStates(names)
-    with Bridge(uri) as bridge:
+    joints = JointStateBuffer(names)
+    with RosBridge(uri) as bridge:
         bridge.subscribe(topic, "sensor_msgs/JointState", joints.take)
         return joints.first(topic)
 

@@ -14,7 +14,7 @@ from typing import Any
 from armdyn.errors import ArmdynError
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, Vector
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 from pipeline.ros.topics import time_message
 
 ESTIMATE_TOPIC, REFERENCE_TOPIC, LOAD_FORCE_TOPIC, PHASE_TOPIC = (
@@ -25,7 +25,7 @@ MIN_PUBLISH_PERIOD_SECONDS = 0.04
 ESTIMATE_LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
 
 
-class Telemetry:
+class RosTelemetryPublisher:
     """Publishes messages on a trial for observers; failures are ignored here, because the arm's driver reports them.
 
     Args:
@@ -33,7 +33,7 @@ class Telemetry:
         names: names of the commanded joints.
     """
 
-    def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
+    def __init__(self, bridge: RosBridge, names: Sequence[str]) -> None:
         self._bridge, self._names = bridge, list(names)
         self._next: dict[str, float] = {}
         self._phase = ""
@@ -84,7 +84,7 @@ class Telemetry:
 class PublishingRecorder(Recorder):
     """A trial's recorder that also publishes each new estimate of the string's length."""
 
-    def __init__(self, *arguments: Any, telemetry: Telemetry, **settings: Any) -> None:
+    def __init__(self, *arguments: Any, telemetry: RosTelemetryPublisher, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self._telemetry = telemetry
 

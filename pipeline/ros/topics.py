@@ -10,7 +10,7 @@ from armdyn.errors import InputError, error_location
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS_DIRECTORY, known_robots
-from urdf.toml_tables import ValueCheck, table_to_dataclass
+from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 
 class CommandKind(Enum):
@@ -27,9 +27,11 @@ JOINT_COMMAND_MODES = {"position": 1, "raw_position": 4}
 
 _Name = Annotated[
     str,
-    ValueCheck(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise"),
+    TomlValueCheck(
+        lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise"
+    ),
 ]
-_Seconds = Annotated[float, ValueCheck(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
+_Seconds = Annotated[float, TomlValueCheck(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class RosTopics:
     command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
     mode: Annotated[
-        str, ValueCheck(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")
+        str, TomlValueCheck(JOINT_COMMAND_MODES.__contains__, f"choose one of {', '.join(JOINT_COMMAND_MODES)}")
     ] = "raw_position"
     feed_forward: _Name | None = None
     timeout: _Name | None = None

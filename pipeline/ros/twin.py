@@ -25,7 +25,7 @@ from pipeline.processes import Closable, request_real_time_priority
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
-from pipeline.ros.bridge import Bridge, BridgeError
+from pipeline.ros.bridge import BridgeError, RosBridge
 from pipeline.ros.controller import BaxterController
 from pipeline.ros.topics import RosTopics, time_message
 
@@ -48,7 +48,7 @@ UNMOVED_BAXTER_JOINTS = (
 """Joints of Baxter that the twin does not simulate; its joint states contain them with zeros."""
 
 
-class Twin(Closable):
+class SimulatedBaxterOnRos(Closable):
     """A simulated Baxter on ROS; the method `run` simulates it in real time.
 
     Args:
@@ -81,7 +81,7 @@ class Twin(Closable):
         stamp_offset: float = 0.0,
     ) -> None:
         settings = settings or PlantSettings()
-        servo = replace(settings.servo, extrapolate=False, hold_after=NO_TIMEOUT_SECONDS)
+        servo = replace(settings.servo, extrapolate=False, hold_position_after_seconds=NO_TIMEOUT_SECONDS)
         # The serial line rounds to counts: a coarser cell would repeat values more often than its calibration allows.
         settings = replace(settings, servo=servo, cell=replace(settings.cell, resolution=0.0))
         self.robot = SimulatedRobot(description, q_start, settings, hidden, seed)
@@ -90,7 +90,7 @@ class Twin(Closable):
         self._inbox: list[Callable[[float], None]] = []
         self._lock = Lock()
         self.port = EmulatedPort()
-        self.bridge = Bridge(uri)
+        self.bridge = RosBridge(uri)
         self.start = self.behind = 0.0
         self._order = sorted((*UNMOVED_BAXTER_JOINTS, *description.joint_names))
         self._connect()

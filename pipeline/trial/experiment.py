@@ -22,7 +22,7 @@ from armdyn.run import Channel
 from ik.torque import JointTorque
 from pipeline.interrupts import deferred_signals
 from pipeline.loadcell.faults import LoadCellFaultDetector
-from pipeline.motion import CommandGate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
+from pipeline.motion import JointCommandCheck, LineLimits, LineReferenceCheck, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
@@ -30,12 +30,12 @@ from pipeline.nodes.drive import MAX_COMMAND_SILENCE_SECONDS, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
-from pipeline.nodes.task import TaskNode
+from pipeline.nodes.task import SwingPlanningNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import Vector
 from pipeline.trial.ending import TrialEnding, bring_to_rest, signal_sentence
 from pipeline.trial.moves import line_sweep
-from pipeline.trial.rig import Rig
+from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import ProtocolSettings
 
 REST_BEFORE_MOTION_SECONDS = 0.5
@@ -109,7 +109,7 @@ class Experiment:
 
     def __init__(
         self,
-        rig: Rig,
+        rig: TrialRig,
         recorder: Recorder,
         settings: ProtocolSettings,
         progress: ProgressCallback | None = None,
@@ -140,13 +140,13 @@ class Experiment:
         )
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
-        gate = LineGate(limits, table, CommandGate(description.joint_names, description.limits))
+        gate = LineReferenceCheck(limits, table, JointCommandCheck(description.joint_names, description.limits))
         smoother = LineSmoother(limits, CONTROL_PERIOD_SECONDS, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
         task = settings.task if settings.estimate or settings.model else replace(settings.task, cautious=False)
-        self.task = TaskNode(
+        self.task = SwingPlanningNode(
             model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._worker
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
@@ -215,7 +215,7 @@ class Experiment:
         if c.estimate:
             self._learn()
             self._settle()
-        self.task.request_swing(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
+        self.task.request_swing(self.estimator.model, self.estimator.start, self.measurement.mark_possible_touch_from)
         self._run(Phase.SWING, 0.7, self.task.max_planning_seconds + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
@@ -297,7 +297,7 @@ class Experiment:
         if not history:
             raise _StopError(f"no estimate within {self.settings.estimation_time:g} s: allow at least 1 s")
         last = history[-1]
-        if last.outcome is not Outcome.CONVERGED or last.std > self.settings.certain_enough:
+        if last.outcome is not Outcome.CONVERGED or last.std > self.settings.max_length_std_for_swing:
             raise _StopError(
                 f"the estimate did not converge: length {last.value:.4f} +/- {last.std:.4f} m ({last.outcome.value}); "
                 "weigh the load, check the load cell, or allow more time"
@@ -317,7 +317,7 @@ class Experiment:
         For an instant in the future, the gripper is assumed to stand where it is now while the load continues to swing.
         """
         model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
-        self.measurement.update_path()
+        self.measurement.append_to_smoothed_path()
         path = gripper_path(self.measurement.run())
         path = _waiting(path, at - begun) if self._real else path
         speed, angle, rate = model.final_swing_state(path)

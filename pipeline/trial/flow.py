@@ -12,7 +12,7 @@ from pipeline.trial.experiment import Experiment, ProgressCallback
 from pipeline.trial.folder import temporary_output_folder
 from pipeline.trial.investigation import SwingExperiment, early_ending, investigate, settings_after_investigation
 from pipeline.trial.result import TrialResult, finish_recording, open_recording, trial_result
-from pipeline.trial.rig import Rig
+from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import ProtocolSettings
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Trial(Generic[R]):
 
 
 def perform_trial(
-    rig: Rig, settings: ProtocolSettings, out: Path | None, progress: ProgressCallback
+    rig: TrialRig, settings: ProtocolSettings, out: Path | None, progress: ProgressCallback
 ) -> tuple[Experiment, TrialResult]:
     """Perform one whole trial, and write its recordings and model.
 
@@ -100,7 +100,7 @@ def perform_trial(
                 rig.hooks.wait_until_calm()
         with open_recording(rig, folder, settings) as recorder:
             experiment = Experiment(rig, recorder, of, tell, 0.0 if found is None else found.place)
-            ending = early_ending(experiment, found) or rig.hooks.judged_ending(experiment.run())
+            ending = early_ending(experiment, found) or rig.hooks.ending_judged_by_operator(experiment.run())
         ending = finish_recording(experiment, ending, recorder, folder)
         recording = out / recorder.path.name if out else None
         return experiment, trial_result(experiment, ending, rig.true_length, recording, found)

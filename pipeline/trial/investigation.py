@@ -45,7 +45,7 @@ RunSwingExperiment = Callable[[ProtocolSettings, int, float], tuple["SwingExperi
 """Function that makes one experiment, from settings, number of the experiment and position of the gripper [m]."""
 
 
-class InvestigationEnd(Enum):
+class InvestigationEndReason(Enum):
     """Reason why an investigation ended; the value is a sentence for the user."""
 
     EXPLAINED = "nothing is missing"
@@ -56,7 +56,11 @@ class InvestigationEnd(Enum):
     INTERRUPTED = "an experiment was ended before its time"
 
 
-ENDS_WITH_BETTER_MODEL = (InvestigationEnd.NAMED, InvestigationEnd.INSEPARABLE, InvestigationEnd.SPENT)
+ENDS_WITH_BETTER_MODEL = (
+    InvestigationEndReason.NAMED,
+    InvestigationEndReason.INSEPARABLE,
+    InvestigationEndReason.SPENT,
+)
 """Reasons after which the model that fits all recordings best replaces the robot's model."""
 
 
@@ -71,7 +75,7 @@ class SwingExperiment(Experiment):
 
     def recording(self, name: str) -> Run:
         """Recording of the experiment's motion under a name, without a stated noise, so that the noise is estimated."""
-        self.measurement.update_path()
+        self.measurement.append_to_smoothed_path()
         return replace(self.measurement.run(), name=name, noise={})
 
 
@@ -126,7 +130,7 @@ class Investigation:
     """
 
     stages: tuple[InvestigationStage, ...]
-    stop: InvestigationEnd
+    stop: InvestigationEndReason
     model: PendulumModel | None
     ending: TrialEnding | None = None
     place: float = 0.0
@@ -170,12 +174,12 @@ def investigate(
     place = 0.0
     while True:
         number = len(stages) + 1
-        now = replace(settings, estimate=True, motion=motion, hangs_still=number == 1)
+        now = replace(settings, estimate=True, motion=motion, load_at_rest_at_start=number == 1)
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
         if ending.stopped:
             return Investigation(
-                tuple(stages), InvestigationEnd.INTERRUPTED, None, ending, place, experiment.interrupted
+                tuple(stages), InvestigationEndReason.INTERRUPTED, None, ending, place, experiment.interrupted
             )
         run = experiment.recording(f"experiment {number}")
         say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
@@ -193,14 +197,14 @@ def investigate(
         stages.append(InvestigationStage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
         if stop is None and number >= settings.investigate:
-            stop = InvestigationEnd.SPENT
+            stop = InvestigationEndReason.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
             proposal = designed_motion(rivals, DESIGNED_MOTION_SECONDS, DESIGNED_MOTION_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_motion_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
-                stop = InvestigationEnd.INSEPARABLE
+                stop = InvestigationEndReason.INSEPARABLE
             else:
                 motion = made.trajectory
         if stop is not None:
@@ -213,7 +217,7 @@ S = TypeVar("S", bound=ProtocolSettings)
 
 def settings_after_investigation(settings: S, found: Investigation) -> S:
     """Settings of the trial after an investigation: the given settings, with the model that was found."""
-    settings = replace(settings, hangs_still=False)
+    settings = replace(settings, load_at_rest_at_start=False)
     if found.model is None:
         return settings
     length = found.model.parameters["length"]
@@ -241,22 +245,22 @@ def investigated_model(settings: ProtocolSettings) -> PendulumModel:
     It is the starting model of a trial without drag, which becomes a candidate effect. Start angle and rate are
     parameters with small standard deviations, because the load may still sway.
     """
-    model = replace(settings, hangs_still=False).starting_model()
+    model = replace(settings, load_at_rest_at_start=False).starting_model()
     for name in NUISANCE_CANDIDATES:
-        if settings.model is None or not settings.model.joints_with(name):
+        if settings.model is None or not settings.model.joints_having_effect(name):
             model = model.without_effect(name)
     return model
 
 
-def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> InvestigationEnd | None:
+def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> InvestigationEndReason | None:
     if found.verdict is Verdict.EXPLAINED:
-        return InvestigationEnd.EXPLAINED
+        return InvestigationEndReason.EXPLAINED
     if rivals is not None:
         return None
     # A rival that has won is kept, even where the arm adds more residual than the load cell's noise.
     won = gap is not None and gap > TIE_CHI2
     nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
-    return InvestigationEnd.UNKNOWN if nothing and not won else InvestigationEnd.NAMED
+    return InvestigationEndReason.UNKNOWN if nothing and not won else InvestigationEndReason.NAMED
 
 
 def _promising(proposal: ProposedExperiment) -> bool:

@@ -15,7 +15,7 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
-from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
+from pipeline.motion.feasibility import CheckSettings, box_and_table_obstacles, check_joints, check_line
 from pipeline.processes import request_real_time_priority
 from pipeline.robot.drivers import ConnectFunction
 from pipeline.robot.link import LinkStatistics
@@ -24,7 +24,7 @@ from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import ProgressCallback
 from pipeline.trial.flow import Trial, perform_trial
 from pipeline.trial.moves import JointReference, approach_motion, play_motion, postures_along, rehearsal_motion
-from pipeline.trial.rig import Rig
+from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import ProtocolSettings
 
 MAX_ANGLE_TO_COUNT_AS_AT_START = 5e-3
@@ -64,12 +64,12 @@ class OperatorPrompts:
 
     Attributes:
         tell: shows a sentence.
-        may_move: shows a sentence on a motion, and returns whether the operator allows it.
+        ask_permission_to_move: shows a sentence on a motion, and returns whether the operator allows it.
         landed: returns whether the load came to rest in the box, as the operator answers.
     """
 
     tell: Callable[[str], None]
-    may_move: Callable[[str], bool]
+    ask_permission_to_move: Callable[[str], bool]
     landed: Callable[[], bool]
 
 
@@ -88,7 +88,7 @@ class _OperatorHooks:
     def load_landed(self) -> bool:
         return True
 
-    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
+    def ending_judged_by_operator(self, ending: TrialEnding) -> TrialEnding:
         if ending.stopped:
             return ending
         success = self.prompts.landed()
@@ -129,7 +129,7 @@ def run_real_trial(
         hooks.wait_until_calm()
         about = f"{link.arm.name} and a load on a string"
         limits = link.calibration.force_limits
-        rig = Rig(robot, True, link.arm, table, limits, about, hooks, recorder=robot.recorder)
+        rig = TrialRig(robot, True, link.arm, table, limits, about, hooks, recorder=robot.recorder)
         experiment, result = perform_trial(rig, c, out, progress)
         subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
         return Trial(subtitle, experiment, result, robot)
@@ -230,7 +230,7 @@ def _go_to_start(
     here, goal = robot.newest_state().q, table.posture(0.0).q
     away = float(np.max(np.abs(goal - here)))
     motion = approach_motion(arm, here, goal)
-    obstacles = box_and_table(arm.line, c.task.box)
+    obstacles = box_and_table_obstacles(arm.line, c.task.box)
     if away > MAX_ANGLE_TO_COUNT_AS_AT_START:
         checked = check_joints(arm, motion, CheckSettings(load_mass=c.mass, obstacles=obstacles))
         if not checked.feasible:
@@ -239,7 +239,9 @@ def _go_to_start(
             )
     first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then "
     first = first if away > MAX_ANGLE_TO_COUNT_AS_AT_START else ""
-    if not prompts.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
+    if not prompts.ask_permission_to_move(
+        f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"
+    ):
         raise TaskFailedError("nothing was moved")
     robot.prepare()
     here = robot.newest_state().q

@@ -13,9 +13,9 @@ from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import gripper_path
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from armdyn.recording.units import KnownQuantity
-from pipeline.answers_motion import investigation_answer
+from pipeline.answers_motion import investigation_json
 from pipeline.fields import attributes_as_json
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import NodeTiming
@@ -23,7 +23,7 @@ from pipeline.record import Recorder
 from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import Experiment, Phase, PhaseSpan, recorded_channels
 from pipeline.trial.investigation import Investigation
-from pipeline.trial.rig import Rig
+from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import ProtocolSettings
 
 
@@ -76,7 +76,7 @@ class TrialResult(TrialEnding):
         if self.success or not self.estimates or self.recording is None or self.signal is not None:
             return None
         kept = self.recording.parent
-        return command_text("repair", kept / "model.toml", kept / "trial.csv", "--output", "repaired.toml")
+        return shell_quoted_command("repair", kept / "model.toml", kept / "trial.csv", "--output", "repaired.toml")
 
     def as_json(self) -> dict[str, Any]:
         """The outcome as JSON ``armdyn.trial/1``."""
@@ -102,7 +102,7 @@ class TrialResult(TrialEnding):
             "parameters": {name: attributes_as_json(p, "value std unit") for name, p in self.model.parameters.items()},
             **attributes_as_json(self, "recording missed_cycles"),
             **({"notes": list(self.notes)} if self.notes else {}),
-            **({"investigation": investigation_answer(self.investigation)} if self.investigation else {}),
+            **({"investigation": investigation_json(self.investigation)} if self.investigation else {}),
         }  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
 
 
 @contextmanager
-def open_recording(rig: Rig, folder: Path, settings: ProtocolSettings, name: str = "trial") -> Iterator[Recorder]:
+def open_recording(rig: TrialRig, folder: Path, settings: ProtocolSettings, name: str = "trial") -> Iterator[Recorder]:
     """Recorder of a trial for a ``with`` block; after an exception in the block the recording is completed, too.
 
     Args:

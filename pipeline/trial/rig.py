@@ -6,7 +6,7 @@ from typing import Protocol
 
 import urdf
 from ik import LineTable
-from pipeline.loadcell.faults import LoadCellLimits
+from pipeline.loadcell.faults import LoadCellFaultLimits
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.ending import TrialEnding
@@ -18,7 +18,7 @@ class RigHooks(Protocol):
     def load_landed(self) -> bool:
         """Whether the load is at rest in the box at the end of the protocol."""
 
-    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
+    def ending_judged_by_operator(self, ending: TrialEnding) -> TrialEnding:
         """The ending of a trial, corrected by the operator's answer whether the load is in the box."""
 
     def wait_until_calm(self) -> None:
@@ -29,7 +29,7 @@ class RigHooks(Protocol):
 
 
 @dataclass(frozen=True)
-class Rig:
+class TrialRig:
     """A robot, simulated or real, at the start posture of a trial with its load at rest.
 
     Attributes:
@@ -49,7 +49,7 @@ class Rig:
     real: bool
     arm: urdf.Robot
     table: LineTable
-    cell: LoadCellLimits
+    cell: LoadCellFaultLimits
     description: str
     hooks: RigHooks
     true_length: float | None = None

@@ -47,11 +47,11 @@ class ProtocolSettings:
         force_noise: standard deviation of one sample of the load cell [N].
         estimate: whether the length is estimated before the swing.
         estimation_time: duration of the motion for the estimate that SAC chooses [s].
-        certain_enough: largest standard deviation of the length with which the swing is tried [m].
+        max_length_std_for_swing: largest standard deviation of the length with which the swing is tried [m].
         model: model of estimator, SAC and planner; None for the default one.
         task: settings of the swing.
         motion: motion along the line for the estimate, one sample per cycle; None for a motion that SAC chooses.
-        hangs_still: whether the load is at rest at the start; after other swings it may still sway.
+        load_at_rest_at_start: whether the load is at rest at the start; after other swings it may still sway.
         investigate: largest number of experiments that identify the model's missing effects first; 0 for none.
     """
 
@@ -62,11 +62,11 @@ class ProtocolSettings:
     force_noise: float = 0.005
     estimate: bool = True
     estimation_time: float = 6.0
-    certain_enough: float = 0.02
+    max_length_std_for_swing: float = 0.02
     model: PendulumModel | None = None
     task: TaskSettings = field(default_factory=TaskSettings)
     motion: LineTrajectory | None = None
-    hangs_still: bool = True
+    load_at_rest_at_start: bool = True
     investigate: int = 0
 
     def __post_init__(self) -> None:
@@ -99,7 +99,7 @@ class ProtocolSettings:
         rest = model.rest_angle()
         # The load hangs at rest at first; where an effect deflects it, its angle is as uncertain as the effect.
         model = model.with_values({"initial_angle": rest, "initial_rate": 0.0})
-        if not self.hangs_still:
+        if not self.load_at_rest_at_start:
             for name, at in (("initial_angle", rest), ("initial_rate", 0.0)):
                 model = model.with_prior(name, at, START_STD_AFTER_SWINGS[name])
             return model

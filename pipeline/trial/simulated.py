@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import ik
 import urdf
-from pipeline.loadcell.faults import LoadCellLimits
+from pipeline.loadcell.faults import LoadCellFaultLimits
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import ProgressCallback
 from pipeline.trial.flow import Trial, perform_trial
 from pipeline.trial.result import TrialResult
-from pipeline.trial.rig import Rig
+from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import TrialSettings
 
 SimulatedTrial = Trial[SimulatedRobot]
@@ -27,7 +27,7 @@ class _SimulationHooks:
     def load_landed(self) -> bool:
         return self.simulation.load_in_box()
 
-    def judged_ending(self, ending: TrialEnding) -> TrialEnding:
+    def ending_judged_by_operator(self, ending: TrialEnding) -> TrialEnding:
         return ending
 
     def wait_until_calm(self) -> None: ...
@@ -47,7 +47,7 @@ def simulate_trial(
         settings: settings of protocol and simulation.
         progress: called to report the progress.
         through: function that wraps the robot, for example to simulate a fault.
-        real: whether the protocol treats the robot as a real one, see `Rig`.
+        real: whether the protocol treats the robot as a real one, see `TrialRig`.
 
     Raises:
         InputError: settings that cannot be used.
@@ -59,9 +59,9 @@ def simulate_trial(
     plant = replace(c.plant, length=c.true_length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     cell = plant.cell
-    limits = LoadCellLimits.from_noise(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
+    limits = LoadCellFaultLimits.from_noise(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
     about = f"simulated Baxter, load on a string, seed {c.seed}"
-    rig = Rig(through(robot), real, description, table, limits, about, _SimulationHooks(robot), c.true_length)
+    rig = TrialRig(through(robot), real, description, table, limits, about, _SimulationHooks(robot), c.true_length)
     experiment, result = perform_trial(rig, c, c.out, say)
     hidden = ", ".join(f"{name} {value:g}" for name, value in robot.truth.hidden.items())
     subtitle = (

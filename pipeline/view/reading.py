@@ -48,7 +48,7 @@ def scene_of_file(path: Path, model: Model | None = None, robot: urdf.Robot | No
         return swing_scene(path.name, "run", load_swing(run, model))
     robot = robot or _robot_of(run)
     if {"gripper_x", "load_force"} <= set(run.channels):
-        if robot.given_line is not None:
+        if robot.line_or_none is not None:
             swing = load_swing(run, None if model is None or model.robot is not None else model)
             return trial_scene(path.parent.name or path.name, arm_shapes(robot), run, swing, Box())
     elif not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):

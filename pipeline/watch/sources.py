@@ -15,10 +15,10 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray, name_and_unit, unit_conversion
 from armdyn.run import Run, read_run
-from armdyn.watch.fault_free import JointSample, samples_of
+from armdyn.watch.fault_free import JointSample, joint_samples_of_recording
 from pipeline.interrupts import deferred_signals
-from pipeline.ros.bridge import Bridge, Message
-from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStates, missing_state_error
+from pipeline.ros.bridge import Message, RosBridge
+from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStateBuffer, missing_state_error
 
 RECORDING_SUFFIXES = (".csv", ".mcap")
 MAX_QUEUED_JOINT_STATES = 2000
@@ -52,7 +52,7 @@ def read_arm_runs(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
 
 def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:
     """One function for each run, whose call returns an iterator over all samples of the run."""
-    return [partial(samples_of, run, model) for run in runs]
+    return [partial(joint_samples_of_recording, run, model) for run in runs]
 
 
 def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample]:
@@ -132,8 +132,8 @@ class RosSampleSource:
                 start = stamp if start is None else start
                 yield stamp - start, q, tau
 
-    def _connected(self) -> Bridge:
-        bridge, joints, newest = Bridge(self._uri), JointStates(self._names), [-math.inf]
+    def _connected(self) -> RosBridge:
+        bridge, joints, newest = RosBridge(self._uri), JointStateBuffer(self._names), [-math.inf]
 
         def take(message: Message, now: float) -> None:
             joints.take(message, now)
@@ -152,7 +152,7 @@ class RosSampleSource:
             except queue.Full:
                 self._waiting.get_nowait()
 
-    def _reconnected(self, stack: ExitStack) -> Bridge | None:
+    def _reconnected(self, stack: ExitStack) -> RosBridge | None:
         time.sleep(RECONNECT_PERIOD_SECONDS)
         try:
             return stack.enter_context(self._connected())

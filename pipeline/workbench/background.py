@@ -22,7 +22,7 @@ SearchListener = Callable[[str, Any], None]
 """Function called from another thread with "progress" or "failed" and a sentence, or with "done" and the answer."""
 
 
-class ComputingSession:
+class WorkbenchComputingThread:
     """A thread that reads the files of a model and its recordings, and then computes with them, one task at a time.
 
     Args:
@@ -131,10 +131,10 @@ def run_diagnosis(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callab
     Raises:
         InputError: a file or a label cannot be used.
     """
-    from pipeline.answers import diagnosis_answer
+    from pipeline.answers import diagnosis_json
 
     given = inputs.read().with_effects(effects)
-    return {**diagnosis_answer(given.study, given.diagnose(say)), "beside": list(effects)}
+    return {**diagnosis_json(given.study, given.diagnose(say)), "beside": list(effects)}
 
 
 def run_discovery(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
@@ -153,4 +153,8 @@ def run_discovery(inputs: ModelAndRunInputs, effects: Sequence[str], say: Callab
     """
     found = inputs.read().with_effects(effects).discover(say)
     labels = [one.label for one in found.laws]
-    return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new_laws else ""}
+    return {
+        "sentence": found.sentence,
+        "labels": labels,
+        "text": found.file_text() if found.laws_outside_catalogue else "",
+    }

@@ -49,7 +49,7 @@ class ParameterSlider:
 
 
 @dataclass(frozen=True, eq=False)
-class TickedModel:
+class SelectedEffectsModel:
     """The model with the effects that the user has ticked, and its curves and errors.
 
     Attributes:
@@ -106,7 +106,7 @@ class Workbench:
         return self.study.scorer(self.first)
 
     @cached_property
-    def given_state(self) -> TickedModel:
+    def given_state(self) -> SelectedEffectsModel:
         """Curves and errors of the given model, without ticked effects."""
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
@@ -119,7 +119,7 @@ class Workbench:
         """
         return [self.study.effects[c.effect].on(*c.joints) for c in group_by_effect(self._candidates_of(effects))]
 
-    def predict(self, effects: Sequence[str]) -> TickedModel:
+    def predict(self, effects: Sequence[str]) -> SelectedEffectsModel:
         """Predict the result of adding effects from a linearisation, without a fit.
 
         Args:
@@ -139,7 +139,7 @@ class Workbench:
         else:
             around, sums = self.linear_scorer, self.linear_scorer.sums
             one = around.evaluate((*around.given, *chosen))
-            values = self.study.own_values(around, one)
+            values = self.study.values_predicted_by_scorer(around, one)
             residuals = {
                 (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(
                     unit, one.columns, one.change
@@ -150,7 +150,7 @@ class Workbench:
         known = {column.name: None for column in self.study.problem.columns if column.name not in absent}
         return self._state(effects, "predicted", residuals, self._knobs_at(values, known))
 
-    def refit(self, effects: Sequence[str]) -> TickedModel:
+    def refit(self, effects: Sequence[str]) -> SelectedEffectsModel:
         """The result of adding effects, fitted to all samples in 0.1 s to several seconds.
 
         Args:
@@ -173,11 +173,15 @@ class Workbench:
             whole = (*study.present, *group_by_effect(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.linear_scorer
-            start = None if around is None else study.own_values(around, around.evaluate((*around.given, *chosen)))
-            self._fits[key] = continue_fit(study.fit_with(whole, near, start))
+            start = (
+                None
+                if around is None
+                else study.values_predicted_by_scorer(around, around.evaluate((*around.given, *chosen)))
+            )
+            self._fits[key] = continue_fit(study.fit_base_with_effects(whole, near, start))
         return self._fits[key]
 
-    def with_values(self, effects: Sequence[str], values: Mapping[str, float]) -> TickedModel:
+    def with_values(self, effects: Sequence[str], values: Mapping[str, float]) -> SelectedEffectsModel:
         """Prediction of the fitted model with some parameters at other values.
 
         Args:
@@ -197,12 +201,14 @@ class Workbench:
             knobs[name] = replace(knobs[name], parameter=parameter.with_value(at[name]))
         runs = [*lean.problem.runs, *(self.study.held_out if self.study.sums_predict else ())]
         problem = Problem(lean.problem.model, runs, lean.problem.noise)
-        start = {lean.problem.unknown_key(i): value for i, value in enumerate(lean.values)}
-        theta = np.array([at.get(c.name, start[problem.unknown_key(i)]) for i, c in enumerate(problem.columns)])
+        start = {lean.problem.unknown_name_and_run(i): value for i, value in enumerate(lean.values)}
+        theta = np.array(
+            [at.get(c.name, start[problem.unknown_name_and_run(i)]) for i, c in enumerate(problem.columns)]
+        )
         blocks = problem.blocks(theta, np.zeros(len(theta), dtype=bool))
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
-    def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
+    def missing_force(self, state: SelectedEffectsModel) -> tuple[ForceCurve, ...]:
         """Missing force of the given model and, if known, of the model with ticked effects."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
@@ -242,13 +248,13 @@ class Workbench:
         residuals: ResidualsByChannel,
         knobs: Mapping[str, ParameterSlider],
         others: Mapping[str, float] | None = None,
-    ) -> TickedModel:
+    ) -> SelectedEffectsModel:
         shown, stale = [], False
         for curve in self._given:
             left = residuals.get((curve.run, curve.channel))
             stale |= left is None
             shown.append(curve if left is None else replace(curve, residuals=np.stack([curve.residuals[0], left])))
-        return TickedModel(tuple(effects), how, tuple(shown), stale, knobs, others or {})
+        return SelectedEffectsModel(tuple(effects), how, tuple(shown), stale, knobs, others or {})
 
     def _others(self, fit: Fit) -> Mapping[str, float]:
         """Error by channel on held-out runs, or else of every run predicted from the others."""

@@ -17,7 +17,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
-from armdyn.quoting import command_text
+from armdyn.quoting import shell_quoted_command
 from armdyn.read_files import allow_overwrite
 from armdyn.run import Run, read_run, write_run_csv
 from ik.child_processes import is_running
@@ -46,7 +46,7 @@ def remove_abandoned_page_folders() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-class WritablePlaces:
+class WritableFileCheck:
     """Check of files that pages want to write: new files in the workbench's folder, and files that pages have written.
 
     Args:
@@ -201,13 +201,13 @@ def _recording(path: Path, joints: Sequence[str]) -> DroppedFile:
         own = error
     from pipeline.imports import read_foreign
     from pipeline.imports.conversion import run_from_recording
-    from pipeline.imports.guess import guess_map, known_columns
+    from pipeline.imports.guess import guess_map, map_unambiguous_columns
     from pipeline.imports.joints import RobotJoints
 
     try:
         foreign = read_foreign(path)[0]
         try:
-            mapping = known_columns(foreign)
+            mapping = map_unambiguous_columns(foreign)
         except InputError:
             mapping = guess_map([foreign], RobotJoints(tuple(joints)))
         run = run_from_recording(foreign, mapping).run
@@ -274,7 +274,7 @@ def save_model(
     report: Path | None = None,
     exported: Path | None = None,
     *,
-    writable: WritablePlaces,
+    writable: WritableFileCheck,
     over: bool = False,
 ) -> SavedFiles:
     """Add effects to the model one after the other, and write the files of the commands `add` and `export`.
@@ -328,7 +328,7 @@ def save_model(
         if written.missing is not None:
             notes.append(written.missing.sentence)
         if written.refused:
-            again = command_text("export", model, "--output", exported, "--incomplete")
+            again = shell_quoted_command("export", model, "--output", exported, "--incomplete")
             notes.append(f"{exported} is not written; to write it all the same: {again}")
         else:
             files.append(exported)
@@ -337,9 +337,9 @@ def save_model(
     return SavedFiles(tuple(files), found.sentence, tuple(notes), command)
 
 
-def _with_its_urdf(found: Model, model: Path, writable: WritablePlaces, over: bool) -> tuple[Model, list[Path]]:
+def _with_its_urdf(found: Model, model: Path, writable: WritableFileCheck, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a dropped URDF copied beside its file, because a page's folder is temporary."""
-    arm = found.as_arm()
+    arm = found.arm_model_or_none()
     if arm is None or arm.arm.file is None or not is_in_page_folder(arm.arm.file):
         return found, []
     target = model.parent / arm.arm.file.name
@@ -347,7 +347,7 @@ def _with_its_urdf(found: Model, model: Path, writable: WritablePlaces, over: bo
     return replace(arm, arm=replace(arm.arm, file=target.resolve())), copied
 
 
-def _copied(file: Path, target: Path, writable: WritablePlaces, over: bool) -> list[Path]:
+def _copied(file: Path, target: Path, writable: WritableFileCheck, over: bool) -> list[Path]:
     """Copy a file, unless an equal copy exists."""
     if not target.exists() or target.read_bytes() != file.read_bytes():
         writable.check(target, over)

@@ -13,7 +13,13 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.page import template_text
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import ComputingSession, SearchProcess, SearchWork, run_diagnosis, run_discovery
+from pipeline.workbench.background import (
+    SearchProcess,
+    SearchWork,
+    WorkbenchComputingThread,
+    run_diagnosis,
+    run_discovery,
+)
 from pipeline.workbench.tab import BrowserTab, OpenSession, scene_of_run
 from urdf.bounds import MAX_UPLOAD_BYTES
 from urdf.loader import known_robots
@@ -37,7 +43,7 @@ class WorkbenchPage(BrowserTab):
         client: Client,
         inputs: ModelAndRunInputs | None,
         open_session: OpenSession,
-        writable: files.WritablePlaces,
+        writable: files.WritableFileCheck,
     ) -> None:
         super().__init__(client, inputs, open_session)
         self._writable = writable
@@ -144,7 +150,7 @@ class WorkbenchPage(BrowserTab):
         self._search = SearchProcess(work, session.inputs, labels, tell)
 
     async def _heard(
-        self, asked: ComputingSession, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]
+        self, asked: WorkbenchComputingThread, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]
     ) -> None:
         if asked is not self._session:
             return

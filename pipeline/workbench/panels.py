@@ -12,14 +12,14 @@ from pipeline.report.inspection import checks_section
 from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, prediction_quality
 from pipeline.report.page import bar_cell_html, key_figure_html, table_html
 from pipeline.report.theme import channel_full_name, number_text
-from pipeline.workbench.bench import ParameterSlider, TickedModel, Workbench
+from pipeline.workbench.bench import ParameterSlider, SelectedEffectsModel, Workbench
 
 PARAMETER_SOURCE_SENTENCES = {
     "predicted": "predicted from one linearisation; the refit is running",
     "fitted": "fitted to all samples",
     "by hand": "parameters by hand, nothing fitted",
 }
-"""Sentence on the source of the shown parameters, by `TickedModel.how`."""
+"""Sentence on the source of the shown parameters, by `SelectedEffectsModel.how`."""
 MAX_LISTED_JOINTS = 2
 """Number of joints up to which an effect's joints are listed by name."""
 MAX_NAMED_FAILING_INTERVALS = 2
@@ -69,7 +69,7 @@ def short_joint_names(joints: Sequence[str]) -> dict[str, str]:
     return {name: "_".join(w) for name, w in words.items()}
 
 
-def errors_panel(state: TickedModel) -> str:
+def errors_panel(state: SelectedEffectsModel) -> str:
     """HTML panel of the errors of the given and the changed model, on fitted runs and on other runs."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
@@ -92,7 +92,7 @@ def errors_panel(state: TickedModel) -> str:
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
 
-def _where(state: TickedModel, units: Mapping[str, str]) -> str:
+def _where(state: SelectedEffectsModel, units: Mapping[str, str]) -> str:
     worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = channel_full_name(place.channel, units[place.channel])
@@ -106,7 +106,7 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     )
 
 
-def sliders_panel(state: TickedModel) -> str:
+def sliders_panel(state: SelectedEffectsModel) -> str:
     """HTML panel with a slider for every parameter of the model."""
     none = "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
     return "".join(_slider(name, knob) for name, knob in state.knobs.items()) or none

@@ -22,7 +22,7 @@ from pipeline.processes import THREAD_SWITCH_SECONDS
 from pipeline.report.page import template_text
 from pipeline.view.scene import three_js_source
 from pipeline.workbench import files
-from pipeline.workbench.background import ComputingSession, inputs_key
+from pipeline.workbench.background import WorkbenchComputingThread, inputs_key
 from pipeline.workbench.guard import TOKEN_FIELD, AccessGuard
 from pipeline.workbench.page import WorkbenchPage
 
@@ -83,15 +83,15 @@ def serve_workbench(
         closed: called at the end.
     """
     files.remove_abandoned_page_folders()
-    writable = files.WritablePlaces(Path.cwd())
-    sessions: WeakValueDictionary[tuple[object, ...], ComputingSession] = WeakValueDictionary()
-    first: list[ComputingSession] = []
+    writable = files.WritableFileCheck(Path.cwd())
+    sessions: WeakValueDictionary[tuple[object, ...], WorkbenchComputingThread] = WeakValueDictionary()
+    first: list[WorkbenchComputingThread] = []
 
-    def open_session(wanted: ModelAndRunInputs) -> ComputingSession:
+    def open_session(wanted: ModelAndRunInputs) -> WorkbenchComputingThread:
         key = inputs_key(wanted)
         session = sessions.get(key)
         if session is None:
-            session = sessions[key] = ComputingSession(wanted)
+            session = sessions[key] = WorkbenchComputingThread(wanted)
         return session
 
     def begun(address: str) -> None:

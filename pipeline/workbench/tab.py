@@ -15,23 +15,23 @@ from armdyn.quoting import script_json
 from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
-from pipeline.report.overlay import OverlayFigure, updated_curve
+from pipeline.report.overlay import OverlayFigure, last_step_curve_data
 from pipeline.report.page import PLOTLY_LOOK, tabs_html, widget_html
 from pipeline.view.motion import arm_scene, joint_motion, load_swing, swing_scene
 from pipeline.view.scene import Scene
 from pipeline.view.shapes import ArmShapes, arm_shapes
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import ComputingSession, SearchProcess
-from pipeline.workbench.bench import AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL, TickedModel, Workbench
+from pipeline.workbench.background import SearchProcess, WorkbenchComputingThread
+from pipeline.workbench.bench import AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL, SelectedEffectsModel, Workbench
 
 TICKED_LABEL = "as ticked"
 PAUSE_TO_SEND_CURVES_SECONDS = 0.05
 """Pause after a click in which the new curves are sent before other figures are computed [s]."""
-OpenSession = Callable[[ModelAndRunInputs], ComputingSession]
+OpenSession = Callable[[ModelAndRunInputs], WorkbenchComputingThread]
 """Function that returns the computing thread for some files; tabs with the same files share it."""
 
 
-class OpenedFiles(NamedTuple):
+class WorkbenchTabState(NamedTuple):
     """Open files of a browser tab.
 
     Attributes:
@@ -40,7 +40,7 @@ class OpenedFiles(NamedTuple):
         bench: workbench of these files.
     """
 
-    session: ComputingSession
+    session: WorkbenchComputingThread
     given: CheckedStudy
     bench: Workbench
 
@@ -63,8 +63,8 @@ class BrowserTab:
         self._runs += [(path, True) for path in (inputs.held_out or ())] if inputs else []
         self._trust = inputs.trust_data if inputs else False
         self._said: list[str] = []
-        self._session: ComputingSession | None = None
-        self._open: OpenedFiles | None = None
+        self._session: WorkbenchComputingThread | None = None
+        self._open: WorkbenchTabState | None = None
         self._ticked: tuple[str, ...] = ()
         self._values: dict[str, float] = {}
         self._asked = 0  # number of the newest request
@@ -104,7 +104,7 @@ class BrowserTab:
             given, bench = await session.opened()
             if session is not self._session:
                 return  # the user chose other files meanwhile
-            self._open = OpenedFiles(session, given, bench)
+            self._open = WorkbenchTabState(session, given, bench)
             self._call("panel", "checks", panels.checks_panel(given.inspection))
             names = ", ".join(run.name for run in bench.study.runs)
             said = ". ".join([f"{self._model.name} with {names}", *given.set_aside])
@@ -122,7 +122,7 @@ class BrowserTab:
         finally:
             self._call("busy", "")
 
-    async def _show_first(self, state: TickedModel) -> None:
+    async def _show_first(self, state: SelectedEffectsModel) -> None:
         overlays = OverlayFigure(state.curves, (AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL))
         self._points = overlays.points
         widget = overlays.widget()
@@ -132,16 +132,16 @@ class BrowserTab:
         self._call("panel", "knobs", panels.sliders_panel(state))
         await self._show_missing_force(state)
 
-    def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
+    def _show(self, state: SelectedEffectsModel, *, knobs: bool = True) -> None:
         totals = OverlayFigure(state.curves, (AS_GIVEN_CURVE_LABEL, TICKED_EFFECTS_CURVE_LABEL)).totals()
-        new = {"changed": [updated_curve(curve, self._points) for curve in state.curves], "totals": totals}
+        new = {"changed": [last_step_curve_data(curve, self._points) for curve in state.curves], "totals": totals}
         self._call("update", new)
         self._call("panel", "errors", panels.errors_panel(state))
         self._call("show", "refit", state.how == "by hand")
         if knobs:
             self._call("panel", "knobs", panels.sliders_panel(state))
 
-    async def _show_missing_force(self, state: TickedModel) -> None:
+    async def _show_missing_force(self, state: SelectedEffectsModel) -> None:
         bench = self._opened().bench
         asked = self._asked
         await asyncio.sleep(PAUSE_TO_SEND_CURVES_SECONDS)
@@ -160,7 +160,7 @@ class BrowserTab:
         if asked == self._asked:
             self._call(function, {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
 
-    def _opened(self) -> OpenedFiles:
+    def _opened(self) -> WorkbenchTabState:
         if self._open is None:
             raise InputError("nothing is opened yet: drop a model and recordings first")
         return self._open

@@ -183,11 +183,11 @@ def test_constant_or_short_signal_is_not_informative(complains):
         "a", {"load_force": Channel(TIME, 0 * TIME + 1.1, "N"), "swing_angle": Channel(TIME[:5], TIME[:5], "rad")}
     )
     with complains(InputError):
-        run.require_informative("load_force")
+        run.require_varying_channel("load_force")
     with complains(InputError):
-        run.require_informative("swing_angle")
+        run.require_varying_channel("swing_angle")
     with complains(UnknownNameError):
-        run.require_informative("swing_rate")
+        run.require_varying_channel("swing_rate")
 
 
 def test_a_run_cannot_be_changed_nor_its_copy_or_pickle():
@@ -298,7 +298,7 @@ def test_real_recordings_read_as_a_plain_csv_reader_sees_them(path):
     assert set(run.noise) <= set(run.channels)
     assert set(run.known) <= {"mass", "length"}
     for name in run.predictable_channels:
-        run.require_informative(name)
+        run.require_varying_channel(name)
 
 
 SOUND = {

@@ -50,9 +50,9 @@ from pipeline.batch.run import Journal
 from pipeline.batch.spec import read_spec
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import guess_map, known_columns
+from pipeline.imports.guess import guess_map, map_unambiguous_columns
 from pipeline.imports.joints import RobotJoints
-from pipeline.imports.mapping import map_text, read_map
+from pipeline.imports.mapping import column_map_toml, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
 from urdf.library_output import captured_output
@@ -140,7 +140,7 @@ def guess_and_import(path):
     """What is guessed is written as a mapping, and that is what is read back."""
     for foreign in read_foreign(path):
         mapping = guess_map([foreign], RobotJoints(("j0", "j1", "j2")))
-        (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
+        (path.parent / "guessed.toml").write_text(column_map_toml(mapping, f"of {path}"), encoding="utf-8")
         run_from_recording(foreign, read_map(path.parent / "guessed.toml")[""])
 
 
@@ -152,7 +152,7 @@ def import_mapped(path):
 
 def import_known(path):
     for foreign in read_foreign(path):
-        run_from_recording(foreign, known_columns(foreign))
+        run_from_recording(foreign, map_unambiguous_columns(foreign))
 
 
 def read_journal(path):

@@ -24,7 +24,7 @@ from pipeline.motion import LineState, LineTrajectory
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode
-from pipeline.nodes.task import TaskNode, TaskSettings
+from pipeline.nodes.task import SwingPlanningNode, TaskSettings
 from pipeline.record import Recorder
 from pipeline.trial import TrialSettings, simulate_trial
 from pipeline.trial.experiment import Phase
@@ -82,7 +82,8 @@ def raised(error):
 
 
 NODES = {
-    "measurement": MeasurementNode, "estimator": EstimatorNode, "sac": SacNode, "task": TaskNode, "drive": DriveNode,
+    "measurement": MeasurementNode, "estimator": EstimatorNode, "sac": SacNode, "task": SwingPlanningNode,
+    "drive": DriveNode,
 }  # fmt: skip
 CASES = [
     *(case for name, (robot, says) in {**SENSORS, **DEAD_CELLS}.items() for case in lasting(name, says, robot)),
@@ -164,7 +165,7 @@ def assert_told(trial, says, out):
     assert (out / "model.toml").exists()
 
 
-LEARNING = TrialSettings(estimation_time=1.2, certain_enough=1e-6)
+LEARNING = TrialSettings(estimation_time=1.2, max_length_std_for_swing=1e-6)
 """A short trial: it learns, and then ends because it is not certain enough."""
 
 

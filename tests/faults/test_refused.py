@@ -9,7 +9,7 @@ from robots import joint, link, robot
 
 from armdyn import atomic
 from armdyn.errors import InputError
-from armdyn.read_files import protect_inputs, register_input
+from armdyn.read_files import refuse_overwriting_inputs, register_input
 
 MODEL = 'base = "pendulum"\neffects = []\n'
 GOOD = csv(rows=300)
@@ -138,7 +138,7 @@ def test_stamps_that_no_sensor_gives_are_said_by_inspect(folder, armdyn, step, m
 def test_a_command_may_write_twice_and_a_repair_into_its_own_model(folder, armdyn):
     assert armdyn("add", "m.toml", "linear_drag", "a.csv")[0] == 0
     assert "linear_drag" in (folder / "m.toml").read_text()
-    with protect_inputs():
+    with refuse_overwriting_inputs():
         for text in ("one", "two"):
             atomic.write_text(folder / "new.txt", text)
             assert (folder / "new.txt").read_text() == text
@@ -147,7 +147,7 @@ def test_a_command_may_write_twice_and_a_repair_into_its_own_model(folder, armdy
 def test_what_other_languages_read_counts_and_a_program_of_ones_own_is_free(tmp_path, complains):
     file = tmp_path / "a.bin"
     file.write_text("old")
-    with protect_inputs():
+    with refuse_overwriting_inputs():
         register_input(file)
         with complains(InputError):
             atomic.write_text(file, "new")

@@ -9,7 +9,7 @@ import pytest
 from descendants import PATIENCE, becomes, linux, marked, of_mark
 
 from ik.child_processes import is_running, worker_pool
-from ik.workers import LostItem, map_in_processes
+from ik.workers import FailedWorkItem, map_in_processes
 
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
 
@@ -76,7 +76,7 @@ class Dies:
 def test_work_of_which_processes_die_is_tried_again_alone_and_then_lost(tmp_path):
     done = dict(map_in_processes(Dies(tmp_path / "died"), range(6), 2, "fork"))
     assert {item: result for item, result in done.items() if item != 3} == {0: 0, 1: 10, 2: 20, 4: 40, 5: 50}
-    assert done[3] == LostItem("the process that worked on it died 2 times")
+    assert done[3] == FailedWorkItem("the process that worked on it died 2 times")
 
 
 def test_work_that_a_user_stops_ends_at_once():

@@ -82,7 +82,7 @@ def test_targets_beyond_reach_are_named_with_their_distance(baxter, collisions, 
 def test_a_target_that_only_limits_forbid_names_the_joint(baxter, collisions) -> None:
     q = np.array([0.3, 0.2, 0.1, 1.0, 0.2, 1.2, 0.1])
     above = np.where(np.arange(7) == 3, -0.2, 0.5)
-    narrow = replace(baxter, given_limits=replace(baxter.limits, lower=q - 0.5, upper=q + above))
+    narrow = replace(baxter, limits_or_none=replace(baxter.limits, lower=q - 0.5, upper=q + above))
     pose = baxter.tool_pose(q)
     line = replace(baxter.line, origin=pose.translation, rotation=pose.rotation)
     (miss,) = find_unreachable_targets(narrow, line, np.zeros(1), collisions)

@@ -8,7 +8,7 @@ import numpy as np
 
 import ik
 import urdf
-from pipeline.ros.twin import Twin
+from pipeline.ros.twin import SimulatedBaxterOnRos
 from ros_wire.messages import TOPICS
 
 uri, calibration, trace, seed = sys.argv[1:5]
@@ -17,7 +17,7 @@ baxter = urdf.load("baxter")
 posture = ik.default_table(baxter).posture(0.0).q
 ended = threading.Event()
 
-with Twin(uri, baxter, TOPICS, posture, hidden=hidden, seed=int(seed), stamp_offset=1234.5) as twin:
+with SimulatedBaxterOnRos(uri, baxter, TOPICS, posture, hidden=hidden, seed=int(seed), stamp_offset=1234.5) as twin:
     twin.calibration.save(Path(calibration))
     print(f"loadcell {twin.port.port}\nREADY", flush=True)
 

@@ -91,4 +91,4 @@ def test_the_line_points_to_the_robots_left_with_the_tool_down(baxter, complains
     assert (baxter.line.rotation @ [0.0, 0.0, 1.0]).tolist() == [0.0, 0.0, -1.0]
     assert baxter.line.position(0.45).tolist() == pytest.approx([0.55, 0.14, -0.18])
     with complains(urdf.UrdfError):
-        _ = replace(baxter, given_line=None).line
+        _ = replace(baxter, line_or_none=None).line

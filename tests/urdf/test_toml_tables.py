@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
-from urdf.toml_tables import TomlFileError, ValueCheck, parse_toml_text, table_to_dataclass
+from urdf.toml_tables import TomlFileError, TomlValueCheck, parse_toml_text, table_to_dataclass
 
 
 class Colour(Enum):
@@ -23,7 +23,7 @@ class Colour(Enum):
 
 @dataclass(frozen=True)
 class Wheel:
-    radius: Annotated[float, ValueCheck(lambda radius: radius > 0.0, "give a positive number")]
+    radius: Annotated[float, TomlValueCheck(lambda radius: radius > 0.0, "give a positive number")]
     colour: Colour = Colour.RED
 
 

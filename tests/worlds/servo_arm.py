@@ -169,7 +169,7 @@ def _recorded(
 ) -> tuple[Run, Motion]:  # fmt: skip
     """What the arm records on its way, and its exact motion."""
     q_ref, v_ref, a_ref = way
-    model, theta = truth.rigid_at(truth.theta()), truth.theta()
+    model, theta = truth.rigid_body_model_at(truth.theta()), truth.theta()
     data, each, h = model.createData(), round((time[1] - time[0]) / STEP), STEP
     servos = [next(s for s in truth.drives.values() if joint in s.joints) for joint in truth.joints]
     gain = np.array([servo.gain.value for servo in servos if servo.gain is not None])
@@ -230,7 +230,7 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
     motion = Motion(*(np.concatenate([getattr(m, k) for m in motions]) for k in ("time", "q", "v", "a", "direction")))
     thin = max(1, round(1.0 / (THINNED * (motion.time[1] - motion.time[0]))))
     motion = Motion(*(getattr(motion, k)[::thin] for k in ("time", "q", "v", "a", "direction")))
-    whole = truth.with_candidates(CATALOGUE[name] for name in (*EFFECTS, "joint_asymmetric_friction"))
+    whole = truth.with_fixed_null_effects(CATALOGUE[name] for name in (*EFFECTS, "joint_asymmetric_friction"))
     _, slopes = whole.at_states(MotionSamples(truth.arm.model, motion, motion.time))
     inertia = np.diag(pin.crba(truth.arm.model, truth.arm.model.createData(), motion.q.mean(axis=0)))
     moving = np.abs(motion.v) > STILL
@@ -255,7 +255,7 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
                     missing = column[first] * kept.value(first)
                 else:
                     missing = sum(column[n] * kept.value(n) for n in names)
-                there = {e.name for e in kept.effects if joint in kept.joints_with(e.name)}
+                there = {e.name for e in kept.effects if joint in kept.joints_having_effect(e.name)}
                 others = [other for other in EFFECTS if other not in there]
                 rivals = [[n for n in whole.names if n.startswith(f"{o}.") and joint in n] for o in others]
                 places = [rest] + [rest + r for r in rivals if 0 < len(r) <= len(names)]

@@ -37,12 +37,12 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
             count = int(arm.actuator_history[i, 0])
             if count:
                 times = window.begin - arm.opt.timestep * np.arange(count, 0, -1)
-                mujoco.mj_initCtrlHistory(arm, data, i, times, channel.held_values(times))
+                mujoco.mj_initCtrlHistory(arm, data, i, times, channel.zero_order_hold_values(times))
         count = int(np.ceil((window.end - window.begin) / arm.opt.timestep)) + 1
         time = window.begin + arm.opt.timestep * np.arange(count)
         # A step's force stands for half a step before and after it (leapfrog): so does what it is told.
         edges = np.append(time, time[-1] + arm.opt.timestep) - 0.5 * arm.opt.timestep
-        commands = np.column_stack([channel.mean_held_values(edges) for channel in told])
+        commands = np.column_stack([channel.mean_zero_order_hold_values(edges) for channel in told])
         shares = np.column_stack(
             [s.torque_share(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)]
         )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import Whitening, whitening_filters
+from armdyn.identify.noise import WhiteningFilter, whitening_filters
 from armdyn.identify.problem import blocks_by_channel
 from armdyn.physics.pieces import MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion
@@ -115,7 +115,9 @@ def probable_cause_text(process_error: float) -> str:
 def characterise(fit: Fit) -> ResidualCharacter:
     """Describe the residual of a fit: its probable cause, the signals on which it depends, its frequencies."""
     filters = whitening_filters(fit.blocks)
-    return ResidualCharacter(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
+    return ResidualCharacter(
+        process_error_share(fit), matching_pursuit_terms(fit, filters), spectral_peaks(fit, filters)
+    )
 
 
 def process_error_share(fit: Fit) -> float | None:
@@ -153,7 +155,7 @@ def process_error_share(fit: Fit) -> float | None:
     return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
 
 
-def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTerm, ...]:
+def matching_pursuit_terms(fit: Fit, filters: Mapping[str, WhiteningFilter]) -> tuple[ResidualTerm, ...]:
     """Find functions of measured signals on which the residual of a fit depends, by orthogonal matching pursuit.
 
     Args:
@@ -191,7 +193,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTe
     return tuple(sorted(found, key=lambda term: -term.share)[:MAX_RESIDUAL_TERMS])
 
 
-def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
+def spectral_peaks(fit: Fit, filters: Mapping[str, WhiteningFilter]) -> tuple[SpectralPeak, ...]:
     """Find the strongest frequency of each channel's residual, where it exceeds what noise would give.
 
     Args:

@@ -133,7 +133,7 @@ def missing_accelerations(fit: Fit) -> list[MissingForce]:
         motion = EffectSetOptimiser(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
-        free = free & ~problem.unknowns_of(model.start_names)
+        free = free & ~problem.mask_of_unknowns(model.start_names)
         values = transfer_values(fit.process_noise_values, fit.problem, problem)
     box = GreyBox(problem, begin, len(problem.runs), np.zeros(len(free), dtype=bool), TIME_RESOLUTION_SWING_PERIODS)
     point = box.optimise(free, box.initial_point(values), (evaluate_all_kicks,) * PROCESS_NOISE_FIT_ROUNDS)

@@ -37,12 +37,13 @@ class ScoreTest:
     Attributes:
         candidate: the candidate effect.
         chi2_decrease: predicted decrease of chi2, with the effect's values within their bounds.
-        imitated_by: names of fitted parameters that imitate the effect, if these runs do not identify it; else empty.
+        confounded_with: names of fitted parameters that imitate the effect, if these runs do not identify it; else
+        empty.
     """
 
     candidate: Candidate
     chi2_decrease: float
-    imitated_by: tuple[str, ...]
+    confounded_with: tuple[str, ...]
 
 
 SAMPLES_FACTORISED_AT_ONCE = 2**13
@@ -87,7 +88,7 @@ def score_tests(fit: Fit, candidates: Sequence[Candidate]) -> list[ScoreTest]:
     residual = residual - Q @ (Q.T @ residual)
     found = []
     for candidate in candidates:
-        columns = np.flatnonzero(problem.unknowns_of(candidate.names))
+        columns = np.flatnonzero(problem.mask_of_unknowns(candidate.names))
         found.append(_score(fit, candidate, columns, scaled[:, columns], Q, R, residual))
     return sorted(found, key=lambda score: -score.chi2_decrease)
 
@@ -99,7 +100,7 @@ def linearised_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
     `EFFECT_PRIOR_STD_TYPICAL_SIZES` typical sizes.
     """
     problem = fit.problem
-    columns = np.flatnonzero(fit.free | problem.unknowns_of(names))
+    columns = np.flatnonzero(fit.free | problem.mask_of_unknowns(names))
     residual, jacobian = compress_residuals(problem, problem.blocks(fit.values), fit.values)
     width = EFFECT_PRIOR_STD_TYPICAL_SIZES * problem.typical[columns]
     scaled = jacobian[:, columns] * width

@@ -13,7 +13,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, evidence_rule, search_set, share_rule
-from armdyn.identify.selection.set_score import SetScore
+from armdyn.identify.selection.set_score import EffectSetScore
 
 RELINEARISED_TILT_TYPICAL_SIZES = 3.0
 """Tilt of an arm's base, in typical sizes (0.3 rad), beyond which the model is linearised again at the tilt."""
@@ -21,7 +21,7 @@ MAX_REPORTED_PARAMETER_COUNT_RATIO = 2.0
 """Ratio of the number of parameters of all effects with strong evidence to that of the leading effects, up to which all
 are reported."""
 
-SearchRule = Callable[[LinearScorer, SetScore, ProgressCallback], SetScore]
+SearchRule = Callable[[LinearScorer, EffectSetScore, ProgressCallback], EffectSetScore]
 """Function that continues the search from a set of effects and returns the set to report."""
 
 
@@ -68,13 +68,13 @@ def select_for_arm(
     first: tuple[Candidate, ...] = ()
     # The motion of a servo arm is fitted by what has a name: without a background nothing else would move.
     complete = full.prior_width == 0.0 and "drive" in study.model.stages
-    if complete or _is_few(sure.chosen_set, leading) or study.predicts_to_noise(sure.fit):
+    if complete or _is_few(sure.chosen_set, leading) or study.all_residuals_are_noise(sure.fit):
         found = _with_links_looked_at_anew(sure, say)
         first = tuple(c for c in leading.scorer.split_into_candidates(leading.effects) if c in found.chosen_set.effects)
-    return around, [given, *found.with_ties(found.steps(say, first))], full
+    return around, [given, *found.with_indistinguishable_effects(found.steps(say, first))], full
 
 
-def _is_few(sure: SetScore, leading: LinearPath) -> bool:
+def _is_few(sure: EffectSetScore, leading: LinearPath) -> bool:
     """Whether sure effects have few values: `MAX_REPORTED_PARAMETER_COUNT_RATIO` times those of the leading ones."""
     lengths = [
         sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.chosen_set)
@@ -82,13 +82,13 @@ def _is_few(sure: SetScore, leading: LinearPath) -> bool:
     return lengths[0] <= MAX_REPORTED_PARAMETER_COUNT_RATIO * lengths[1]
 
 
-def _leading(scorer: LinearScorer, now: SetScore, say: ProgressCallback) -> SetScore:
+def _leading(scorer: LinearScorer, now: EffectSetScore, say: ProgressCallback) -> EffectSetScore:
     """Select the effects that remove most of the squared error and are each significant."""
     found = search_set(scorer, share_rule(scorer), now, say)
     return eliminate(scorer, evidence_rule(scorer).cost, found)
 
 
-def _sure(scorer: LinearScorer, now: SetScore, say: ProgressCallback) -> SetScore:
+def _sure(scorer: LinearScorer, now: EffectSetScore, say: ProgressCallback) -> EffectSetScore:
     """Select all effects of which the evidence is sure."""
     return search_set(scorer, evidence_rule(scorer), now, say)
 
@@ -146,13 +146,15 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
             continue
         # It turns the whole arm, and a large angle is not linear.
         say(f"fitting with {candidate.name_in_sentence}")
-        fit = continue_fit(study.fit_with((*study.present, candidate), given.fit, given.fit.values))  # sums are far off
-        own = study.problem.unknowns_of(candidate.names)
+        fit = continue_fit(
+            study.fit_base_with_effects((*study.present, candidate), given.fit, given.fit.values)
+        )  # sums are far off
+        own = study.problem.mask_of_unknowns(candidate.names)
         angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
         if np.any(np.abs(angles) > RELINEARISED_TILT_TYPICAL_SIZES * typical):
             turned = study.scorer(fit, around.given_misfit)
             held = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             whole = _leading(turned, held, say)
-            if turned.reporting_cost(whole) < around.reporting_cost(best.chosen_set):
+            if turned.leading_effects_cost(whole) < around.leading_effects_cost(best.chosen_set):
                 best = LinearPath(study, turned, whole, given.effects, fit)
     return best

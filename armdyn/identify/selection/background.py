@@ -20,7 +20,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.select_effects import evidence_rule, search_set
-from armdyn.identify.selection.set_score import SetScore
+from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.run import Run
 
 PRIOR_STDS_TRIED_TYPICAL_SIZES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -51,7 +51,7 @@ class AllEffectsFit:
 
     study: LinearStudy
     scorer: LinearScorer
-    strong_effects: SetScore
+    strong_effects: EffectSetScore
     prior_width: float
     prior_widths: np.ndarray
     fit: Fit
@@ -129,7 +129,7 @@ def find_background(full: AllEffectsFit, named_step: SearchStep) -> BackgroundFi
     if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(named_step.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
-    own = np.flatnonzero(problem.unknowns_of(names) & (full.fit.values != problem.null))
+    own = np.flatnonzero(problem.mask_of_unknowns(names) & (full.fit.values != problem.null))
     if len(own) == 0:
         return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}

@@ -25,7 +25,7 @@ from math import log, sqrt
 import numpy as np
 
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, SetScore, SetScorer
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore, EffectSetScorer
 from armdyn.identify.selection.sums import Sums
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
@@ -70,15 +70,15 @@ def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
     return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
 
 
-class LinearScorer(SetScorer):
+class LinearScorer(EffectSetScorer):
     """Scores sets of effects with one linearisation of the model.
 
     Args:
         sums: sums of derivatives and residuals of the training runs and of the runs that are only predicted.
         always: (P,) bool, unknowns that are fitted with every set.
         candidates: all effects that a set may contain, each on one joint.
-        given: effects that the model has already; see `SetScorer`.
-        catalogue_size: see `SetScorer`.
+        given: effects that the model has already; see `EffectSetScorer`.
+        catalogue_size: see `EffectSetScorer`.
 
     Attributes:
         columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
@@ -101,12 +101,14 @@ class LinearScorer(SetScorer):
         super().__init__(sums.problem, candidates, given, catalogue_size)
         p, self.sums = sums.problem, sums
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
-        of_effects = p.unknowns_of([name for c in candidates for name in c.names])
+        of_effects = p.mask_of_unknowns([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)
         self.columns = np.append(base, np.flatnonzero(of_effects & moved))
         C, t = self.columns, p.typical[self.columns]
         self.typical, self._base = t, len(base)
-        self.positions = {c: len(base) + np.flatnonzero(p.unknowns_of(c.names)[C[len(base) :]]) for c in candidates}
+        self.positions = {
+            c: len(base) + np.flatnonzero(p.mask_of_unknowns(c.names)[C[len(base) :]]) for c in candidates
+        }
         self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
         self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
         self._latent = sums.driver[C] != C
@@ -323,27 +325,27 @@ class LinearScorer(SetScorer):
         if len(np.unique(run)) > 1:
             yield from ((int(r), self.training[run != r]) for r in np.unique(run))
 
-    def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
+    def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         change = self.best_change(self.prior_widths(effects, 0.0), self.training)
         errors, own = self.mean_squared_errors(change), self._of(effects)
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
-        likelihood, log_predictive = self._log_likelihoods(errors).tolist()
+        likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
         freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
-        worth = likelihood + log_predictive - freedom - self.complexity_penalty(effects)
-        return SetScore(
+        worth = likelihood + held_out_log_likelihood - freedom - self.complexity_penalty(effects)
+        return EffectSetScore(
             effects=effects,
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
-            log_predictive=log_predictive,
-            freedom_penalty=freedom,
-            determined_values=len(own) - float(np.trace(np.linalg.inv(A))),
+            held_out_log_likelihood=held_out_log_likelihood,
+            occam_penalty_nats=freedom,
+            effective_parameter_count=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
             misfit=float(self._misfit(errors)),
         )
 
     def _misfit(self, errors: np.ndarray) -> np.ndarray:
-        """(...) misfit as in `SetScore.misfit`, from (..., 2, c) mean squared errors."""
+        """(...) misfit as in `EffectSetScore.misfit`, from (..., 2, c) mean squared errors."""
         return np.asarray(np.sum(self._importance * np.maximum(errors, self._floor), axis=(-2, -1)))
 
     @property
@@ -351,7 +353,7 @@ class LinearScorer(SetScorer):
         """(2, c) least mean squared error: that of the noise, where there are samples."""
         return self._noise * (self._samples > 0.0)
 
-    def reporting_cost(self, one: SetScore) -> float:
+    def leading_effects_cost(self, one: EffectSetScore) -> float:
         """Cost of a set in the choice of leading effects: the share of the squared error that it leaves, plus a price.
 
         The price is `EFFECT_PRICE_ERROR_SHARE` for each effect and `PARAMETER_PRICE_ERROR_SHARE` for each of its
@@ -374,7 +376,7 @@ class LinearScorer(SetScorer):
 
     @cached_property
     def least_misfit(self) -> float:
-        """Squared error of the wide model, which has all effects, in the scale of `SetScore.misfit`."""
+        """Squared error of the wide model, which has all effects, in the scale of `EffectSetScore.misfit`."""
         return float(np.sum(self._importance * self._variance * (self._samples > 0.0)))
 
     def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
@@ -394,19 +396,21 @@ class LinearScorer(SetScorer):
         pull = slope[on] - G[on] @ change
         return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
 
-    def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate scores of a set with each of k additions, without a full solution for each."""
+    def approximate_addition_scores(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) approximate scores of a set with each of k additions, without full solutions."""
         errors, freedom = self._first_order(now, options)
         prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
-        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom_penalty - freedom - prices
+        return self._log_likelihoods(errors).sum(axis=-1) - now.occam_penalty_nats - freedom - prices
 
-    def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate `reporting_cost` of a set with each of k additions, without a full solution for each."""
+    def approximate_addition_costs(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) approximate `leading_effects_cost` of a set with each of k additions, without full solutions."""
         errors, _ = self._first_order(now, options)
         length = np.array([self._length((*now.effects, *come)) for come in options])
         return (self._misfit(errors) - self.least_misfit) / self._reducible + length
 
-    def _first_order(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> tuple[np.ndarray, np.ndarray]:
+    def _first_order(
+        self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(k, 2, c) predicted mean squared errors of a set with each of k additions, (k,) nats of their freedom.
 
         The unknowns of the set adapt linearly; only those of the addition respect their bounds.
@@ -428,12 +432,14 @@ class LinearScorer(SetScorer):
         errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
         return errors.T.reshape(len(options), 2, -1), freedom
 
-    def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """Of the sets with one of the options added, the one with the least `reporting_cost`."""
-        return min((self.evaluate((*now.effects, *one)) for one in options), key=self.reporting_cost)
+    def set_with_next_reported_effect(
+        self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
+    ) -> EffectSetScore:
+        """Of the sets with one of the options added, the one with the least `leading_effects_cost`."""
+        return min((self.evaluate((*now.effects, *one)) for one in options), key=self.leading_effects_cost)
 
-    def values(self, one: SetScore) -> np.ndarray:
-        """(P,) predicted values of all unknowns at a set's minimum; see `SetScorer.values`."""
+    def values(self, one: EffectSetScore) -> np.ndarray:
+        """(P,) predicted values of all unknowns at a set's minimum; see `EffectSetScorer.values`."""
         return self.changed_values(one.change / self.typical)
 
     def changed_values(self, change: np.ndarray) -> np.ndarray:
@@ -441,11 +447,11 @@ class LinearScorer(SetScorer):
         moved = change != 0.0
         return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
 
-    def schwarz_score(self, one: SetScore) -> float:
+    def schwarz_criterion_nats(self, one: EffectSetScore) -> float:
         """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
-        return one.likelihood - 0.5 * one.determined_values * log(max(float(self._samples.sum()), 2.0))
+        return one.likelihood - 0.5 * one.effective_parameter_count * log(max(float(self._samples.sum()), 2.0))
 
-    def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
+    def rmse_by_channel(self, one: EffectSetScore) -> tuple[dict[str, float], dict[str, float]]:
         """Root mean square error by channel, of training runs and of runs predicted from others."""
         training, held_out = self.mean_squared_errors(one.change / self.typical)
         predicted = held_out if not self.sums.training.all() else np.zeros(0)
@@ -456,7 +462,7 @@ class LinearScorer(SetScorer):
     def _rms(self, errors: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
 
-    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: EffectSetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set, and their (P,) standard deviations, which include the model's own error.
 
         Standard deviations of unknowns that are not fitted are 0.

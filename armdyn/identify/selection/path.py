@@ -8,7 +8,7 @@ from armdyn.identify.fit import Fit, continue_fit
 from armdyn.identify.residual.noise_tests import ResidualTests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.ranking import order_by_gain, tied_effects
-from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.identify.study import Study
 
 ProgressCallback = Callable[[str], None]
@@ -46,8 +46,8 @@ class EffectPath:
     """
 
     study: Study
-    scorer: SetScorer
-    chosen_set: SetScore
+    scorer: EffectSetScorer
+    chosen_set: EffectSetScore
     given_effects: tuple[Candidate, ...]
     scorer_fit: Fit
 
@@ -79,7 +79,7 @@ class EffectPath:
             found.append(SearchStep((rise.added,), (), effects, fit, tests))
         return found
 
-    def with_ties(self, steps: Sequence[SearchStep]) -> list[SearchStep]:
+    def with_indistinguishable_effects(self, steps: Sequence[SearchStep]) -> list[SearchStep]:
         """Add to each step the effects that could replace those it added, because these runs cannot tell them apart."""
         whole = self.scorer.optimise(self.chosen_set.effects)
         ties = (tied_effects(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
@@ -89,5 +89,7 @@ class EffectPath:
         given = self.study.present  # it keeps its place, also where the same effect is added on further joints
         return (*given, *group_by_effect((*(e for e in effects if e not in given), *added)))
 
-    def _fitted(self, effects: Sequence[Candidate], one: SetScore) -> Fit:
-        return self.study.fit_with(effects, self.scorer_fit, self.study.own_values(self.scorer, one))
+    def _fitted(self, effects: Sequence[Candidate], one: EffectSetScore) -> Fit:
+        return self.study.fit_base_with_effects(
+            effects, self.scorer_fit, self.study.values_predicted_by_scorer(self.scorer, one)
+        )

@@ -8,12 +8,12 @@ from scipy.special import chdtrc
 
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect
-from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.parameter import Parameter
 
 
 @dataclass(frozen=True)
-class PathSegment:
+class EffectAddition:
     """One effect that is added to a set, and the score of the larger set.
 
     Attributes:
@@ -22,12 +22,12 @@ class PathSegment:
     """
 
     added: Candidate
-    score: SetScore
+    score: EffectSetScore
 
 
 def order_by_gain(
-    scorer: SetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
-) -> list[PathSegment]:
+    scorer: EffectSetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
+) -> list[EffectAddition]:
     """Order effects by how much of the error they explain, the most important first.
 
     Args:
@@ -36,16 +36,16 @@ def order_by_gain(
         fixed_effects: effects that are present from the start.
     """
     now, left = scorer.evaluate(fixed_effects), group_joints_by_effect([c for c in effects if c not in fixed_effects])
-    found = list[PathSegment]()
+    found = list[EffectAddition]()
     while left:
-        now = scorer.next_reported(now, left)
+        now = scorer.set_with_next_reported_effect(now, left)
         first = next(own for own in left if set(own) <= set(now.effects))
-        found.append(PathSegment(group_by_effect(first)[0], now))
+        found.append(EffectAddition(group_by_effect(first)[0], now))
         left.remove(first)
     return found
 
 
-def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def tied_effects(scorer: EffectSetScorer, whole: EffectSetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Find effects that fit and predict as well in place of a part of a set, so that these runs cannot tell them apart.
 
     An effect that needs more parameters than the part is penalised for those that have influence.
@@ -64,7 +64,9 @@ def tied_effects(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) 
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = scorer.evaluate((*rest, *others))
-        if not (np.isfinite(other.score) and scorer.schwarz_score(other) > scorer.schwarz_score(without)):
+        if not (
+            np.isfinite(other.score) and scorer.schwarz_criterion_nats(other) > scorer.schwarz_criterion_nats(without)
+        ):
             continue  # it explains nothing, or little of what it would replace
         if scorer.ties(whole, other, without):
             found.append(group_by_effect(others)[0])
@@ -101,7 +103,9 @@ class RankedEffect:
     tied_with: tuple[str, ...]
 
 
-def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[Candidate]) -> tuple[RankedEffect, ...]:
+def rank_effects(
+    scorer: EffectSetScorer, first: Sequence[Candidate], tied: Sequence[Candidate]
+) -> tuple[RankedEffect, ...]:
     """Rank every effect, on the joints that need it, when added alone to the model as given.
 
     Args:
@@ -128,7 +132,7 @@ def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[C
     return tuple(described)
 
 
-def _alone(scorer: SetScorer, joints: Sequence[Candidate], nothing: SetScore) -> SetScore:
+def _alone(scorer: EffectSetScorer, joints: Sequence[Candidate], nothing: EffectSetScore) -> EffectSetScore:
     """An effect on all joints that need it, or on the best one."""
     given = scorer.given
     several = eliminate(scorer, lambda one: -one.score, scorer.evaluate((*given, *joints)))
@@ -137,11 +141,11 @@ def _alone(scorer: SetScorer, joints: Sequence[Candidate], nothing: SetScore) ->
 
 
 def _described(
-    scorer: SetScorer, one: SetScore, named: Candidate, nothing: SetScore, tied: tuple[str, ...]
+    scorer: EffectSetScorer, one: EffectSetScore, named: Candidate, nothing: EffectSetScore, tied: tuple[str, ...]
 ) -> RankedEffect:
     p = scorer.problem
-    own = np.flatnonzero(p.unknowns_of(named.names))
-    rmse, held_out_rmse = scorer.errors_by_channel(one)
+    own = np.flatnonzero(p.mask_of_unknowns(named.names))
+    rmse, held_out_rmse = scorer.rmse_by_channel(one)
     values, deviations = scorer.fitted_values(one)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     return RankedEffect(

@@ -13,11 +13,11 @@ from armdyn.identify.selection.background import AllEffectsFit
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
-from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
 from armdyn.identify.study import Study
-from armdyn.identify.whole_runs import improve_by_whole_runs
+from armdyn.identify.whole_runs import improve_effect_set_by_run_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +95,18 @@ def _(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Search:
 @select_effects.register
 def _(study: StateSpaceStudy, given: SearchStep, say: ProgressCallback) -> Search:
     scorer = StateSpaceScorer(study)
-    steps = _path(study, given, scorer, improve_by_whole_runs(study, scorer, scorer.best_set(say), say), say)
+    steps = _path(
+        study,
+        given,
+        scorer,
+        improve_effect_set_by_run_errors(study, scorer, scorer.search_best_effect_set(say), say),
+        say,
+    )
     return _searched(steps, scorer, scorer)
 
 
 def _searched(
-    steps: Sequence[SearchStep], scorer: SetScorer, at_end: SetScorer, full: AllEffectsFit | None = None
+    steps: Sequence[SearchStep], scorer: EffectSetScorer, at_end: EffectSetScorer, full: AllEffectsFit | None = None
 ) -> Search:
     """The result of a search; `scorer` ranks what could have been first, `at_end` what the last step lacks."""
     named = steps[min(1, len(steps) - 1)]
@@ -108,7 +114,7 @@ def _searched(
     return Search(tuple(steps), found, _further(at_end, at_end.split_into_candidates(steps[-1].effects)), full)
 
 
-def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | None:
+def _further(scorer: EffectSetScorer, effects: Sequence[Candidate]) -> Candidate | None:
     now = scorer.optimise(effects)
     options = (scorer.evaluate((*now.effects, c)) for c in scorer.candidates if c not in now.effects)
     best = max(options, key=lambda one: one.score, default=now)
@@ -116,14 +122,14 @@ def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | Non
 
 
 def _path(
-    study: StateSpaceStudy, given: SearchStep, scorer: SetScorer, whole: SetScore, say: ProgressCallback
+    study: StateSpaceStudy, given: SearchStep, scorer: EffectSetScorer, whole: EffectSetScore, say: ProgressCallback
 ) -> list[SearchStep]:
     """The path to a set without effects that reduce the error by little; ties of those removed are tested too."""
     path = EffectPath(study, scorer, whole, given.effects, given.fit)
     steps = path.steps(say)
     told = drop_small_steps(study, [given, *steps])
     if len(told) == 1 + len(steps):
-        return [given, *path.with_ties(steps)]
+        return [given, *path.with_indistinguishable_effects(steps)]
     return _path(study, given, scorer, scorer.evaluate(scorer.split_into_candidates(told[-1].effects)), say)
 
 
@@ -136,7 +142,7 @@ def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[Se
     left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
     for k in range(len(steps) - 1):
-        if study.is_at_noise(steps[k].fit):
+        if study.residual_may_be_noise(steps[k].fit):
             break
         later = range(k + 1, len(steps))
         if any(c.effect in study.asked for j in later for c in steps[j].added):

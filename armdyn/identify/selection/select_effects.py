@@ -14,18 +14,18 @@ import numpy as np
 
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 
 SCORED_CHANGES_PER_KIND = 12
 """Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
 
-SetCost = Callable[[SetScore], float]
+SetCost = Callable[[EffectSetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
 """Effects removed from a set, and effects added to it."""
 
 
 @dataclass(frozen=True)
-class SetRule:
+class EffectSetCostRule:
     """A rule for comparing sets of effects.
 
     Attributes:
@@ -34,25 +34,27 @@ class SetRule:
     """
 
     cost: SetCost
-    first_order: Callable[[SetScore, Sequence[Sequence[Candidate]]], np.ndarray]
+    first_order: Callable[[EffectSetScore, Sequence[Sequence[Candidate]]], np.ndarray]
 
 
-def evidence_rule(scorer: LinearScorer) -> SetRule:
+def evidence_rule(scorer: LinearScorer) -> EffectSetCostRule:
     """The rule that prefers sets of effects with strong evidence."""
-    return SetRule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
+    return EffectSetCostRule(
+        lambda one: -one.score, lambda now, options: -scorer.approximate_addition_scores(now, options)
+    )
 
 
-def share_rule(scorer: LinearScorer) -> SetRule:
-    """The rule that prefers small sets of effects that remove most of the squared error; see `reporting_cost`."""
-    return SetRule(scorer.reporting_cost, scorer.first_order_cost)
+def share_rule(scorer: LinearScorer) -> EffectSetCostRule:
+    """The rule that prefers small sets of effects that remove most of the squared error; see `leading_effects_cost`."""
+    return EffectSetCostRule(scorer.leading_effects_cost, scorer.approximate_addition_costs)
 
 
 def search_set(
     scorer: LinearScorer,
-    rule: SetRule,
-    start: SetScore,
+    rule: EffectSetCostRule,
+    start: EffectSetScore,
     say: Callable[[str], None],
-) -> SetScore:
+) -> EffectSetScore:
     """Search for the set of effects with the least cost.
 
     Args:
@@ -74,7 +76,7 @@ def search_set(
             return now
 
 
-def eliminate(scorer: SetScorer, cost: SetCost, now: SetScore) -> SetScore:
+def eliminate(scorer: EffectSetScorer, cost: SetCost, now: EffectSetScore) -> EffectSetScore:
     """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
 
     Args:
@@ -97,20 +99,20 @@ def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, 
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 
-def _additions(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
+def _additions(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     left = [c for c in scorer.candidates if c not in now.effects]
     yield from (((), (c,)) for c in left)
     yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
-def _exchanges(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
+def _exchanges(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     free = [c for c in now.effects if c not in scorer.given]
     left = [c for c in scorer.candidates if c not in now.effects]
     for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
 
 
-def _pairs(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
+def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     """Changes that add two effects on one joint, in place of at most two others.
 
     A gain and a friction that grows with the load hide each other: neither improves the score without the other one
@@ -123,7 +125,9 @@ def _pairs(scorer: LinearScorer, now: SetScore) -> Iterator[Change]:
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
 
 
-def _promising(scorer: LinearScorer, rule: SetRule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
+def _promising(
+    scorer: LinearScorer, rule: EffectSetCostRule, now: EffectSetScore, changes: Sequence[Change]
+) -> list[EffectSetScore]:
     """Sets after the changes with the least predicted cost."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:

@@ -28,17 +28,17 @@ TIE_NATS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class SetScore:
+class EffectSetScore:
     """Score of one set of effects.
 
     Attributes:
         effects: effects of the set, each on one joint.
         score: score in nats; it is comparable with that of other sets for the same runs.
         likelihood: log likelihood of the training runs.
-        log_predictive: log likelihood of the predicted held-out runs; 0 where there are none.
-        freedom_penalty: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on their
-            sizes.
-        determined_values: number of the effects' unknowns that the runs, not the priors, determine.
+        held_out_log_likelihood: log likelihood of the predicted held-out runs; 0 where there are none.
+        occam_penalty_nats: penalty, nats, for the freedom of the effects' unknowns: Occam's factor and the prior on
+            their sizes.
+        effective_parameter_count: number of the effects' unknowns that the runs, not the priors, determine.
         columns: (c,) indices of the unknowns that change.
         change: (c,) change of these unknowns, from the point of linearisation to the fit to all training runs, in their
             units.
@@ -49,15 +49,15 @@ class SetScore:
     effects: tuple[Candidate, ...]
     score: float
     likelihood: float
-    log_predictive: float
-    freedom_penalty: float
-    determined_values: float
+    held_out_log_likelihood: float
+    occam_penalty_nats: float
+    effective_parameter_count: float
     columns: np.ndarray
     change: np.ndarray
     misfit: float
 
 
-class SetScorer(ABC):
+class EffectSetScorer(ABC):
     """Base class of objects that score sets of effects.
 
     Args:
@@ -80,47 +80,49 @@ class SetScorer(ABC):
         self.problem, self._catalogue_size = problem, catalogue_size
         self.candidates, self.given = tuple(candidates), tuple(given)
         self._reach = Counter(c.effect for c in candidates)
-        self._known: dict[frozenset[Candidate], SetScore] = {}
+        self._known: dict[frozenset[Candidate], EffectSetScore] = {}
 
     @abstractmethod
-    def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
+    def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         """The score of a set, in the order of the candidates."""
 
     @abstractmethod
-    def values(self, one: SetScore) -> np.ndarray:
+    def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) values of all unknowns at a set's minimum."""
 
     @abstractmethod
-    def schwarz_score(self, one: SetScore) -> float:
+    def schwarz_criterion_nats(self, one: EffectSetScore) -> float:
         """Score of a set in nats without the prior on sizes (Schwarz 1978), to test if runs can tell two sets apart."""
 
     @abstractmethod
-    def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
+    def rmse_by_channel(self, one: EffectSetScore) -> tuple[dict[str, float], dict[str, float]]:
         """Root mean square errors of a set, by channel, on the training runs, and on runs predicted from others.
 
         The second ones are empty where there are no such runs.
         """
 
     @abstractmethod
-    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: EffectSetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set's unknowns as reported, and (P,) their standard deviations."""
 
     @abstractmethod
-    def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
+    def set_with_next_reported_effect(
+        self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
+    ) -> EffectSetScore:
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
     def effects_on_other_states(
-        self, whole: SetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
+        self, whole: EffectSetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
     ) -> Iterable[tuple[Candidate, ...]]:
         """Effects on other states that may be tied with a `part` of a set; an arm measures every joint and has none."""
         del whole, rest, part
         return ()
 
-    def optimise(self, effects: Iterable[Candidate]) -> SetScore:
+    def optimise(self, effects: Iterable[Candidate]) -> EffectSetScore:
         """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
         return self.evaluate(effects)
 
-    def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
+    def ties(self, whole: EffectSetScore, other: EffectSetScore, without: EffectSetScore) -> bool:
         """Whether the runs cannot tell two sets apart.
 
         Args:
@@ -129,14 +131,14 @@ class SetScorer(ABC):
             without: the set of the effects that both share.
         """
         del without
-        return self.schwarz_score(whole) - self.schwarz_score(other) < TIE_NATS
+        return self.schwarz_criterion_nats(whole) - self.schwarz_criterion_nats(other) < TIE_NATS
 
     def split_into_candidates(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """Split effects on several joints into the scorer's candidates, each on one joint."""
         names = {name for effect in effects for name in effect.names}
         return tuple(c for c in self.candidates if names.issuperset(c.names))
 
-    def evaluate(self, effects: Iterable[Candidate]) -> SetScore:
+    def evaluate(self, effects: Iterable[Candidate]) -> EffectSetScore:
         """The score of a set of effects; it is computed once."""
         key = frozenset(effects)
         if key not in self._known:

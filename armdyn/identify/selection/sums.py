@@ -199,7 +199,7 @@ def with_thresholds(
     """
     values, moves = values.copy(), _moving(problem.blocks(values), len(values))
     placed = np.zeros(len(values), dtype=bool)
-    columns = [np.flatnonzero(problem.unknowns_of(c.names)) for c in absent]
+    columns = [np.flatnonzero(problem.mask_of_unknowns(c.names)) for c in absent]
     moves |= _move_far(problem, values, np.flatnonzero(~moves & (problem.prior_weight == 0.0)))
     unseen = [own[~moves[own] & (problem.prior_weight[own] == 0.0)] for own in columns]
     for turn in range(max(map(len, unseen), default=0)):
@@ -270,7 +270,7 @@ def _drivers(problem: Problem, here: Sequence[ResidualBlock], absent: Sequence[C
     moves = _moving(here, len(problem.columns))
     driver = np.arange(len(moves))
     for candidate in absent:
-        columns = np.flatnonzero(problem.unknowns_of(candidate.names))
+        columns = np.flatnonzero(problem.mask_of_unknowns(candidate.names))
         if moves[columns].any():
             driver[columns[~moves[columns]]] = columns[moves[columns]][0]
     return driver

@@ -125,14 +125,14 @@ class GreyBox:
                 for run, edges, states, weights in each
             ]
 
-    def largest_kick(self, point: LinearisationPoint) -> float:
+    def max_process_noise_std(self, point: LinearisationPoint) -> float:
         """Largest standard deviation of the kicks in a training run.
 
         It is relative to the accuracy with which the samples of one piece determine a speed.
         """
         arounds = self.linearise(point, np.zeros(len(point.values), dtype=bool))
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
-        return max(noise.kick_std / around.kick_unit for around, noise in pairs)
+        return max(noise.process_noise_std / around.kick_unit for around, noise in pairs)
 
     def evaluate_noises(
         self, arounds: Sequence[LinearisedRun], point: LinearisationPoint, look: NoiseEvaluation
@@ -254,7 +254,8 @@ class GreyBox:
             noises = tuple(
                 replace(
                     n,
-                    kick_std=share * float(np.clip(n.kick_std, *(a.kick_unit * np.exp(TRIED_LOG_KICK_SIZES[[0, -1]])))),
+                    process_noise_std=share
+                    * float(np.clip(n.process_noise_std, *(a.kick_unit * np.exp(TRIED_LOG_KICK_SIZES[[0, -1]])))),
                 )
                 for n, a in zip(white, arounds, strict=True)
             )

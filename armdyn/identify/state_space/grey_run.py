@@ -10,9 +10,9 @@ from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
-    ChannelRows,
     ColouredNoise,
     Innovations,
+    LinearisedChannelSamples,
     PieceChain,
     WhitenedSums,
     add_channels,
@@ -50,13 +50,13 @@ class RunNoise:
     """Process noise and sensor noise of one run.
 
     Attributes:
-        kick_std: standard deviation of the kicks (process noise), in typical sizes of the speeds.
+        process_noise_std: standard deviation of the kicks (process noise), in typical sizes of the speeds.
         white_noise_ratios: by channel, standard deviation of the white sensor noise over the least possible one (see
             `quiet_noise`).
         coloured_noise: by channel, sensor error that is correlated in time.
     """
 
-    kick_std: float
+    process_noise_std: float
     white_noise_ratios: tuple[float, ...]
     coloured_noise: tuple[ColouredNoise, ...]
 
@@ -64,7 +64,9 @@ class RunNoise:
 def scale_noise(noise: RunNoise, factor: float) -> RunNoise:
     """A copy of the noise with all standard deviations multiplied by a factor."""
     return RunNoise(
-        noise.kick_std * factor, tuple(level * factor for level in noise.white_noise_ratios), noise.coloured_noise
+        noise.process_noise_std * factor,
+        tuple(level * factor for level in noise.white_noise_ratios),
+        noise.coloured_noise,
     )
 
 
@@ -103,7 +105,7 @@ class GreyBoxRun:
             _, by_start = self.pieces.start_values(theta, states)
             size = by_start * self._typical
             grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
-            if not self.pieces.cut_in_two(~(grown < MAX_ERROR_GROWTH)):
+            if not self.pieces.split_marked_pieces(~(grown < MAX_ERROR_GROWTH)):
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
@@ -171,7 +173,7 @@ class GreyBoxRun:
         chain = PieceChain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
-            ChannelRows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
+            LinearisedChannelSamples(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
             for c, quiet, weight in given
         ]
         return LinearisedRun(self, states, chain, rows, definition, wanted)
@@ -224,21 +226,21 @@ class LinearisedRun:
         run: GreyBoxRun,
         states: np.ndarray,
         chain: PieceChain,
-        rows: Sequence[ChannelRows],
+        rows: Sequence[LinearisedChannelSamples],
         definition: np.ndarray,
         wanted: np.ndarray,
     ) -> None:
         self.run, self.states, self.chain, self.rows = run, states, chain, rows
         self._definition, self._wanted = definition, wanted
         self._grams: dict[tuple[int, ColouredNoise], WhitenedSums] = {}
-        direction = np.sqrt(np.diag(chain.kick_covariance))
+        direction = np.sqrt(np.diag(chain.process_noise_covariance))
         n = states.shape[1]
         told = [
             np.einsum("i,jik,k->j", direction, self.whitened_sums(c, ColouredNoise()).sums[:, :n, :n], direction)
             for c in range(len(rows))
         ]
         self.most_informative_channel = int(np.argmax([np.median(t) for t in told]))
-        made = [chain.gap, chain.transition, chain.unknown_derivatives, *(one.value for one in rows)]
+        made = [chain.gap, chain.transition, chain.end_state_by_unknowns, *(one.value for one in rows)]
         self.finite = all(bool(np.isfinite(x).all()) for x in made)
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.most_informative_channel]), 1e-300)))
 
@@ -276,7 +278,7 @@ class LinearisedRun:
     def _acting(self) -> np.ndarray:
         """(P',) bool: unknowns with influence (the place of an absent force has none); all where most have it."""
         n = self.states.shape[1]
-        acting = np.any(self.chain.unknown_derivatives != 0.0, axis=(0, 1)) | np.any(
+        acting = np.any(self.chain.end_state_by_unknowns != 0.0, axis=(0, 1)) | np.any(
             self.chain.start[:, :-1] != 0.0, axis=0
         )
         for rows in self.rows:
@@ -324,7 +326,7 @@ class LinearisedRun:
         Returns:
             (J, n) states at the beginning of the pieces, and (J, n) kicks there.
         """
-        moved, kicks = smooth_run(self._at(noise), self.chain, noise.kick_std, change[self._wanted])
+        moved, kicks = smooth_run(self._at(noise), self.chain, noise.process_noise_std, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def mean_squared_residual(self, begin: int, end: int) -> float:
@@ -359,7 +361,7 @@ class LinearisedRun:
             By channel, (N,) variance of each sample relative to that of ordinary ones; above 1 for a glitch.
         """
         change = change[self._wanted]
-        moved, _ = smooth_run(self._at(noise), self.chain, noise.kick_std, change)
+        moved, _ = smooth_run(self._at(noise), self.chain, noise.process_noise_std, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.coloured_noise, noise.white_noise_ratios, strict=True):
             z = rows.deviates(colour, level, moved, change)

@@ -66,7 +66,7 @@ class WhitenedSums:
         return WhitenedSums(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
 
 
-class ChannelRows:
+class LinearisedChannelSamples:
     """Linearised samples of one channel, averaged and arranged by piece (as "rows"), ready to be whitened.
 
     Args:
@@ -225,24 +225,24 @@ class PieceChain:
 
     Attributes:
         transition: (J, n, n) matrices A, derivatives of the end state of a piece with respect to its first state.
-        unknown_derivatives: (J, n, P) matrices B, derivatives of the end state with respect to the unknowns.
+        end_state_by_unknowns: (J, n, P) matrices B, derivatives of the end state with respect to the unknowns.
         gap: (J, n) differences d between the end of a piece and the beginning of the next; the last one is not used.
         start: (n, P + 1) derivatives of the first state of the run with respect to the unknowns, and its own change.
         start_variance: (n, n) covariance of the free part of the first state.
-        kick_covariance: (n, n) covariance of a kick of size one.
+        process_noise_covariance: (n, n) covariance of a kick of size one.
     """
 
     transition: np.ndarray
-    unknown_derivatives: np.ndarray
+    end_state_by_unknowns: np.ndarray
     gap: np.ndarray
     start: np.ndarray
     start_variance: np.ndarray
-    kick_covariance: np.ndarray
+    process_noise_covariance: np.ndarray
 
     def of(self, acting: np.ndarray) -> "PieceChain":
         """The transitions with derivatives by some of the unknowns only, given as (P,) bool."""
         start = self.start[:, np.append(acting, True)]
-        return replace(self, unknown_derivatives=self.unknown_derivatives[:, :, acting], start=start)
+        return replace(self, end_state_by_unknowns=self.end_state_by_unknowns[:, :, acting], start=start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,7 +303,7 @@ class _Filter:
     """Kalman filter, advanced over consecutive pieces; see `filter_run`."""
 
     def __init__(self, chain: PieceChain, kicks: np.ndarray) -> None:
-        self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kick_covariance, 0
+        self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.process_noise_covariance, 0
         # The columns' states decrease by what the unknowns add to them: the residual is r - X dtheta.
         self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
         self._variance = chain.start_variance
@@ -321,7 +321,7 @@ class _Filter:
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
         drive = np.concatenate(
-            [-chain.unknown_derivatives[here : here + b], chain.gap[here : here + b, :, None]], axis=2
+            [-chain.end_state_by_unknowns[here : here + b], chain.gap[here : here + b, :, None]], axis=2
         )
         logs, told = np.zeros((C, K)), semidefinite_cholesky(sums[:, :, :n, :n])[:, None]
         for j in range(b):
@@ -398,6 +398,6 @@ def smooth_run(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndar
         pull = back[j] @ pulls[j + 1] + e[j]
         moved[j] = now[j] @ pull
         pulls[j] = pull - sums[j, :n, :n] @ moved[j]
-    kicks = pulls[:-1] @ (kick**2 * chain.kick_covariance)
+    kicks = pulls[:-1] @ (kick**2 * chain.process_noise_covariance)
     kicks[0] = 0.0
     return mean + moved, kicks

@@ -62,8 +62,8 @@ def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> n
     guesses = model.possible_start_states(run, theta)
     if not guesses:
         return values
-    moved = free & single.unknowns_of(list(guesses[0]))
-    window, end = model.start_window(theta), run_duration(run)
+    moved = free & single.mask_of_unknowns(list(guesses[0]))
+    window, end = model.start_state_window_seconds(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
     near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_PER_SAMPLE_NEAR_NOISE * cut.samples
@@ -104,7 +104,11 @@ def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndar
 
     Those of effects that all runs share are left out if the part is too short for them.
     """
-    return free if window >= problem.model.min_effect_window else free & (problem.per_run | ~problem.is_effect)
+    return (
+        free
+        if window >= problem.model.min_seconds_to_identify_effect
+        else free & (problem.per_run | ~problem.is_effect)
+    )
 
 
 @dataclass(frozen=True, eq=False)

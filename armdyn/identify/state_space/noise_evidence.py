@@ -82,13 +82,13 @@ class NoiseTable:
 def evaluate_noises(around: LinearisedRun, noises: Sequence[RunNoise], kicks: np.ndarray) -> NoiseTable:
     """Evaluate a linearised run at each of some sensor noises, combined with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
-    every = tuple(replace(noise, kick_std=float(kick)) for noise in noises for kick in kicks)
+    every = tuple(replace(noise, process_noise_std=float(kick)) for noise in noises for kick in kicks)
     return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
 def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
     """Evaluate a linearised run at one noise setting."""
-    return evaluate_noises(around, [noise], np.array([noise.kick_std]))
+    return evaluate_noises(around, [noise], np.array([noise.process_noise_std]))
 
 
 def evaluate_all_kicks(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
@@ -119,7 +119,11 @@ def evaluate_nearby_noises(around: LinearisedRun, noise: RunNoise) -> NoiseTable
     """Evaluate a linearised run at noise settings near a given one."""
     noise = scale_noise(noise, 1.0 / min(noise.white_noise_ratios))
     kicks = (
-        np.clip(noise.kick_std / around.kick_unit, np.exp(TRIED_LOG_KICK_SIZES[0]), np.exp(TRIED_LOG_KICK_SIZES[-1]))
+        np.clip(
+            noise.process_noise_std / around.kick_unit,
+            np.exp(TRIED_LOG_KICK_SIZES[0]),
+            np.exp(TRIED_LOG_KICK_SIZES[-1]),
+        )
         * around.kick_unit
     )
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
@@ -174,7 +178,7 @@ class SetEvidence:
     Attributes:
         log_evidence: log evidence of the training runs, nats.
         prediction_log_likelihood: log likelihood of the other runs, which are predicted from the training runs, nats.
-        freedom_penalty: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
+        occam_penalty_nats: penalty, nats, for the freedom of the unknowns; it is already subtracted in `value`.
         change: (P,) change of the unknowns from the point of linearisation.
         noise_indices: by run, index of the most likely noise setting in the run's table.
         noise_factors: by run, most likely factor on that noise.
@@ -185,7 +189,7 @@ class SetEvidence:
 
     log_evidence: float
     prediction_log_likelihood: float
-    freedom_penalty: float
+    occam_penalty_nats: float
     change: np.ndarray
     noise_indices: tuple[int, ...]
     noise_factors: tuple[float, ...]

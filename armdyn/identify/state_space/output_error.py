@@ -41,7 +41,7 @@ start values are tried for recordings of up to 37,000 samples (five minutes of a
 above 111,000."""
 
 
-def shows_motion(problem: Problem) -> bool:
+def every_run_has_motion(problem: Problem) -> bool:
     """Whether every run of a problem has a measured motion, and not only a measured force that depends on it."""
     model = as_simulated_model(problem.model)
     values = problem.start_values()
@@ -77,8 +77,8 @@ class EffectSetOptimiser:
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
         model = as_simulated_model(problem.model)
         values = options[0]
-        self.problem, self.motion_measured, self._given = problem, shows_motion(problem), values
-        self.start_unknowns = problem.unknowns_of(model.start_names)
+        self.problem, self.motion_measured, self._given = problem, every_run_has_motion(problem), values
+        self.start_unknowns = problem.mask_of_unknowns(model.start_names)
         self.box = GreyBox(problem, values, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.start_unknowns & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
@@ -123,7 +123,7 @@ class EffectSetOptimiser:
             if any(nearly_equal(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.motion_measured and self.box.largest_kick(found[-1][1]) < MIN_WRONG_MOTION_KICK_RATIO:
+            if not self.motion_measured and self.box.max_process_noise_std(found[-1][1]) < MIN_WRONG_MOTION_KICK_RATIO:
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
@@ -173,7 +173,7 @@ class EffectSetOptimiser:
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.motion_measured or self.box.largest_kick(point) < MIN_WRONG_MOTION_KICK_RATIO:
+        if self.motion_measured or self.box.max_process_noise_std(point) < MIN_WRONG_MOTION_KICK_RATIO:
             return point
         other = self.box.optimise(free, self.box.initial_point(self.box.values_with_start_states(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
@@ -305,6 +305,6 @@ def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
         free: (P,) bool, unknowns that are fitted; the others are fixed.
     """
     box = GreyBox(single, values, 1, np.zeros(len(values), dtype=bool))
-    own = free & ~single.unknowns_of(as_simulated_model(single.model).start_names)
+    own = free & ~single.mask_of_unknowns(as_simulated_model(single.model).start_names)
     point = box.optimise(own, box.initial_point(values))
     return best_fit(single, free, box.start_values(own, point))

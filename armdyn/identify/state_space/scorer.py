@@ -9,7 +9,7 @@ import numpy as np
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
+from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore, EffectSetScorer
 from armdyn.identify.state_space.grey_box import CONVERGED_NATS, LinearisationPoint
 from armdyn.identify.state_space.grey_run import LINEARISED_PRIOR_STD_TYPICAL_SIZES
 from armdyn.identify.state_space.noise_evidence import RunNoiseTables, evaluate_all_noises
@@ -36,7 +36,7 @@ CACHED_SETS = 4
 """Number of optimised sets whose tables are cached, the most recent ones."""
 
 
-class StateSpaceScorer(SetScorer):
+class StateSpaceScorer(EffectSetScorer):
     """Scores sets of effects by their evidence, each at its most likely process and sensor noise.
 
     Args:
@@ -48,17 +48,17 @@ class StateSpaceScorer(SetScorer):
     def __init__(self, study: StateSpaceStudy) -> None:
         self._study, self._motion = study, study.motion
         problem = self._motion.problem
-        seen = [c for c in study.candidates if np.any(problem.unknowns_of(c.names) & self._motion.influential)]
+        seen = [c for c in study.candidates if np.any(problem.mask_of_unknowns(c.names) & self._motion.influential)]
         atoms = tuple(atom for c in seen for atom in c.split_by_joint())
         super().__init__(problem, atoms, catalogue_size=study.catalogue_size)
-        self._columns = {c: problem.unknowns_of(c.names) & self._motion.influential for c in self.candidates}
+        self._columns = {c: problem.mask_of_unknowns(c.names) & self._motion.influential for c in self.candidates}
         self._always = self._motion.base
         self._tables: dict[frozenset[Candidate], tuple[LinearisationPoint, RunNoiseTables]] = {}
         self._settled = set[frozenset[Candidate]]()
-        self._verified: dict[frozenset[Candidate], tuple[LinearisationPoint, SetScore]] = {}
+        self._verified: dict[frozenset[Candidate], tuple[LinearisationPoint, EffectSetScore]] = {}
         self.optimise(())
 
-    def optimise(self, effects: Iterable[Candidate]) -> SetScore:
+    def optimise(self, effects: Iterable[Candidate]) -> EffectSetScore:
         """Optimise a set and score it; other sets are then scored by linearisation at this optimum."""
         self._at = frozenset(effects)
         point = self._motion.optimise(self._free(self._at))
@@ -74,7 +74,7 @@ class StateSpaceScorer(SetScorer):
         self._known = {key: one for key, one in self._known.items() if key in self._settled and key != self._at}
         return self.evaluate(self._at)
 
-    def _verify(self, effects: tuple[Candidate, ...]) -> SetScore:
+    def _verify(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         """Score of a set at its own motion and noise; linearising by its own unknowns alone is faster."""
         key, free, box = frozenset(effects), self._free(effects), self._motion.box
         point = self._motion.optimise(free)
@@ -94,28 +94,28 @@ class StateSpaceScorer(SetScorer):
     def _here(self) -> RunNoiseTables:
         return self._tables[self._at][1]
 
-    def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
+    def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         return self._score_by(self._here, effects)
 
-    def _score_by(self, tables: RunNoiseTables, effects: tuple[Candidate, ...]) -> SetScore:
+    def _score_by(self, tables: RunNoiseTables, effects: tuple[Candidate, ...]) -> EffectSetScore:
         free = self._free(effects)
         found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price = self.complexity_penalty(effects)
         worth = found.log_evidence + found.prediction_log_likelihood - price if found.within_bounds else -np.inf
-        return SetScore(
+        return EffectSetScore(
             effects=effects,
             score=worth,
-            likelihood=found.log_evidence + found.freedom_penalty,
-            log_predictive=found.prediction_log_likelihood,
-            freedom_penalty=found.freedom_penalty,
-            determined_values=float(free.sum() - self._always.sum()),
+            likelihood=found.log_evidence + found.occam_penalty_nats,
+            held_out_log_likelihood=found.prediction_log_likelihood,
+            occam_penalty_nats=found.occam_penalty_nats,
+            effective_parameter_count=float(free.sum() - self._always.sum()),
             columns=columns,
             change=found.change[columns],
             misfit=-worth,
         )
 
-    def best_set(self, say: Callable[[str], None]) -> SetScore:
+    def search_best_effect_set(self, say: Callable[[str], None]) -> EffectSetScore:
         """Search for the set with the best score, starting without effects.
 
         In each round one or two effects are added, one is exchanged for one or two, or one is removed. A change is
@@ -143,7 +143,7 @@ class StateSpaceScorer(SetScorer):
                 return self.optimise(now.effects)
             now = self.optimise(following.effects)
 
-    def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
+    def ties(self, whole: EffectSetScore, other: EffectSetScore, without: EffectSetScore) -> bool:
         """Whether the runs cannot tell two sets apart, by their evidence or by their residuals.
 
         Where the residual is above the noise, another effect is missing too, so sets whose residuals differ by little
@@ -154,16 +154,18 @@ class StateSpaceScorer(SetScorer):
             other: the set that is compared with it.
             without: the set of the effects that both share.
         """
-        standing = self.schwarz_score(whole)
-        gap = standing - self.schwarz_score(other)
-        near = gap <= MAX_MISSING_EVIDENCE_SHARE * (standing - self.schwarz_score(without))
-        if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_score(self._again(other, whole)) < TIE_NATS:
+        standing = self.schwarz_criterion_nats(whole)
+        gap = standing - self.schwarz_criterion_nats(other)
+        near = gap <= MAX_MISSING_EVIDENCE_SHARE * (standing - self.schwarz_criterion_nats(without))
+        if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_criterion_nats(
+            self._again(other, whole)
+        ) < TIE_NATS:
             return True
         study = self._study
         if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
             return False  # the evidence decides in an experiment that was made to distinguish them
-        found = study.fit_with((*study.present, *whole.effects))
-        if study.is_at_noise(found):
+        found = study.fit_base_with_effects((*study.present, *whole.effects))
+        if study.residual_may_be_noise(found):
             return False
         least = study.squared_error(found)
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
@@ -172,16 +174,16 @@ class StateSpaceScorer(SetScorer):
         ) < least and left - least < MIN_EXPLAINED_SHARE_PER_PARAMETER * (most - least)
 
     def effects_on_other_states(
-        self, whole: SetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
+        self, whole: EffectSetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
     ) -> Iterator[tuple[Candidate, ...]]:
         """Effects on other states of a process that may be tied with a `part` of a set, the same effect as well."""
-        joints, least = {j for c in part for j in c.joints}, self.schwarz_score(whole) - POSSIBLE_TIE_NATS
+        joints, least = {j for c in part for j in c.joints}, self.schwarz_criterion_nats(whole) - POSSIBLE_TIE_NATS
         for c in self.candidates:
             there = c not in whole.effects and not set(c.joints) <= joints
-            if there and self.schwarz_score(self.evaluate((*rest, c))) > least:
+            if there and self.schwarz_criterion_nats(self.evaluate((*rest, c))) > least:
                 yield (c,)
 
-    def _again(self, now: SetScore, better: SetScore) -> SetScore:
+    def _again(self, now: EffectSetScore, better: EffectSetScore) -> EffectSetScore:
         """The score of a set, optimised from the point of a better one as well: its noise may be better there."""
         self._motion.optimise(self._free(now.effects), self._free(better.effects))
         return self._verify(now.effects)
@@ -219,7 +221,9 @@ class StateSpaceScorer(SetScorer):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
-    def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
+    def set_with_next_reported_effect(
+        self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
+    ) -> EffectSetScore:
         """Of the sets with one of the options added, the one that a report should name first.
 
         It has the smallest error of whole runs among those with the best scores.
@@ -230,23 +234,23 @@ class StateSpaceScorer(SetScorer):
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
         return self.optimise(best.effects)
 
-    def values(self, one: SetScore) -> np.ndarray:
+    def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) values of all unknowns at a set's optimum."""
         values = self._here.values.copy()
         values[one.columns] += one.change
         return values
 
-    def schwarz_score(self, one: SetScore) -> float:
+    def schwarz_criterion_nats(self, one: EffectSetScore) -> float:
         """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
-        return one.likelihood + one.log_predictive - 0.5 * one.determined_values * log(self._here.rows)
+        return one.likelihood + one.held_out_log_likelihood - 0.5 * one.effective_parameter_count * log(self._here.rows)
 
-    def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
+    def rmse_by_channel(self, one: EffectSetScore) -> tuple[dict[str, float], dict[str, float]]:
         """Root mean square output error by channel, of training runs and of held-out runs."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
         return fit.rmse(), channel_rmse(held_out)
 
-    def fitted_values(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+    def fitted_values(self, one: EffectSetScore) -> tuple[np.ndarray, np.ndarray]:
         """(P,) values of a set's output-error fit, and (P,) their standard deviations."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))

@@ -44,7 +44,7 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
         values: (P,) values of the model.
     """
     model = as_simulated_model(problem.model)
-    guessed = wanted & problem.unknowns_of(model.guessed_parameters) & ~problem.per_run
+    guessed = wanted & problem.mask_of_unknowns(model.guessed_parameters) & ~problem.per_run
     if not guessed.any():
         return []
     needed = problem.needed_effects(values, wanted)

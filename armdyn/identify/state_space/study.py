@@ -19,8 +19,8 @@ from armdyn.identify.state_space.output_error import (
     OTHER_START_VALUES_TRIED,
     EffectSetOptimiser,
     best_fit,
+    every_run_has_motion,
     fit_run,
-    shows_motion,
 )
 from armdyn.identify.study import MAX_NOISE_RESIDUAL_EXCESS_STDS, MIN_RESIDUAL_EXCESS_STDS, Study
 from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
@@ -46,9 +46,9 @@ class StateSpaceStudy(Study):
         Where the motion was not measured, the start state of each run is searched first.
         """
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
-        present = everything.unknowns_of(self.present_names)
+        present = everything.mask_of_unknowns(self.present_names)
         options = [everything.start_values()]
-        if not shows_motion(everything):
+        if not every_run_has_motion(everything):
             alone = Problem(self.model, everything.runs, self.noise)
             found = reversed(find_start_states(alone, alone.start_values()))
             options = [transfer_values(values, alone, everything) for values in found]
@@ -74,7 +74,9 @@ class StateSpaceStudy(Study):
     def _fit_as_given(self) -> Fit:
         return self._fit_around(self.present, OTHER_START_VALUES_TRIED)
 
-    def fit_with(self, effects: Sequence[Candidate], near: Fit | None = None, values: np.ndarray | None = None) -> Fit:
+    def fit_base_with_effects(
+        self, effects: Sequence[Candidate], near: Fit | None = None, values: np.ndarray | None = None
+    ) -> Fit:
         """Fit the base model with some effects and no others to whole runs, from the measured motion.
 
         Args:
@@ -95,8 +97,8 @@ class StateSpaceStudy(Study):
         key = frozenset(names), others
         if key in self._fits:
             return self._fits[key]
-        own = motion.problem.unknowns_of(self.present_names)
-        fitted = motion.problem.unknowns_of(list(names)) & ~(own & ~motion.problem.fitted)
+        own = motion.problem.mask_of_unknowns(self.present_names)
+        fitted = motion.problem.mask_of_unknowns(list(names)) & ~(own & ~motion.problem.fitted)
         free = (motion.base & ~own | fitted) & motion.influential
         if key[0] not in self._starts:
             (self._starts[key[0]],) = tee(motion.start_values(free), 1)
@@ -125,7 +127,7 @@ class StateSpaceStudy(Study):
         """
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
 
-    def is_at_noise(self, fit: Fit) -> bool:
+    def residual_may_be_noise(self, fit: Fit) -> bool:
         """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
         return bool(np.all(excess <= MAX_NOISE_RESIDUAL_EXCESS_STDS / MIN_RESIDUAL_EXCESS_STDS * by_chance))
@@ -149,7 +151,7 @@ class StateSpaceStudy(Study):
         """Combinations of parameters that the runs do not identify; see `find_unidentified_combinations`."""
         return find_unidentified_combinations(fit)
 
-    def is_lost(self, fit: Fit) -> bool:
+    def fit_has_failed(self, fit: Fit) -> bool:
         """Whether a fit has failed: its residual varies more than the signals (see `residual_variance_ratio`).
 
         A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
@@ -190,6 +192,6 @@ class StateSpaceStudy(Study):
     def _predictions(self, found: Fit, runs: Sequence[Run]) -> list[Fit]:
         def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
             del own
-            return fit_run(alone, start if shows_motion(alone) else find_start_state(alone, start, free), free)
+            return fit_run(alone, start if every_run_has_motion(alone) else find_start_state(alone, start, free), free)
 
         return predict_runs(found, runs, fit_own)

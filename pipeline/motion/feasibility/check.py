@@ -11,7 +11,12 @@ import urdf
 from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
-from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, collision_series, swing_series
+from pipeline.motion.feasibility.clearance import (
+    Obstacle,
+    PlannedSwing,
+    collision_limited_quantities,
+    swing_limited_quantities,
+)
 from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuantity
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
@@ -33,15 +38,15 @@ class CheckSettings:
         springs: True to include all springs of the robot, False for none; None for those that its settings enable.
         obstacles: obstacles around the arm.
         collision: whether to check for collisions.
-        singular_value: smallest allowed singular value of the tool's Jacobian; near a singularity, a slow motion of the
-            tool needs fast joints.
+        min_singular_value: smallest allowed singular value of the tool's Jacobian; near a singularity, a slow motion of
+            the tool needs fast joints.
     """
 
     load_mass: float = 0.0
     springs: bool | None = None
     obstacles: tuple[Obstacle, ...] = ()
     collision: bool = True
-    singular_value: float = 0.01
+    min_singular_value: float = 0.01
 
 
 def check_line(
@@ -75,7 +80,7 @@ def check_line(
     series = [LimitedQuantity.from_values("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
     series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
-        series += swing_series(robot, table.line, between, swing, settings.collision)
+        series += swing_limited_quantities(robot, table.line, between, swing, settings.collision)
     return FeasibilityReport.from_quantities(series)
 
 
@@ -130,7 +135,7 @@ def _series(
         series.append(
             LimitedQuantity.from_values("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start)
         )
-    return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
+    return series + (collision_limited_quantities(robot, fine, settings.obstacles) if settings.collision else [])
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
@@ -182,7 +187,7 @@ def _joint_series(
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
         both_ways("torque", force, fine.time, torque, limits.effort),
         LimitedQuantity.from_values(
-            "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value
+            "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.min_singular_value
         ),
     ]
     return [bounded for bounded in series if bounded.time.size]

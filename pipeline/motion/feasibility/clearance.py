@@ -48,7 +48,7 @@ class Obstacle:
     rotation: Array
 
 
-def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
+def box_and_table_obstacles(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
     """Obstacles of the task: the four walls and the floor of the open box under the line, and the table top."""
     top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE_SIZE[2] / 2.0])
     blocks = [
@@ -110,7 +110,7 @@ class ObstacleDistances:
                 self._shapes.addCollisionPair(pin.CollisionPair(k, number))
         self._data, self._distances = self._model.createData(), self._shapes.createData()
 
-    def set_pose(self, number: int, rotation: Array, centre: Array) -> None:
+    def set_obstacle_pose(self, number: int, rotation: Array, centre: Array) -> None:
         """Set the pose of a body in the robot's base frame.
 
         Args:
@@ -130,7 +130,7 @@ class ObstacleDistances:
         return float(apart[first]), link_of_shape(part), body.name
 
 
-def collision_series(
+def collision_limited_quantities(
     robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]
 ) -> list[LimitedQuantity]:
     """Distances between links of the robot, and between links and obstacles, during a motion."""
@@ -147,7 +147,7 @@ def collision_series(
     if obstacles:
         around = ObstacleDistances(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
-            around.set_pose(number, block.rotation, block.centre)
+            around.set_obstacle_pose(number, block.rotation, block.centre)
 
         def to_obstacles(k: int) -> tuple[float, str]:
             distance, part, block = around.closest(motion.q[k])
@@ -157,7 +157,7 @@ def collision_series(
     return series
 
 
-def swing_series(
+def swing_limited_quantities(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: PlannedSwing, collision: bool
 ) -> list[LimitedQuantity]:
     """Tension of the string during a motion, and distances of load and string from the arm's links.
@@ -183,8 +183,8 @@ def swing_series(
         hanging = -np.sin(angle[k]) * along - np.cos(angle[k]) * up
         # A capsule lies along its z axis, about its middle.
         turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
-        around.set_pose(0, np.eye(3), top + swing.length * hanging)
-        around.set_pose(1, turned, top + swing.length / 2.0 * hanging)
+        around.set_obstacle_pose(0, np.eye(3), top + swing.length * hanging)
+        around.set_obstacle_pose(1, turned, top + swing.length / 2.0 * hanging)
         return around.closest(motion.q[k])[:2]
 
     travel = _travel(robot, motion.q)

@@ -14,18 +14,18 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import LoadCellFault
-from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, MAX_STATE_AGE_SECONDS, StreamGate
-from pipeline.motion.transitions import BrakingMotion, StreamBlend
+from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, MAX_STATE_AGE_SECONDS, CommandStreamCheck
+from pipeline.motion.transitions import BrakingMotion, DecayingStartOffset
 from pipeline.processes import Closable, HighPriorityThread
 from pipeline.record import Recorder
 from pipeline.robot.drivers import ConnectFunction, Driver
 from pipeline.robot.link import LinkStatistics
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import BaxterPower
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 from pipeline.ros.master import MasterWatch, round_trip_times
-from pipeline.ros.states import EvenReadingTimes, JointStates
-from pipeline.ros.telemetry import PublishingRecorder, Telemetry
+from pipeline.ros.states import EvenReadingTimes, JointStateBuffer
+from pipeline.ros.telemetry import PublishingRecorder, RosTelemetryPublisher
 from pipeline.ros.topics import (
     RosTopics,
     command_message,
@@ -56,9 +56,9 @@ SDK_SPEED_RATIO = 0.3
 class RosRobot(Closable):
     """An arm behind rosbridge, with an optional load cell on a serial line; use it in a ``with`` block.
 
-    `StreamGate` checks every command. A command that it refuses ends the motion: `fault` gives the reason, `command`
-    raises an error, and only commands that bring the arm to rest are sent. At the end of the block the arm is enabled
-    and holds its posture.
+    `CommandStreamCheck` checks every command. A command that it refuses ends the motion: `fault` gives the reason,
+    `command` raises an error, and only commands that bring the arm to rest are sent. At the end of the block the arm is
+    enabled and holds its posture.
 
     Args:
         uri: address of the bridge, such as ``ws://HOST:9090``.
@@ -86,27 +86,27 @@ class RosRobot(Closable):
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
         self.joint_names, self.statistics = description.joint_names, LinkStatistics()
-        self.telemetry: Telemetry | None = None
-        self._states = JointStates(description.joint_names)
-        self._gate = StreamGate(description.joint_names, description.limits)
+        self.telemetry: RosTelemetryPublisher | None = None
+        self._states = JointStateBuffer(description.joint_names)
+        self._gate = CommandStreamCheck(description.joint_names, description.limits)
         self._lock = threading.RLock()
         self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=MAX_REMEMBERED_COMMANDS)
         self._ended: str | None = None
         self._foreign = False
-        self._blend: StreamBlend | None = None
+        self._blend: DecayingStartOffset | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
         self._reader = EvenReadingTimes(CONTROL_PERIOD_SECONDS)
         self._brake_from: tuple[Vector, Vector, Vector] | None = None
         self._braking, self._closing = threading.Event(), threading.Event()
-        self.bridge = Bridge(uri, clock=clock)
+        self.bridge = RosBridge(uri, clock=clock)
         try:
             self._begin()
         except BaseException:
             self.bridge.close()
             raise
         if cell is not None:
-            self.telemetry = Telemetry(self.bridge, self.joint_names)
+            self.telemetry = RosTelemetryPublisher(self.bridge, self.joint_names)
         self._braker = HighPriorityThread(self._brake_when_told, "braking")
         self._braker.start()
 
@@ -144,7 +144,7 @@ class RosRobot(Closable):
                 self._braking.clear()
                 state = self._states.latest
                 if state is not None and q.shape == state.q.shape and self._gate.begins_stream(self.time):
-                    self._blend = StreamBlend(state.q, q)
+                    self._blend = DecayingStartOffset(state.q, q)
                 if self._blend is not None and q.shape == v.shape == a.shape:
                     q, v, a = self._blend.next_command(q, v, a)
                 # Without a master the arm still follows, and so can be braked; but the run ends.

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from worlds.servo_arm import generate
 
-from armdyn.arm.drive_scale import identified_drives
+from armdyn.arm.drive_scale import drives_with_identified_gains
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import encoder_step, simulated_positions, simulation_windows
-from armdyn.checked_study import CheckedStudy, absent_in_motion
+from armdyn.checked_study import CheckedStudy, effects_zero_in_simulation
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.experiments.rivals import require_gripper
 from armdyn.parameter import Parameter
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from pipeline.answers import repair_answer
+from pipeline.answers import repair_json
 from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
@@ -139,7 +139,7 @@ def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(t
     value = found.model.value("joint_viscous_friction.coefficient[elbow]")
     assert ratios["value"][1] == pytest.approx(value / servo.gain.value)
     assert ratios["unit"][1] == "N m s/rad per N m/rad"
-    answer = repair_answer(found)["drives"]["servo"]
+    answer = repair_json(found)["drives"]["servo"]
     assert answer["gain"]["unit"] == "N m/rad"
     assert answer["determined"] is False
     with complains(InputError):
@@ -151,7 +151,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
     carrying = true_model(arm).with_effect(find("payload"))
     carrying = carrying.with_values({"payload.mass[elbow]": 0.5, "payload.x[elbow]": 0.2})
     loaded = [simulated(mujoco_text(carrying)[0], seed, DELAY) for seed in (1, 2)]
-    servo = identified_drives(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
+    servo = drives_with_identified_gains(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
     assert GAIN - servo.gain.value > 10.0 * servo.unloaded
     assert abs(GAIN - servo.gain.value) < 2.0 * servo.gain.std
     assert servo.determined
@@ -160,7 +160,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
 @pytest.mark.parametrize("seed", [7, 13])
 def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_something_is_carried(seed):
     made = generate(seed)
-    for name, servo in identified_drives(made.known.drives, made.known.arm, made.runs[:-1]).items():
+    for name, servo in drives_with_identified_gains(made.known.drives, made.known.arm, made.runs[:-1]).items():
         true = made.truth.drives[name].gain.value
         assert abs(servo.gain.value - true) < 2.5 * servo.gain.std
         assert servo.gain.std < (0.08 if servo.determined else 0.6) * true
@@ -169,8 +169,15 @@ def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_some
 
 def test_a_command_holds_until_the_next_stamp():
     told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
-    assert told.held_values(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
-    assert told.mean_held_values(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+    assert told.zero_order_hold_values(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [
+        1.0,
+        1.0,
+        1.0,
+        5.0,
+        5.0,
+        2.0,
+    ]
+    assert told.mean_zero_order_hold_values(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize(
@@ -200,4 +207,4 @@ def test_an_effect_must_be_as_sure_by_the_motion_as_by_evidence(value, std, abse
     other = replace(parameter, name="given.torque[pan]", effect="given", value=0.0, std=1.0)
     model = SimpleNamespace(parameters={p.name: p for p in (parameter, other)})
     found = SimpleNamespace(path=[SimpleNamespace(added=()), SimpleNamespace(added=("dead_band",))], model=model)
-    assert absent_in_motion(found) == (frozenset({"dead_band"}) if absent else frozenset())
+    assert effects_zero_in_simulation(found) == (frozenset({"dead_band"}) if absent else frozenset())

@@ -31,7 +31,7 @@ def moved(model, seed=0):
 
 
 def test_all_effects_together_at_null_change_nothing_to_the_last_digit(baxter, short):
-    everything = baxter.with_candidates([find(name) for name in JOINT_EFFECTS])
+    everything = baxter.with_fixed_null_effects([find(name) for name in JOINT_EFFECTS])
     assert len(everything.names) > 150
     before, after = (m.predict(short["prepared"], m.theta()).values for m in (baxter, everything))
     assert np.array_equal(before, after)
@@ -66,7 +66,7 @@ def test_an_effect_changes_nothing_at_null_to_the_last_digit_and_has_exact_deriv
 
 def test_sensitivities_of_effects_that_act_on_each_other_match_finite_differences(baxter, short):
     names = "joint_load_friction link_inertia payload torque_gain torque_delay joint_coupling base_tilt"
-    model = baxter.with_candidates([find(name) for name in names.split()])
+    model = baxter.with_fixed_null_effects([find(name) for name in names.split()])
     theta = moved(model, seed=1)
     columns = np.append(np.random.default_rng(2).choice(len(theta) - 2, 25, False), [len(theta) - 2, len(theta) - 1])
     columns = np.array([i for i in columns if not model.names[i].startswith("torque_delay")])  # see below

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from worlds.baxter import generate
 
-from armdyn.arm.links import LINK_QUANTITIES, link_changes
+from armdyn.arm.links import LINK_QUANTITIES, link_inertia_changes
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
-from armdyn.identify.repair import links_of
+from armdyn.identify.repair import changed_links_of_fit
 from armdyn.identify.study import Study
 
 from . import urdfs
@@ -23,7 +23,7 @@ def pendulum(tmp_path):
 def changes(model, theta, std=0.1, alone=0.1):
     size = len(theta)
     one = np.eye(size)
-    return link_changes(model, theta, std**2 * one, alone**2 * one, np.ones(size, dtype=bool))
+    return link_inertia_changes(model, theta, std**2 * one, alone**2 * one, np.ones(size, dtype=bool))
 
 
 def test_a_link_as_described_has_the_urdfs_mass_centre_and_inertia(pendulum):
@@ -73,7 +73,7 @@ def test_joints_without_an_effect_on_their_link_are_left_out(baxter):
 def test_torques_determine_the_last_links_moments_and_no_links_mass():
     runs = [generate("link_inertia", 1.0, 1, recording=k, duration=10.0) for k in range(2)]
     study = Study.of(arm_model(robot="baxter").with_effect(find("link_inertia")), runs, [], [])
-    links = {link.joint: {q.name: q for q in link.quantities} for link in links_of(study, study.first())}
+    links = {link.joint: {q.name: q for q in link.quantities} for link in changed_links_of_fit(study, study.first())}
     assert not any(link["mass"].determined for link in links.values())
     last = links["right_w2"]
     assert last["moment_z"].unit == "kg m"

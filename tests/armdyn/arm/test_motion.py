@@ -77,7 +77,9 @@ def test_after_a_quick_stop_nobody_knows_a_sign():
     stopped = replace(run, channels={**run.channels, "q.right_e0": replace(q, value=ramp)})
     motion = measured_motion(stopped, JOINTS)
     swings = motion.joints[joint].curve(q.time, 1)[:, 0]
-    assert np.min(swings[q.time > stop]) < -3.0 * motion.joints[joint].speed_noise  # the smoothed velocity overshoots
+    assert (
+        np.min(swings[q.time > stop]) < -3.0 * motion.joints[joint].smoothed_velocity_noise_std
+    )  # the smoothed velocity overshoots
     assert np.min(motion.direction(joint, q.time)[q.time > stop]) > -0.99
 
 

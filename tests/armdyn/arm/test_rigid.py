@@ -53,7 +53,7 @@ def test_torques_are_linear_in_gravity(baxter, tmp_path, chain):
     assert pytest.approx(inverse_dynamics(other, q, still, still), abs=1e-10) == (ours.described @ gravity).T
     by_link = torque_regressor(other, q, still, still)[:, 0, :, :4]
     for link in range(model.nv):
-        assert gravity @ ours.of_link(0, link) == pytest.approx(by_link[:, link], abs=1e-10)
+        assert gravity @ ours.gravity_torque_of_link(0, link) == pytest.approx(by_link[:, link], abs=1e-10)
 
 
 def test_torques_under_another_gravity_are_those_of_mujoco(baxter):

@@ -44,14 +44,14 @@ def on(scorer, *labels):
 def test_errors_by_sums_are_those_of_the_model_at_the_foretold_values(study, scorer, labels):
     one = scorer.evaluate(on(scorer, *labels))
     foretold = scorer.sums.errors(one.columns, one.change, np.arange(4))
-    blocks = study.problem.blocks(study.own_values(scorer, one))
+    blocks = study.problem.blocks(study.values_predicted_by_scorer(scorer, one))
     assert foretold == pytest.approx([float(np.mean(b.misfit**2)) for b in blocks[:4]], rel=1e-6)
 
 
 def test_a_fit_to_samples_finds_no_better_minimum_than_one_on_sums(study, scorer):
     one = scorer.evaluate(on(scorer, "joint_coulomb_friction:right_s0", "joint_coulomb_friction:right_s1"))
     errors = scorer.sums.errors(one.columns, one.change, np.arange(len(scorer.sums.count)))
-    fitted = study.fit_with([c.on(["right_s0", "right_s1"]) for c in study.candidates
+    fitted = study.fit_base_with_effects([c.on(["right_s0", "right_s1"]) for c in study.candidates
                              if c.effect == "joint_coulomb_friction"], study.first())  # fmt: skip
     assert errors[:2] == pytest.approx([float(np.mean(b.misfit**2)) for b in fitted.blocks[:2]], rel=1e-3)
 
@@ -103,7 +103,7 @@ def test_foretold_sets_are_those_that_are_scored(scorer):
     now = scorer.evaluate(on(scorer, "joint_coulomb_friction:right_s1"))
     options = [(c,) for c in on(scorer, "torque_offset:right_e0", "torque_offset:right_s1", "link_inertia:right_e1")]
     scored = [scorer.evaluate((*now.effects, *come)) for come in options]
-    assert scorer.first_order_score(now, options) == pytest.approx([one.score for one in scored], rel=2e-4)
-    assert scorer.first_order_cost(now, options) == pytest.approx(
-        [scorer.reporting_cost(one) for one in scored], abs=1e-3
+    assert scorer.approximate_addition_scores(now, options) == pytest.approx([one.score for one in scored], rel=2e-4)
+    assert scorer.approximate_addition_costs(now, options) == pytest.approx(
+        [scorer.leading_effects_cost(one) for one in scored], abs=1e-3
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armdyn.arm.model import arm_model
-from armdyn.discovery.arm import arm_terms
+from armdyn.discovery.arm import arm_formula_candidates
 from armdyn.discovery.discover import describe_discovery, discover, predicts_better
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
@@ -48,7 +48,7 @@ def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
     study = Study.of(model, given.runs[:1], [], [drag])
     first, fit = study.first(), add(study, [drag]).steps[-1].fit
     (curve,) = (c for c in compare_missing_forces(first, fit, law=True) if c.against == "speed")
-    (k,) = fit.values[study.problem.unknowns_of(("drag.k",))]
+    (k,) = fit.values[study.problem.mask_of_unknowns(("drag.k",))]
     torque = -k * curve.x**3 / (given.mass * given.length**2)
     drawn, measured = (np.sqrt(np.mean((y - torque) ** 2)) for y in (curve.law, curve.as_given))
     assert drawn < 0.3 * measured
@@ -73,7 +73,7 @@ def model(tmp_path_factory):
 
 def test_a_place_is_looked_for_where_its_joint_reaches(model):
     run = world("cogging", 0).runs[0]
-    terms = list(named_terms(arm_terms(Study.of(model, [run], [], ()).first())).values())
+    terms = list(named_terms(arm_formula_candidates(Study.of(model, [run], [], ()).first())).values())
     for term, law in zip(terms, effects_of_terms(terms), strict=True):
         (joint,) = law.joints
         q = run.channels[f"q.{joint}"].value
@@ -95,7 +95,7 @@ def test_a_place_is_looked_for_where_its_joint_reaches(model):
 def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
     """In the middle of a joint's range a magnet may pull to no side."""
     given = world("tightening cable", 0)
-    terms = named_terms(arm_terms(Study.of(model, given.runs, [], ()).first()))
+    terms = named_terms(arm_formula_candidates(Study.of(model, given.runs, [], ()).first()))
     study = Study.of(model, given.runs, [], effects_of_terms(list(terms.values())))
     scores = study.scores(study.with_thresholds(study.first()), ())
     drops = {score.candidate.effect: score.chi2_decrease for score in scores}
@@ -110,7 +110,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     run = world("cogging", 0).runs[0]
     renamed = replace(run, channels={name.replace("elbow", joint): of for name, of in run.channels.items()}, noise={})
     model = arm_model(urdf=path)
-    terms = named_terms(arm_terms(Study.of(model, [renamed], [], ()).first()))
+    terms = named_terms(arm_formula_candidates(Study.of(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
     assert any(term.location.joint == joint for term in terms.values())
 
@@ -126,7 +126,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
     steps, effects = [SearchStep((), (), (), study.first(), residual_tests(study.first(), []))], ()
     for one in both.split_by_joint():
         effects = group_by_effect((*effects, one))
-        fit = study.fit_with(effects, steps[-1].fit)
+        fit = study.fit_base_with_effects(effects, steps[-1].fit)
         steps.append(SearchStep((one,), (), effects, fit, residual_tests(fit, [])))
     found = describe_discovery(study, Search(tuple(steps)), {}, {viscous.name: viscous})
     (law,) = found.laws
@@ -140,6 +140,6 @@ def test_a_law_of_a_joint_is_discovered_beside_friction(model, kind, seed):
     """Seen from the model as given, the cable explained 0.3 % of what frictions do."""
     given = world(kind, seed)
     found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
-    (law,) = found.new_laws
+    (law,) = found.laws_outside_catalogue
     assert (law.kind, law.joints) == (kind, ("elbow",))
     assert {one.effect for one in found.laws} > {"joint_viscous_friction", "joint_coulomb_friction"}

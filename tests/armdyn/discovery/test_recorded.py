@@ -31,7 +31,7 @@ def model(tmp_path):
 def test_a_friction_that_falls_with_a_recorded_temperature_is_found(model, tmp_path, kind, joint):
     given = world(kind, 0)
     found = discover(Study.of(model(given), given.runs, [given.held_out], available_effects(model(given))))
-    (law,) = found.new_laws
+    (law,) = found.laws_outside_catalogue
     assert (law.kind, law.joint) == ("friction by temperature", joint)
     assert law.depends_on == ("extra.temperature", "speed")
     assert {name: value.unit for name, value in law.values.items()} == {"coefficient": "N m s/rad", "width": "K"}

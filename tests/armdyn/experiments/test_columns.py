@@ -6,7 +6,7 @@ from derivatives import assert_jacobian
 from worlds import baxter as hidden_arm
 
 from armdyn.errors import InputError
-from armdyn.experiments.columns import TorqueRegressor, at_active_values, random_joint_states
+from armdyn.experiments.columns import TorqueRegressor, random_joint_states, with_all_parameters_active
 from armdyn.experiments.criteria import RivalSeparation, d_optimality, log_condition, log_harmonic_separation
 from armdyn.experiments.series import JOINT_MAX_PERIOD_SECONDS, FourierSeries
 
@@ -14,7 +14,7 @@ from armdyn.experiments.series import JOINT_MAX_PERIOD_SECONDS, FourierSeries
 def extended(model, effects):
     for effect in effects:
         model = model.with_effect(effect)
-    return TorqueRegressor(at_active_values(model), 100.0)
+    return TorqueRegressor(with_all_parameters_active(model), 100.0)
 
 
 @pytest.fixture

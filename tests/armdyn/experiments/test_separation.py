@@ -13,7 +13,7 @@ from armdyn.experiments.plan import inseparable_pairs
 from armdyn.experiments.search import AugmentedLagrangian, random_motion
 from armdyn.experiments.separation import (
     TIE_CHI2,
-    RefittedRival,
+    RivalRefitCost,
     expected_outcome,
     hypothesis_probabilities,
     linear_separation,
@@ -38,7 +38,7 @@ def hypothesis(effect, value=None, **changes):
 
 def separation(truth, rival):
     """The rise of chi2 when the rival is refitted."""
-    return RefittedRival(rival, truth.predict(truth.start)[0]).best_refit()[0]
+    return RivalRefitCost(rival, truth.predict(truth.start)[0]).chi2_increase_and_refit()[0]
 
 
 def gripper(effects, seconds=4.0, limits=None, step=GRIPPER_NODE_INTERVAL_SECONDS):
@@ -124,8 +124,8 @@ def test_friction_does_not_become_negative_to_imitate():
     experiment = random_experiment(4)
     bare = hypothesis("linear_drag", 0.0)
     driven = PredictedExperiment(hypothesis("string_creep", 2e-4), experiment)
-    rival = RefittedRival(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
-    assert rival.best_refit()[1][2] >= 0.0
+    rival = RivalRefitCost(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
+    assert rival.chi2_increase_and_refit()[1][2] >= 0.0
 
 
 def test_the_probability_is_that_of_simulated_outcomes():
@@ -141,9 +141,11 @@ def test_the_probability_is_that_of_simulated_outcomes():
         at = truth.start + truth.covariance_root @ rng.standard_normal(len(truth.start))
         at = np.clip(at, truth.lower, truth.upper)
         readings = truth.predict(at)[0] + rng.standard_normal(len(truth.predict(at)[0]))
-        own, other = (RefittedRival(held, readings).best_refit(at if held is truth else None)[0] for held in both)
+        own, other = (
+            RivalRefitCost(held, readings).chi2_increase_and_refit(at if held is truth else None)[0] for held in both
+        )
         wins += other - own > TIE_CHI2
-    expected = foretold.right_probability[0]
+    expected = foretold.correct_decision_probability[0]
     assert 0.05 < expected < 0.95  # else it would be no test
     assert abs(wins / count - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / count) + 0.05
     # The usual approximation N(lambda, 4 lambda) is not far off either.

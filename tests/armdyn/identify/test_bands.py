@@ -10,7 +10,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
-from pipeline.answers import comparison_answer
+from pipeline.answers import comparison_json
 
 
 def recordings(seed: int, count: int) -> list:
@@ -46,7 +46,7 @@ def test_json_frame_and_figure_have_the_bands() -> None:
     (one, two) = recordings(4, 2)
     study = Study.of(pendulum_model(0.35, 0.1), [one, two], [], [])
     found = compare(study)
-    answer = comparison_answer(study, found)["bands"]["load_force"]
+    answer = comparison_json(study, found)["bands"]["load_force"]
     assert answer["level"] == 0.95
     assert 0.9 < answer["covered"] < 1.0
     table = found.to_dataframe("samples")

@@ -25,7 +25,7 @@ def test_the_way_ends_where_each_further_value_lowers_the_error_by_little(left, 
     steps = [
         Plain(added=a, fit=Plain(left=x, free=np.ones(k))) for k, (a, x) in enumerate(zip(added, left, strict=True))
     ]
-    study = Plain(asked=asked, squared_error=lambda fit: fit.left, is_at_noise=lambda fit: fit.left < 0.2)
+    study = Plain(asked=asked, squared_error=lambda fit: fit.left, residual_may_be_noise=lambda fit: fit.left < 0.2)
     assert drop_small_steps(study, steps) == steps[:kept]
 
 

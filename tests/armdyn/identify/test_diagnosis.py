@@ -13,7 +13,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.noise import (
-    Whitening,
+    WhiteningFilter,
     autoregression,
     likeliest_autoregression,
     ljung_box,
@@ -77,7 +77,7 @@ def test_adding_an_effect_never_raises_the_training_error():
     study = study_of(recordings(hidden={"sensor_drift": 1e-3}), effects=EFFECTS[:4])
     first = study.first()
     for candidate in study.candidates:
-        assert study.fit_with((candidate,), first).cost <= first.cost * (1 + 1e-9)
+        assert study.fit_base_with_effects((candidate,), first).cost <= first.cost * (1 + 1e-9)
 
 
 def test_a_held_out_run_that_is_also_a_training_run_is_refused(complains):
@@ -109,7 +109,7 @@ def test_a_set_of_which_one_effect_is_wrong_is_promised_the_right_exchange():
 def test_effects_at_null_are_left_out_without_a_trace():
     study = study_of(recordings())
     problem, first = study.problem, study.first()
-    base = problem.unknowns_of(["length", "mass", "initial_angle", "initial_rate"])
+    base = problem.mask_of_unknowns(["length", "mass", "initial_angle", "initial_rate"])
     lean, whole = problem.blocks(first.values, base), study_of(study.runs).problem.blocks(first.values)
     for block, other in zip(lean, whole, strict=True):
         assert block.residual == pytest.approx(other.residual, abs=1e-6)
@@ -147,5 +147,5 @@ def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency
 
     blocks = (block("long", 400), block("short", 3))
     fit = Fit(None, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)
-    (peak,) = spectral_peaks(fit, {"tau.j": Whitening(np.zeros(3), 1.0)})
+    (peak,) = spectral_peaks(fit, {"tau.j": WhiteningFilter(np.zeros(3), 1.0)})
     assert peak.frequency == pytest.approx(1.3, rel=0.02)

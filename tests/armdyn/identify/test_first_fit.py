@@ -74,7 +74,7 @@ def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
 def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     truth = recorded("pull_and_release", seed=2)
     first = Study.of(model_for("pull_and_release"), truth.runs, [], []).first()
-    angles = first.values[first.problem.unknowns_of(["initial_angle"])]
+    angles = first.values[first.problem.mask_of_unknowns(["initial_angle"])]
     assert np.all(angles > 0)
     assert any(start[0] < 0 for start in truth.starts)
 

@@ -84,7 +84,7 @@ def test_the_filter_gives_the_likelihood_of_the_dense_covariance(colour):
     box, problem = box_of(swing(0.6, 3.0))
     (around,) = box.linearise(box.initial_point(problem.start_values()))
     noise = RunNoise(0.05, (1.3,), (colour,))
-    found = around.innovations([noise], np.array([noise.kick_std]))
+    found = around.innovations([noise], np.array([noise.process_noise_std]))
     residual, X, covariance = dense(around, noise, len(problem.columns))
     inverse = np.linalg.inv(covariance)
     assert found.square[0] == pytest.approx(residual @ inverse @ residual, rel=1e-6)
@@ -98,7 +98,7 @@ def test_the_smoother_gives_the_mean_of_the_dense_posterior():
     (around,) = box.linearise(box.initial_point(problem.start_values()))
     noise = RunNoise(0.05, (1.0,), (ColouredNoise(),))
     sums = add_channels([around.whitened_sums(0, ColouredNoise())], noise.white_noise_ratios)[0]
-    states, _ = smooth_run(sums, around.chain, noise.kick_std, np.zeros(len(problem.columns)))
+    states, _ = smooth_run(sums, around.chain, noise.process_noise_std, np.zeros(len(problem.columns)))
     residual, _, covariance, of_states, mean = dense(around, noise, len(problem.columns), states=True)
     posterior = mean + of_states @ np.linalg.solve(covariance, residual)
     assert np.allclose(states.ravel(), posterior, rtol=1e-5, atol=1e-8)
@@ -132,12 +132,12 @@ def test_a_motion_goes_on_where_a_piece_is_cut():
     box, problem = box_of(swing(0.6, 3.0))
     point = box.initial_point(problem.start_values())
     before = box.linearise(point)[0]
-    assert box.runs[0].pieces.cut_in_two(np.arange(len(point.states[0])) == 1)
+    assert box.runs[0].pieces.split_marked_pieces(np.arange(len(point.states[0])) == 1)
     after = box.linearise(point)[0]
     kept = np.arange(len(after.states)) != 2
     assert np.array_equal(after.states[kept], before.states)
     assert np.allclose(after.chain.gap[1], 0.0, atol=1e-9)
-    assert np.isfinite(box.optimise(box.identifiable(point, problem.unknowns_of(["length"])), point).evidence)
+    assert np.isfinite(box.optimise(box.identifiable(point, problem.mask_of_unknowns(["length"])), point).evidence)
 
 
 def dense(around, noise, unknowns, *, states=False):
@@ -155,8 +155,8 @@ def dense(around, noise, unknowns, *, states=False):
             there = slice(i * n, (i + 1) * n)
             prior[there, here], prior[here, there] = onward @ P, (onward @ P).T
         T = chain.transition[j]
-        m, M = T @ m + chain.gap[j], T @ M + chain.unknown_derivatives[j]
-        P = T @ P @ T.T + noise.kick_std**2 * chain.kick_covariance
+        m, M = T @ m + chain.gap[j], T @ M + chain.end_state_by_unknowns[j]
+        P = T @ P @ T.T + noise.process_noise_std**2 * chain.process_noise_covariance
     places = np.argwhere(rows.there)
     H = np.zeros((len(places), J * n))
     X, r, time = np.zeros((len(places), unknowns)), np.zeros(len(places)), np.zeros(len(places))

@@ -202,7 +202,7 @@ def test_what_an_effect_explains_is_its_law_without_the_noise(study):
     """Dry friction by sampled positions turns round where the speed does; the noise is 0.3 N m of the torque."""
     first = study.first()
     (candidate,) = (c for c in study.candidates if c.effect == "joint_coulomb_friction")
-    curve = of(compare_missing_forces(first, study.fit_with([candidate], first), law=True), JOINT, "speed")
+    curve = of(compare_missing_forces(first, study.fit_base_with_effects([candidate], first), law=True), JOINT, "speed")
     moving = np.abs(curve.x) > 0.2
     given, drawn = (np.abs(y - FRICTION * np.sign(curve.x))[moving].max() for y in (curve.as_given, curve.law))
     assert drawn < 0.02 < given

@@ -34,7 +34,7 @@ class Runs:
     def quick_fit(self, effects):
         return Fitted(effects)
 
-    def fit_with(self, effects):
+    def fit_base_with_effects(self, effects):
         return Fitted(effects)
 
     def excess(self, fit):
@@ -43,7 +43,7 @@ class Runs:
     def left(self, effects):
         return float(self.excess(frozenset(effects)).sum())
 
-    def is_at_noise(self, fit):
+    def residual_may_be_noise(self, fit):
         return bool(np.all(self.excess(fit) < 0.1))
 
     def evaluate(self, effects):
@@ -62,7 +62,7 @@ def all_are_there(monkeypatch):
 
 def chosen(left, evidence, *effects):
     runs = Runs(left, {LOAD: 0.0, DRY: 0.0, DRAG: 0.0, BIAS: 0.0, **evidence})
-    return set(whole_runs.improve_by_whole_runs(runs, runs, runs.evaluate(effects), lambda _: None).effects)
+    return set(whole_runs.improve_effect_set_by_run_errors(runs, runs, runs.evaluate(effects), lambda _: None).effects)
 
 
 EVIDENCE = {LOAD: 50.0, DRY: 40.0}
@@ -114,7 +114,7 @@ def nothing(monkeypatch, value, runs):
     """Whether a bias is, which is `value` standard deviations large."""
     runs.motion = Plain(threshold_values={"dry.size": 3.0})
     problem = Plain(
-        unknowns_of=lambda names: np.array([name.startswith(("bias", "dry")) for name in ("load.size", *names)]),
+        mask_of_unknowns=lambda names: np.array([name.startswith(("bias", "dry")) for name in ("load.size", *names)]),
         null=np.zeros(2),
     )
     found = Plain(problem=problem, free=np.ones(2, dtype=bool), values=np.array([5.0, 3.0 * value]))

@@ -76,6 +76,6 @@ def test_a_pendulum_on_the_moon_weighs_and_swings_as_there():
     time = np.arange(0.0, 1.0, 0.01)
     rest = Run("rest.csv", {"load_force": Channel(time, 0.0 * time, "N")})
     assert np.allclose(model.predict(rest, model.theta()).values, 0.162, atol=1e-12)
-    assert model.start_window(model.theta()) == pytest.approx(2 * np.pi * np.sqrt(0.5 / 1.62))
+    assert model.start_state_window_seconds(model.theta()) == pytest.approx(2 * np.pi * np.sqrt(0.5 / 1.62))
     step = model.variational().step([0, 0, 0.1, 0], 0.0, 0.0, 0.01, model.physics_theta())
     assert float(step[3]) == pytest.approx(-0.01 * 1.62 / 0.5 * np.sin(0.1), rel=1e-3)

@@ -16,7 +16,7 @@ from armdyn.effects.effect import effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
-from armdyn.identify.prepare import run_noise
+from armdyn.identify.prepare import noise_std_by_run_and_channel
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.parameter import quantity
@@ -97,7 +97,7 @@ def test_noise_is_not_told_across_the_steps_of_a_held_command(tmp_path):
     drawn = case(BATTERY, 3)
     model = drawn.model(tmp_path)
     prepared = [model.prepare_run(run) for run in drawn.runs()]
-    for told in run_noise(model, prepared).values():
+    for told in noise_std_by_run_and_channel(model, prepared).values():
         assert told == pytest.approx(BATTERY.noise["extra.voltage"], rel=0.1)
 
 
@@ -163,7 +163,7 @@ def visitor(rate, heat=quantity("K/s", typical=0.01)):
 
 def test_an_effect_may_act_on_the_rate_of_any_state():
     model = physics_model(kettle, own_effects=[visitor])
-    assert model.possible_joints(visitor) == ("water",)
+    assert model.joints_effect_can_act_on(visitor) == ("water",)
     run = boiled(5.0)
     given = model.with_effect(visitor).with_values({"visitor.heat[water]": 0.02, "loss": 0.003, "power": 2.5e-4})
     told = given.predict(given.prepare_run(run), given.theta()).values[-1]

@@ -9,7 +9,7 @@ from command import called
 from scipy.integrate import solve_ivp
 
 from armdyn.checked_study import CheckedStudy
-from armdyn.discovery.physics import physics_terms
+from armdyn.discovery.physics import physics_formula_candidates
 from armdyn.effects.effect import effect
 from armdyn.errors import TaskFailedError
 from armdyn.front import compare, fit, repair
@@ -246,7 +246,9 @@ def test_a_base_keeps_its_own_units_in_effects_and_laws(tmp_path):
     model = load_base(path)
     assert model.own_effects[0].quantities["edge"].unit == "degC"
     study = CheckedStudy.of(model, [tmp_path / "a.csv"]).study
-    units = {(t.kind, *(v.name for v in t.variables), t.location.joint): t for t in physics_terms(study.first())}
+    units = {
+        (t.kind, *(v.name for v in t.variables), t.location.joint): t for t in physics_formula_candidates(study.first())
+    }
     edge = units["threshold above", "inside", "level"]
     assert (edge.parameters["place"].unit, edge.size_parameter.unit) == ("degC", "mm/(s K)")
     assert units["proportion", "level", "inside"].size_parameter.unit == "K/(s mm)"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armdyn.watch.changes import JOINT_CHANGES, BlockSums, FaultFreeBaseline
+from armdyn.watch.changes import JOINT_CHANGES, FaultFreeBaseline, RegressionBlockSums
 
 FRICTION, OFFSET = JOINT_CHANGES.index("joint_coulomb_friction"), JOINT_CHANGES.index("torque_offset")
 MORE = 0.3
@@ -19,8 +19,8 @@ def windows(rng, count, more=0.0):
         r = X @ [more, 0.0, rng.standard_normal(), 0.0] + 0.1 * rng.standard_normal(50)
         L = np.zeros((50, 4))
         W = 1.0 / 0.1**2
-        parts.append(BlockSums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
-    return BlockSums.stacked(parts)
+        parts.append(RegressionBlockSums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
+    return RegressionBlockSums.stacked(parts)
 
 
 def test_friction_is_found_beside_an_offset_that_scatters():
@@ -39,7 +39,7 @@ def test_friction_is_found_beside_an_offset_that_scatters():
 
 
 def test_a_joint_that_never_moves_tells_nothing_and_breaks_nothing():
-    still = BlockSums.stacked([BlockSums.zeros(2)] * 30)
+    still = RegressionBlockSums.stacked([RegressionBlockSums.zeros(2)] * 30)
     load, own = FaultFreeBaseline.of(still, 3).scores(still)
     assert np.isfinite(own).all()
     assert own.max() < 1e-3

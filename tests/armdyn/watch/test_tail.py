@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi
 
-from armdyn.watch.tail import ExponentialTail, GaussianDistribution, largest_of_stretches
+from armdyn.watch.tail import ExponentialTail, GaussianDistribution, block_maxima
 
 
 @pytest.mark.parametrize("count", [10, 40, 400])
@@ -44,6 +44,4 @@ def test_a_gaussian_band_is_exceeded_as_often_as_a_gaussian():
 
 
 def test_the_largest_of_stretches_leave_out_what_is_left_over():
-    np.testing.assert_array_equal(
-        largest_of_stretches(np.array([[1.0], [5.0], [2.0], [3.0], [9.0]]), 2), [[5.0], [3.0]]
-    )
+    np.testing.assert_array_equal(block_maxima(np.array([[1.0], [5.0], [2.0], [3.0], [9.0]]), 2), [[5.0], [3.0]])

@@ -6,7 +6,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from pipeline.batch.change import find_changes
-from pipeline.batch.series import ParameterSeries, StepTest
+from pipeline.batch.series import ChangeTestSeries, ParameterSeries
 
 DAY = 86400.0
 DAYS = DAY * np.arange(40)
@@ -73,7 +73,7 @@ UNTESTED = {
 @pytest.mark.parametrize(("value", "time"), UNTESTED.values(), ids=UNTESTED)
 def test_what_cannot_be_tested_is_counted_and_left(value, time):
     result = found(value, time)
-    assert (result.tested, result.too_short, result.steps) == (0, 1, ())
+    assert (result.tested, result.untested_series_count, result.steps) == (0, 1, ())
 
 
 def batch(seed, phi):
@@ -101,7 +101,7 @@ def test_the_best_step_is_that_of_a_regression(phi):
     """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
     rng, count = np.random.default_rng(0), 20
     time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
-    test = StepTest.from_series(
+    test = ChangeTestSeries.from_series(
         ParameterSeries(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi
     )
     own = np.eye(count) - phi * np.eye(count, k=-1)

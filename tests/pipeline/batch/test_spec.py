@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.errors import InputError
 from pipeline.batch.spec import read_spec
-from pipeline.batch.times import TimeRules, TimeSource
+from pipeline.batch.times import RecordingTimeRules, RecordingTimeSource
 
 GOOD = '[[recordings]]\nmodel = "m.toml"\nruns = ["*.csv"]\n'
 
@@ -61,7 +61,7 @@ def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
 
 
 def when(name, clock=None, given=()):
-    return (clock or TimeRules()).find_time(Path("/lab") / name, Path("/lab"), dict(given))
+    return (clock or RecordingTimeRules()).find_time(Path("/lab") / name, Path("/lab"), dict(given))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def when(name, clock=None, given=()):
     ],
 )
 def test_a_date_in_the_name_is_read(name, time):
-    assert (when(name).time, when(name).source) == (time, TimeSource.NAME)
+    assert (when(name).time, when(name).source) == (time, RecordingTimeSource.NAME)
 
 
 UNDATED = ["run_7.csv", "serial_12345678.csv", "04-05-2026.csv", "2026-13-45.csv", "202605041.csv", "2026-05.csv"]
@@ -93,15 +93,18 @@ def test_what_is_no_date_or_could_be_two_is_not_guessed(name, says):
 
 
 def test_a_form_reads_other_dates_and_says_where_it_fails():
-    clock = TimeRules(date_format="log_%d%m%y_%H%M")
+    clock = RecordingTimeRules(date_format="log_%d%m%y_%H%M")
     assert when("log_040526_1430.csv", clock).time == datetime(2026, 5, 4, 14, 30)
     assert "not of the form log_%d%m%y_%H%M" in when("log_4.csv", clock).problem
 
 
 def test_the_spec_counts_more_than_the_sidecar_and_that_more_than_the_name(folder):
     (item,) = read(folder, GOOD).items
-    assert (item.recording_time.time, item.recording_time.source) == (datetime(2026, 6, 1), TimeSource.SIDECAR)
+    assert (item.recording_time.time, item.recording_time.source) == (datetime(2026, 6, 1), RecordingTimeSource.SIDECAR)
     (item,) = read(folder, GOOD + "times = { 'a.csv' = 2026-05-04T12:00:00+02:00 }").items
-    assert (item.recording_time.time, item.recording_time.source) == (datetime(2026, 5, 4, 10), TimeSource.SPEC)
+    assert (item.recording_time.time, item.recording_time.source) == (
+        datetime(2026, 5, 4, 10),
+        RecordingTimeSource.SPEC,
+    )
     (item,) = read(folder, '[time]\nfrom = "name"\n' + GOOD).items
     assert item.recording_time.time is None

@@ -12,7 +12,7 @@ def with_effects(model, names, seed=0):
     rng = np.random.default_rng(seed)
     for name in names:
         effect = CATALOGUE[name]
-        if model.possible_joints(effect):
+        if model.joints_effect_can_act_on(effect):
             model = model.with_effect(effect)
     values = {
         name: float(np.clip(p.value + rng.uniform(0.3, 0.8) * p.typical, p.lower, p.upper))

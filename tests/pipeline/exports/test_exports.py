@@ -26,7 +26,7 @@ from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCE_COUNT, Observer
 from pipeline.exports.functions import exported_functions, python_text
-from pipeline.exports.json_file import parameters_answer
+from pipeline.exports.json_file import parameters_json
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 from pipeline.exports.urdf_file import urdf_text
@@ -217,7 +217,7 @@ def test_json_tells_values_deviations_and_links_in_units(bare_arm):
     model = with_effects(bare_arm, ["link_inertia", "joint_viscous_friction"])
     name = f"joint_viscous_friction.coefficient[{model.joints[0]}]"
     model = model.with_parameters({name: model.parameters[name].with_value(2.0, 0.1)})
-    answer = json.loads(json.dumps(parameters_answer(ModelFile(model, {}))))
+    answer = json.loads(json.dumps(parameters_json(ModelFile(model, {}))))
     assert answer["schema"] == "armdyn.parameters/1"
     entry = answer["parameters"][name]
     assert (entry["value"], entry["std"], entry["unit"], entry["joint"]) == (2.0, 0.1, "N m s/rad", model.joints[0])
@@ -292,7 +292,7 @@ def test_what_a_format_cannot_hold_of_a_background_is_counted_in_one_sentence(ba
     rest = model.without_effect("bristle").without_effect("torque_delay")
     np.testing.assert_allclose(functions[0].function(*state).full().T, by_formulas(rest, *state), atol=1e-9)
     assert sum(note.startswith(f"{3 * n} of the background of") for note in urdf_text(model, tmp_path)[1]) == 1
-    answer = parameters_answer(ModelFile(model, {}))
+    answer = parameters_json(ModelFile(model, {}))
     assert answer["effects"] == ["joint_viscous_friction"]
     assert len(answer["parameters"]) == n
     assert len(answer["background"]["values"]) == 3 * n

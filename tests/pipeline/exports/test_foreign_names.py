@@ -177,7 +177,7 @@ def test_what_an_offset_does_is_the_offset():
     model = arm_model(robot="baxter").with_effect(CATALOGUE["torque_offset"])
     fit = Study.of(model, [generate("torque_offset", 1.0, 3)], [], []).first()
     for channel, value in fit.contribution(["torque_offset"]).items():
-        offset = fit.values[list(fit.problem.unknowns_of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
+        offset = fit.values[list(fit.problem.mask_of_unknowns([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import known_columns
+from pipeline.imports.guess import map_unambiguous_columns
 from pipeline.imports.joints import JointRange, RobotJoints
 
 from .bags import START, write_mcap
@@ -110,7 +110,7 @@ RIGHT, ASK = "right", "asks"
 def run_of(tmp_path, messages):
     """What is read of messages; those that came are those that were written, each used or left out for a reason."""
     (foreign,) = read_foreign(written(tmp_path / "a.mcap", messages))
-    found = run_from_recording(foreign, known_columns(foreign))
+    found = run_from_recording(foreign, map_unambiguous_columns(foreign))
     for account in found.accounts:
         assert account.came == sum(m.topic == account.source for m in messages)
         assert account.came == account.kept + sum(account.left_out.values())

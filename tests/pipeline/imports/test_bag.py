@@ -11,7 +11,7 @@ from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import known_columns
+from pipeline.imports.guess import map_unambiguous_columns
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.record import Recorder
 
@@ -67,12 +67,12 @@ def bag(request, bags, tmp_path):
 
 def run_in(bag):
     (foreign,) = read_foreign(bag)
-    return run_from_recording(foreign, known_columns(foreign)).run
+    return run_from_recording(foreign, map_unambiguous_columns(foreign)).run
 
 
 def test_joint_states_become_a_run_and_what_else_was_sent_is_mapped(bag, joints):
     (foreign,) = read_foreign(bag)
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     assert run.joints == JOINTS
     for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
         for i, joint in enumerate(JOINTS):
@@ -121,7 +121,7 @@ def test_an_mcap_without_a_profile_of_ros_is_read_but_for_messages_whose_definit
 ):
     path = write_plain_mcap(tmp_path / "a.mcap", {OWN: definition} if definition else {})
     (foreign,) = read_foreign(path)
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
     np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
     assert "/wrench/wrench/force/z" in foreign.columns
@@ -184,7 +184,7 @@ def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_
     used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
     every = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
     assert used == {f"{q}.{n}": f"/long/{field}/{n}" for field, q in every for n in names}
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     assert set(run.channels) == {f"{q}.{n}" for q in ("q", "tau") for n in names}
     assert sum("holds nothing but zeros: no v." in note for note in run.warnings) == 3
     np.testing.assert_allclose(foreign.columns[f"/long/position/{names[0]}"].time, START + 0.1 * np.arange(15))

@@ -9,7 +9,7 @@ from armdyn.errors import InputError
 from armdyn.inspection.inspect import inspect_runs
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import guess_map, known_columns
+from pipeline.imports.guess import guess_map, map_unambiguous_columns
 
 from .said import (
     ARM,
@@ -195,7 +195,7 @@ def test_joints_of_a_bag_are_held_against_the_robots(kind, tmp_path, complains):
     (foreign,) = read_foreign(written(tmp_path / "a.mcap", messages))
     if outcome == ASK:
         with complains(InputError):
-            known_columns(foreign, robot)
+            map_unambiguous_columns(foreign, robot)
         try:
             guessed = guess_map([foreign], robot)
         except InputError:
@@ -203,7 +203,7 @@ def test_joints_of_a_bag_are_held_against_the_robots(kind, tmp_path, complains):
         of_arm = [e for e in guessed.entries.values() if e.channel.partition(".")[2] in robot.arm]
         assert all(entry.check for entry in of_arm)
         return
-    found = run_from_recording(foreign, known_columns(foreign, robot))
+    found = run_from_recording(foreign, map_unambiguous_columns(foreign, robot))
     digits = {"".join(filter(str.isdigit, n))[-1:]: i for i, n in enumerate(names) if n not in robot.grippers}
     for joint in robot.arm:
         place = digits.get("".join(filter(str.isdigit, joint))[-1:])

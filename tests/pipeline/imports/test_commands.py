@@ -11,7 +11,7 @@ from rosbags.typesys import get_types_from_msg
 
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import guess_map, known_columns
+from pipeline.imports.guess import guess_map, map_unambiguous_columns
 
 from .bags import START, header, joint_state, store_of, write_bag
 from .conftest import JOINTS, TIME, motion
@@ -107,13 +107,13 @@ def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(to
     path = tmp_path / ("a" if ros == 2 else "a.bag")
     write_bag(path, store, messages, StoragePlugin.MCAP if ros == 2 else None)
     (foreign,) = read_foreign(path)
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     for i, joint in enumerate(JOINTS):
         channel = run.channels[f"q_cmd.{joint}"]
         np.testing.assert_allclose(channel.time, TIME[::4] + LATE, atol=1e-5)
         np.testing.assert_allclose(channel.value, told[::4, i], atol=1e-9)
         # It holds until the next stamp: between two of them it is the first one's.
-        assert channel.held_values(np.array([TIME[4] + LATE + 0.03]))[0] == pytest.approx(told[4, i])
+        assert channel.zero_order_hold_values(np.array([TIME[4] + LATE + 0.03]))[0] == pytest.approx(told[4, i])
         np.testing.assert_allclose(run.channels[f"q.{joint}"].value, motion()[0][:, i], atol=1e-9)
 
 
@@ -122,4 +122,6 @@ def test_joint_states_of_a_leader_alone_are_where_it_went(tmp_path):
     states = ((topic, t, joint_state(store, t, JOINTS, q)) for t, q in zip(START + TIME, motion()[0], strict=True))
     write_bag(path, store, states, StoragePlugin.MCAP)
     (foreign,) = read_foreign(path)
-    assert set(run_from_recording(foreign, known_columns(foreign)).run.channels) == {f"q.{joint}" for joint in JOINTS}
+    assert set(run_from_recording(foreign, map_unambiguous_columns(foreign)).run.channels) == {
+        f"q.{joint}" for joint in JOINTS
+    }

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from armdyn.errors import InputError
 from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording
-from pipeline.imports.mapping import ColumnEntry, ColumnMap, map_text, read_map
+from pipeline.imports.mapping import ColumnEntry, ColumnMap, column_map_toml, read_map
 from pipeline.imports.stamps import MISSING_STAMP, REPEATED_STAMP
 
 UNITS = {
@@ -54,7 +54,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
     if reordered:
         columns, mapping = dict(reversed(columns.items())), dict(reversed(mapping.items()))
     path = tmp_path_factory.mktemp("map") / "map.toml"
-    path.write_text(map_text(ColumnMap(mapping, "t", "ms", why="a\nguess")))
+    path.write_text(column_map_toml(ColumnMap(mapping, "t", "ms", why="a\nguess")))
     assert read_map(path)[""].entries == mapping
     found = run_from_recording(ForeignRecording("a", columns), read_map(path)[""])
     run, (account,) = found.run, found.accounts

@@ -10,7 +10,7 @@ import pytest
 from armdyn.run import read_run, write_run_csv
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import known_columns
+from pipeline.imports.guess import map_unambiguous_columns
 
 pytest.importorskip("rosbags", reason="bags need rosbags: pip install 'armdyn[ros]'")
 BAG = Path(os.environ.get("ARMDYN_ROS_KIT", "")) / "example.bag"
@@ -20,7 +20,7 @@ ARM = tuple(f"right_{joint}" for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "
 
 def test_a_real_bag_becomes_a_run_of_both_arms(tmp_path):
     (foreign,) = read_foreign(BAG)
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     assert set(ARM) < set(run.joints)
     assert len(run.joints) == 17
     q = run.channels["q.right_s1"]

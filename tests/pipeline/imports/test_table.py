@@ -10,7 +10,7 @@ from pyarrow import parquet
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
-from pipeline.imports.guess import guess_map, known_columns
+from pipeline.imports.guess import guess_map, map_unambiguous_columns
 from pipeline.imports.mapping import read_map
 
 from .conftest import TIME
@@ -110,7 +110,7 @@ def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints, complai
     np.testing.assert_array_equal(
         foreign.columns["both/1"].value, np.where(np.arange(300) == 7, np.nan, joints[0][:, 1])
     )
-    run = run_from_recording(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, map_unambiguous_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.a"].value, joints[0][:, 0])
     np.testing.assert_allclose(run.channels["q.a"].time, TIME, atol=1e-9)
     parquet.write_table(pyarrow.table(table)[:0], path)
@@ -165,7 +165,10 @@ BROKEN = ["", "a;b\n", "a,b\n1,2\n3\n", "a,b\nx,y\n", "a,b\n1,2\n3,4..5\n5,6\n",
 def test_a_broken_table_says_what_is_wrong(text, tmp_path, complains):
     (tmp_path / "a.csv").write_text(text)
     with complains(InputError):
-        _ = [run_from_recording(foreign, known_columns(foreign)) for foreign in read_foreign(tmp_path / "a.csv")]
+        _ = [
+            run_from_recording(foreign, map_unambiguous_columns(foreign))
+            for foreign in read_foreign(tmp_path / "a.csv")
+        ]
 
 
 def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):

@@ -12,14 +12,14 @@ from pipeline.loadcell.faults import (
     LoadCellFault,
     LoadCellFaultDetector,
     LoadCellFaultEvent,
-    LoadCellLimits,
+    LoadCellFaultLimits,
     implausible_repeats,
 )
 from pipeline.robot.protocol import ForceSample
 
 from .cells import calibration
 
-NOISY = LoadCellLimits.from_noise(0.005, 5e-4, -9.8, 9.8)
+NOISY = LoadCellFaultLimits.from_noise(0.005, 5e-4, -9.8, 9.8)
 
 
 def stream(forces, start=0.0, period=0.01):
@@ -29,13 +29,13 @@ def stream(forces, start=0.0, period=0.01):
 @pytest.mark.parametrize(("noise", "step"), [(0.005, 5e-4), (0.0, 0.0)])
 def test_a_cell_in_its_range_has_no_fault_noisy_or_without_any_noise(noise, step):
     forces = np.random.default_rng(0).normal(0.78, noise, 20_000)
-    detector = LoadCellFaultDetector(LoadCellLimits.from_noise(noise, step, -9.8, 9.8))
+    detector = LoadCellFaultDetector(LoadCellFaultLimits.from_noise(noise, step, -9.8, 9.8))
     assert detector.update(199.99, stream(step * np.round(forces / step) if step else forces)) is None
     assert detector.take_events() == []
 
 
 def test_identical_values_are_a_frozen_cell_until_they_change():
-    detector = LoadCellFaultDetector(LoadCellLimits(repeats=5))
+    detector = LoadCellFaultDetector(LoadCellFaultLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.05, stream([1.0] * 2, 0.04)) is LoadCellFault.FROZEN
     assert detector.update(0.06, stream([1.01], 0.06)) is None
@@ -54,7 +54,7 @@ def test_a_force_at_the_end_of_the_range_is_saturated(force):
 
 
 def test_silence_begins_after_its_time_and_ends_with_a_sample():
-    detector = LoadCellFaultDetector(LoadCellLimits(silent_after=0.2))
+    detector = LoadCellFaultDetector(LoadCellFaultLimits(silent_after=0.2))
     assert detector.update(1.0, stream([0.5], 1.0)) is None
     assert [detector.check(now) for now in (1.199, 1.201)] == [None, LoadCellFault.SILENT]
     assert detector.active == (LoadCellFault.SILENT,)
@@ -65,7 +65,7 @@ def test_silence_begins_after_its_time_and_ends_with_a_sample():
 
 
 def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_granted_once():
-    limits = LoadCellLimits(silent_after=0.2, start_up=2.0)
+    limits = LoadCellFaultLimits(silent_after=0.2, start_up_seconds=2.0)
     detector = LoadCellFaultDetector(limits)
     assert [detector.check(now) for now in (10.0, 12.1, 12.3)] == [None, None, LoadCellFault.SILENT]
     detector = LoadCellFaultDetector(limits)
@@ -74,7 +74,7 @@ def test_a_cell_that_never_speaks_is_silent_once_its_start_up_is_over_which_is_g
 
 
 def test_the_gravest_fault_comes_first():
-    detector = LoadCellFaultDetector(LoadCellLimits(-1.0, 1.0, repeats=3))
+    detector = LoadCellFaultDetector(LoadCellFaultLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
     assert detector.active == (LoadCellFault.SATURATED, LoadCellFault.FROZEN)
     assert detector.check(5.0) is LoadCellFault.SILENT

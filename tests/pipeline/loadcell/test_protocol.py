@@ -12,9 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import LoadCellFault
-from pipeline.loadcell.protocol import CellReading, LineDecoder, crc16, decode_line, encode_line
+from pipeline.loadcell.protocol import (
+    LoadCellLineDecoder,
+    RawLoadCellReading,
+    crc16,
+    decode_load_cell_line,
+    encode_load_cell_line,
+)
 
-readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
+readings = st.builds(RawLoadCellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
 
 
@@ -37,28 +43,28 @@ def test_the_checksum_is_the_remainder_of_the_long_division(data):
 
 @given(readings, st.data())
 def test_only_a_whole_and_undamaged_line_gives_back_its_reading(reading, data):
-    line = encode_line(reading)
+    line = encode_load_cell_line(reading)
     assert len(line) <= 26
     assert line.endswith(b"\n")
-    assert decode_line(line[:-1]) == reading
-    assert decode_line(line[: data.draw(st.integers(0, len(line) - 6))]) is None
+    assert decode_load_cell_line(line[:-1]) == reading
+    assert decode_load_cell_line(line[: data.draw(st.integers(0, len(line) - 6))]) is None
     wrong = bytearray(line[:-1])
     wrong[data.draw(st.integers(0, len(wrong) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     # A wrong bit may make a small letter of a hexadecimal digit, which changes nothing.
-    assert decode_line(bytes(wrong)) in (None, reading)
+    assert decode_load_cell_line(bytes(wrong)) in (None, reading)
 
 
 @pytest.mark.parametrize(
     "text", [b"HX711 65536 0", b"HX711 1 8388608", b"HX711 1 -8388609", b"HX711 -1 0", b"HX712 1 0"]
 )
 def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
-    assert decode_line(text + b" %04X" % crc16(text)) is None
+    assert decode_load_cell_line(text + b" %04X" % crc16(text)) is None
 
 
 def test_the_example_of_the_document_is_a_sample():
-    assert decode_line(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(
-        4711, 259390
-    )
+    assert decode_load_cell_line(
+        re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()
+    ) == RawLoadCellReading(4711, 259390)
 
 
 ARDUINO = r"""
@@ -92,15 +98,15 @@ def test_the_documents_arduino_program_sends_what_its_hx711_measures(tmp_path):
     command = ["g++", "-Wall", "-Werror", "-o", tmp_path / "sketch", tmp_path / "main.cpp"]
     subprocess.run(command, check=True, timeout=60)
     sent = subprocess.run([tmp_path / "sketch"], check=True, capture_output=True, timeout=60).stdout
-    assert decode_all([sent]) == ([CellReading(number, counts) for number, counts in enumerate(values)], {})
+    assert decode_all([sent]) == ([RawLoadCellReading(number, counts) for number, counts in enumerate(values)], {})
 
 
 def lines(*numbers):
-    return [encode_line(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
+    return [encode_load_cell_line(RawLoadCellReading(number % 0x10000, 1000 + number)) for number in numbers]
 
 
 def decode_all(pieces):
-    decoder, readings, faults = LineDecoder(), [], Counter()
+    decoder, readings, faults = LoadCellLineDecoder(), [], Counter()
     for piece in pieces:
         decoded = decoder.decode_bytes(piece)
         readings += decoded.readings
@@ -140,13 +146,13 @@ def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, f
 
 
 def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():
-    decoder = LineDecoder()
+    decoder = LoadCellLineDecoder()
     decoder.decode_bytes(lines(0)[0])
     for _ in range(1000):
         assert not decoder.decode_bytes(b"x" * 1000).readings
     assert len(decoder._rest) < 100
     decoded = decoder.decode_bytes(lines(1)[0])
-    assert (decoded.readings, decoded.faults) == ([CellReading(1, 1001)], {MALFORMED: 1})
+    assert (decoded.readings, decoded.faults) == ([RawLoadCellReading(1, 1001)], {MALFORMED: 1})
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=60), st.integers(0, 0xFFFF))

@@ -15,7 +15,7 @@ from pipeline.motion.feasibility import (
     FeasibilityReport,
     Obstacle,
     PlannedSwing,
-    box_and_table,
+    box_and_table_obstacles,
     check_joints,
     check_line,
 )
@@ -143,7 +143,7 @@ def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(ro
 
 def test_a_stretched_arm_is_singular(robot):
     motion = JointTrajectory(np.array([0.0, 0.1]), *np.zeros((3, 2, 7)), robot.joint_names)
-    asked = replace(PLAIN, singular_value=0.05)
+    asked = replace(PLAIN, min_singular_value=0.05)
     assert ("singularity", robot.tool_frame) in broken(check_joints(robot, motion, asked))
 
 
@@ -201,7 +201,7 @@ def test_a_block_in_the_way_is_hit_however_thin(robot, table, below, hit):
 
 @pytest.mark.parametrize(("box", "hit"), [(Box(), False), (Box(rim=-0.05), True)])
 def test_the_box_of_the_task_is_not_in_the_way(robot, table, box, hit):
-    settings = CheckSettings(obstacles=box_and_table(robot.line, box))
+    settings = CheckSettings(obstacles=box_and_table_obstacles(robot.line, box))
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), settings)
     assert report.feasible is not hit, report.sentence
     assert any(v.limit == "collision" and "box" in v.joint for v in report.violations) is hit

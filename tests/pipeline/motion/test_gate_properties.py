@@ -7,14 +7,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.motion import CommandGate, LineGate, LineLimits, LineState
+from pipeline.motion import JointCommandCheck, LineLimits, LineReferenceCheck, LineState
 from pipeline.motion.gate import (
     CONTROL_PERIOD_SECONDS,
     MAX_JOINT_SPEED_AT_REST,
     MAX_STATE_AGE_SECONDS,
     MAX_STREAM_START_OFFSET,
     NEW_STREAM_PAUSE_SECONDS,
-    StreamGate,
+    CommandStreamCheck,
 )
 from pipeline.robot.protocol import JointState
 
@@ -42,7 +42,7 @@ asked = st.fixed_dictionaries(
 @settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(asked, min_size=1, max_size=30))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
-    gate = StreamGate(("a", "b"), LIMITS)
+    gate = CommandStreamCheck(("a", "b"), LIMITS)
     sent, spacings, at, now = [np.zeros(2)] * 3, [CONTROL_PERIOD_SECONDS] * 3, 0.0, 0.0
     assert gate.check_next(*sent, JointState(now, *sent), now) is None
     for wanted in (one for one in stream for _ in range(one["times"])):
@@ -109,7 +109,7 @@ references = st.lists(
 def line_gate(request, robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0), 5e4)
     limits = LineLimits.from_table(table) if "table" in request.param else generous
-    return LineGate(limits, table, CommandGate(robot.joint_names, robot.limits))
+    return LineReferenceCheck(limits, table, JointCommandCheck(robot.joint_names, robot.limits))
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])

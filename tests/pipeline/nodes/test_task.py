@@ -13,7 +13,7 @@ from pipeline.nodes.task import (
     FIRST_PLAN_LEAD_SECONDS,
     MAX_PLANNING_ATTEMPTS,
     MAX_PLANNING_SECONDS,
-    TaskNode,
+    SwingPlanningNode,
     TaskSettings,
     _Planned,
 )
@@ -46,7 +46,7 @@ def node(monkeypatch):
     drive = SimpleNamespace(at_rest=True, state=LineState(0.0, 0.0, 0.0), played=[])
     drive.run_trajectory = drive.played.append
     beside, model = Slow(), pendulum_model(0.37, 0.08)
-    made = TaskNode(model, drive, None, None, lambda: np.zeros(7), TaskSettings(cautious=False), beside)
+    made = SwingPlanningNode(model, drive, None, None, lambda: np.zeros(7), TaskSettings(cautious=False), beside)
     monkeypatch.setattr(made, "_task", lambda *_, **__: "task")
     made.request_swing(model, None, lambda _time: None)
     return SimpleNamespace(node=made, beside=beside, drive=drive, time=0.0)

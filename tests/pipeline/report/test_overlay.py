@@ -14,17 +14,17 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.recording.preparation import Preparation, combined_preparations, preparation_sentence
-from pipeline.answers import preparation_answer
+from pipeline.answers import signal_preparation_json
 from pipeline.report.overlay import (
     EXAM_RUN,
     FITTED_RUN,
     HELD_OUT_RUN,
     OverlayFigure,
     SignalOverlay,
+    last_step_curve_data,
     prediction_quality,
     quantised,
     training_overlays,
-    updated_curve,
 )
 from pipeline.report.page import page_html
 from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
@@ -95,7 +95,7 @@ def test_quantised_values_are_finer_than_a_screen_and_a_long_curve_is_thinned():
     assert quantised(np.full(3, 2.0))[:2] == [2.0, 1.0]
     time = np.arange(10_000.0)
     long = SignalOverlay("a", FITTED_RUN, "tau.a", "N m", time, np.sin(time), np.zeros((1, len(time))), 0.1)
-    assert len(base64.b64decode(updated_curve(long, 100)["residual"][2])) == 2 * 100
+    assert len(base64.b64decode(last_step_curve_data(long, 100)["residual"][2])) == 2 * 100
 
 
 def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(found, reports):
@@ -154,7 +154,7 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
 
 def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
     fit = Study.of(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
-    run, answer = fit.problem.runs[0].original, preparation_answer(fit.problem)
+    run, answer = fit.problem.runs[0].original, signal_preparation_json(fit.problem)
     assert list(answer) == [block.channel for block in fit.blocks]
     for curve, block in zip(training_overlays([fit]), fit.blocks, strict=True):
         raw = run.channels[block.channel]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from armdyn.arm.links import LinkChange, LinkQuantity
+from armdyn.arm.links import LinkInertiaChange, LinkQuantity
 from armdyn.document import MAX_CARD_ROWS, Column, Document, NextStep, ResultLevel, Section, Table
 from armdyn.errors import UnknownNameError
 from armdyn.identify.explained_share import ChannelScale, RepairStep
@@ -16,7 +16,7 @@ from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.tables import error_fall_sentence, link_section, step_table
 from armdyn.notebook import data_frame, html_card
-from pipeline.answers import link_answer
+from pipeline.answers import link_inertia_json
 from pipeline.console.screen import finish_command, print_document
 from pipeline.report.page import page_html
 
@@ -26,7 +26,7 @@ ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia
 def link(mass, determined):
     rest = [LinkQuantity(name, "m", 0.0, 1e-20, 0.1, False) for name in (*ZERO, "inertia_zz")]
     moments = [LinkQuantity(f"moment_{axis}", "kg m", 0.2, 0.25, 0.01, True) for axis in "xyz"]
-    return LinkChange("elbow", (LinkQuantity("mass", "kg", 7.8, mass, 3.0, determined), *rest, *moments), True)
+    return LinkInertiaChange("elbow", (LinkQuantity("mass", "kg", 7.8, mass, 3.0, determined), *rest, *moments), True)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
     assert "centre of mass x 0 0 0.1 m not by these runs" in shown  # what rounding left of zero
     assert f"Look out: {expected}" in shown
     assert "4 of 13" in link_section([link(8.0, determined=True)]).sentence
-    answer = link_answer(heavy)
+    answer = link_inertia_json(heavy)
     assert answer["warning"] == expected
     assert answer["mass"] == {"unit": "kg", "urdf": 7.8, "value": 241.0, "std": 3.0, "determined": False}
 

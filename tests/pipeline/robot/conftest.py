@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from simulated_truth import gripper_truth, load_truth
 
-from pipeline.robot.settings import CellSettings, PlantSettings, ReadingSettings
+from pipeline.robot.settings import CellSettings, PlantSettings, SimulatedJointSensorSettings
 from pipeline.robot.simulated import SimulatedRobot
 
 DEFAULT = PlantSettings()
 EXACT = PlantSettings(
-    mass_spread=0.0,
-    inertia_spread=0.0,
+    relative_mass_std=0.0,
+    relative_inertia_std=0.0,
     servo=replace(DEFAULT.servo, friction=(0.0,) * len(DEFAULT.servo.friction)),
-    readings=ReadingSettings(0.0, 0.0, 0.0, (0.0,) * len(DEFAULT.readings.effort_noise)),
+    readings=SimulatedJointSensorSettings(0.0, 0.0, 0.0, (0.0,) * len(DEFAULT.readings.effort_noise)),
     cell=CellSettings(noise=0.0, resolution=0.0, bias=0.0, latency=0.0),
     box=None,
 )

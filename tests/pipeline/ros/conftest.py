@@ -12,7 +12,7 @@ from ros_wire.messages import TOPICS
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 
 
 class LoopbackBridge:
@@ -137,5 +137,5 @@ def speaking(loopback):
 
 @pytest.fixture
 def bridge(loopback):
-    with Bridge(loopback.uri) as client:
+    with RosBridge(loopback.uri) as client:
         yield client

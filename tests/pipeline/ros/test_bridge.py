@@ -8,7 +8,7 @@ import pytest
 
 from armdyn.errors import InputError
 from pipeline.ros import bridge as bridge_module
-from pipeline.ros.bridge import Bridge, BridgeError
+from pipeline.ros.bridge import BridgeError, RosBridge
 
 TOPIC, KIND = "/load", "std_msgs/Float64"
 
@@ -77,7 +77,7 @@ def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, unt
         with complains(BridgeError):
             bridge.publish(TOPIC, {"data": 2.0})
     heard = []
-    with Bridge(loopback.uri, clock=lambda: 42.0) as again:
+    with RosBridge(loopback.uri, clock=lambda: 42.0) as again:
         again.subscribe(TOPIC, KIND, lambda message, now: heard.append((message["data"], now)))
         loopback.wait_subscribed(TOPIC)
         again.publish(TOPIC, {"data": 3.0})
@@ -130,7 +130,7 @@ def test_a_service_answers_or_is_named_where_it_fails_or_is_silent(loopback, bri
 @pytest.mark.parametrize("uri", ["http://localhost:9090", "robot", "wss://localhost:9090", "ws://127.0.0.1:1"])
 def test_an_address_that_cannot_be_used_is_explained(uri, complains):
     with complains(InputError):
-        Bridge(uri)
+        RosBridge(uri)
 
 
 def test_something_else_behind_the_port_is_explained(complains):
@@ -145,5 +145,5 @@ def test_something_else_behind_the_port_is_explained(complains):
         thread = threading.Thread(target=answer)
         thread.start()
         with complains(InputError):
-            Bridge(f"ws://127.0.0.1:{server.getsockname()[1]}")
+            RosBridge(f"ws://127.0.0.1:{server.getsockname()[1]}")
         thread.join()

@@ -22,7 +22,7 @@ import urdf
 from armdyn.run import read_run
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS, NEW_STREAM_PAUSE_SECONDS
 from pipeline.robot.drivers.ros import WAIT_AFTER_ADVERTISE_SECONDS
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import RosBridge
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(missing() is not None, reason=str(missing()))]
 
@@ -48,7 +48,7 @@ def kill(name):
 def intrude(wire, _twin, _trial):
     """Ten commands of somebody else, 0.02 rad from where the arm is."""
     names = urdf.load("baxter").joint_names
-    with Bridge(wire.uri) as bridge:
+    with RosBridge(wire.uri) as bridge:
         seen = []
         bridge.subscribe(TOPICS.command, TOPICS.type.value, lambda message, _now: seen.append(message["command"]))
         bridge.advertise(TOPICS.command, TOPICS.type.value)
@@ -75,7 +75,7 @@ FAULTS = {
 def reaches(wire, trial, phase, instant):
     """Wait until so long after the beginning of a phase [s]; whether the trial still runs then."""
     phases = []
-    with Bridge(wire.uri) as watch:
+    with RosBridge(wire.uri) as watch:
         watch.subscribe("/armdyn/phase", "std_msgs/String", lambda message, _now: phases.append(message["data"]))
         while phase not in phases and trial.runs:
             time.sleep(0.005)

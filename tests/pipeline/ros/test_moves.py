@@ -6,9 +6,9 @@ import pytest
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
 from pipeline.motion.gate import CONTROL_PERIOD_SECONDS
-from pipeline.motion.transitions import MAX_BRIDGED_COMMAND_OFFSET, START_OFFSET_DECAY_SECONDS, StreamBlend
+from pipeline.motion.transitions import MAX_BRIDGED_COMMAND_OFFSET, START_OFFSET_DECAY_SECONDS, DecayingStartOffset
 from pipeline.robot.protocol import ForceSample
-from pipeline.ros.telemetry import PublishingRecorder, Telemetry
+from pipeline.ros.telemetry import PublishingRecorder, RosTelemetryPublisher
 from pipeline.trial.moves import (
     MAX_APPROACH_JOINT_SPEED,
     MAX_REHEARSAL_SPEED,
@@ -81,7 +81,7 @@ def test_a_refused_command_stops_the_robot(complains):
 
 def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_jerk():
     here, told, zero = np.array([0.1, 0.2]), np.array([0.11, 0.19]), np.zeros(2)
-    blend = StreamBlend(here, told)
+    blend = DecayingStartOffset(here, told)
     steps = [
         blend.next_command(told, zero, zero)
         for _ in range(round(START_OFFSET_DECAY_SECONDS / CONTROL_PERIOD_SECONDS) + 2)
@@ -93,14 +93,14 @@ def test_a_blend_goes_from_where_the_arm_is_to_where_it_was_told_to_be_without_j
     assert np.max(np.abs(np.diff(q, n=3, axis=0))) / CONTROL_PERIOD_SECONDS**3 < 6.0
     assert np.gradient(q, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=5e-4)
     assert np.gradient(v, CONTROL_PERIOD_SECONDS, axis=0)[1:-1] == pytest.approx(a[1:-1], abs=2e-2)
-    assert StreamBlend(here + 0.5, here).next_command(here, zero, zero)[0] == pytest.approx(
+    assert DecayingStartOffset(here + 0.5, here).next_command(here, zero, zero)[0] == pytest.approx(
         here + MAX_BRIDGED_COMMAND_OFFSET
     )  # too far
 
 
 @pytest.fixture
 def telemetry(loopback, bridge, baxter):
-    made = Telemetry(bridge, baxter.joint_names)
+    made = RosTelemetryPublisher(bridge, baxter.joint_names)
     loopback.wait_for(lambda: len(loopback.requests) == 4)
     assert [(r["topic"], r["type"]) for r in loopback.requests] == [
         ("/armdyn/estimate", "std_msgs/Float64MultiArray"),

@@ -7,7 +7,7 @@ import pytest
 from ros_wire.messages import joint_states
 
 from armdyn.errors import InputError
-from pipeline.ros.states import EvenReadingTimes, JointStates, StampClock
+from pipeline.ros.states import EvenReadingTimes, JointStateBuffer, StampClock
 from pipeline.ros.topics import CommandKind, commanded_positions, read_topics
 
 BAXTER = [
@@ -25,7 +25,7 @@ def message(stamp=1.0, names=BAXTER, **changes):
 
 def taken(*messages_and_times):
     """States of the arm after messages, each followed by the time of its reception."""
-    states = JointStates(ARM)
+    states = JointStateBuffer(ARM)
     for each, now in zip(messages_and_times[::2], messages_and_times[1::2], strict=True):
         states.take(each, now)
     return states
@@ -108,7 +108,7 @@ def test_a_clock_that_was_set_back_makes_states_old():
 
 
 def test_between_two_states_a_cubic_is_exact():
-    states = JointStates(["a"])
+    states = JointStateBuffer(["a"])
     q, v = (lambda t: 2 * t**3 - t**2 + 3), (lambda t: 6 * t**2 - 2 * t)
     for t in (0.5, 0.51, 0.52):
         states.take(

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from ros_wire.messages import TOPICS
 
-from pipeline.loadcell.protocol import decode_line
+from pipeline.loadcell.protocol import decode_load_cell_line
 from pipeline.ros.topics import JOINT_COMMAND_MODES
-from pipeline.ros.twin import Twin
+from pipeline.ros.twin import SimulatedBaxterOnRos
 
 RAW, POSITION, TORQUE = JOINT_COMMAND_MODES["raw_position"], JOINT_COMMAND_MODES["position"], 3
 
 
-class SteppedTwin(Twin):
+class SteppedTwin(SimulatedBaxterOnRos):
     """A twin that lives in steps of 2 ms of its own time, and is sent messages without a bridge."""
 
     now = 100.0
@@ -118,7 +118,7 @@ def test_the_load_cell_speaks_the_serial_protocol(twin):
     twin.pass_time(0.5)
     lines = os.read(port, 10_000).split(b"\n")
     os.close(port)
-    counts = [decode_line(line).counts for line in lines[1:-1]]
+    counts = [decode_load_cell_line(line).counts for line in lines[1:-1]]
     forces = [twin.calibration.force(count) for count in counts]
     assert np.mean(forces) == pytest.approx(9.81 * twin.robot.truth.mass, abs=0.05)
     assert len(forces) > 40

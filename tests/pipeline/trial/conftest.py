@@ -23,7 +23,7 @@ def off_target() -> Callable[[SimulatedTrial], float]:
         end = task.swing_start + task.swing.time[-1]
         moment = int(np.argmin(np.abs(history.time - end)))
         offset = history.load[moment] - line.origin
-        target = np.array([task.settings.target_x, -task.settings.target_below])
+        target = np.array([task.settings.target_x, -task.settings.target_depth_below_line])
         return float(np.linalg.norm([offset @ line.direction, offset[2]] - target))
 
     return distance

@@ -12,7 +12,7 @@ from pipeline.report.page import write_page
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate_trial
 from pipeline.trial.ending import TrialEnding
 from pipeline.trial.investigation import (
-    InvestigationEnd,
+    InvestigationEndReason,
     early_ending,
     investigate,
 )
@@ -28,7 +28,7 @@ def test_effects_that_tie_at_first_are_told_apart(hidden, seed, tmp_path):
     found = trial.result.investigation
     assert found is not None
     assert len(found.stages[0].candidates) > 1  # a tie
-    assert found.stop is InvestigationEnd.NAMED
+    assert found.stop is InvestigationEndReason.NAMED
     assert found.stages[-1].candidates == (hidden,)
     # How many experiments it takes, and how often the load lands then: benchmarks/investigations.py.
     answer = trial.result.as_json()["investigation"]
@@ -44,7 +44,7 @@ def test_effects_that_tie_at_first_are_told_apart(hidden, seed, tmp_path):
 def test_what_no_motion_separates_is_said_and_the_load_lands_all_the_same():
     trial = simulate_trial(TrialSettings(hidden={"wind": 0.03}, seed=1, investigate=4))
     found = trial.result.investigation
-    assert found.stop is InvestigationEnd.INSEPARABLE
+    assert found.stop is InvestigationEndReason.INSEPARABLE
     assert set(found.stages[-1].candidates) == {"wind", "path_tilt"}
     assert trial.result.success
 
@@ -63,7 +63,7 @@ def test_on_a_real_clock_the_arm_stands_while_the_recordings_are_thought_over(mo
     trial = simulate_trial(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), real=True)
     found = trial.result.investigation
     assert found is not None
-    assert found.stop is InvestigationEnd.NAMED
+    assert found.stop is InvestigationEndReason.NAMED
     assert found.stages[-1].candidates == ("pivot_viscous_friction",)
     assert trial.result.success
 
@@ -77,7 +77,7 @@ def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table, com
         return investigate(settings, lambda *_: (stopped, ending), baxter, table, lambda _: None)
 
     found = investigated(4)
-    assert found.stop is InvestigationEnd.INTERRUPTED
+    assert found.stop is InvestigationEndReason.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
     trial = SimpleNamespace(interrupted=None)
@@ -107,6 +107,6 @@ def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tm
     monkeypatch.setattr("pipeline.trial.investigation.SwingExperiment._learn", held)
     trial = simulate_trial(TrialSettings(investigate=2))
     assert not trial.result.success
-    assert trial.result.investigation.stop is InvestigationEnd.INTERRUPTED
+    assert trial.result.investigation.stop is InvestigationEndReason.INTERRUPTED
     write_page(trial.report(), tmp_path / "report.html")
     assert "Somebody holds the arm" in (tmp_path / "report.html").read_text()

@@ -16,7 +16,7 @@ from pipeline.console.inputs import ModelAndRunInputs
 from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, prediction_quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Workbench
-from pipeline.workbench.files import WritablePlaces, save_model
+from pipeline.workbench.files import WritableFileCheck, save_model
 
 from .conftest import HIDDEN, RIVALS
 
@@ -124,7 +124,7 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains
     given = inputs.read()
     bench = Workbench(given.study)
     target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))
-    writable = WritablePlaces(tmp_path)
+    writable = WritableFileCheck(tmp_path)
     kept = save_model(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
     assert kept.files == (target, report, exported)
     assert HIDDEN in kept.sentence

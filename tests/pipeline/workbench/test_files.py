@@ -15,7 +15,7 @@ from armdyn.model_file import read_model
 from armdyn.run import read_run
 from pipeline.workbench.files import (
     PAGE_FOLDER_PREFIX,
-    WritablePlaces,
+    WritableFileCheck,
     dropped_file_path,
     is_in_page_folder,
     new_page_folder,
@@ -91,7 +91,7 @@ def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_n
     work = tmp_path / "desk"
     (work / "deep").mkdir(parents=True)
     (work / "link").symlink_to(tmp_path)
-    writable = WritablePlaces(work)
+    writable = WritableFileCheck(work)
     for there in (work / "m.toml", work / "deep/m.toml", work / "deep/../m.toml"):
         writable.check(there, over=False)
     for elsewhere in (tmp_path / "m.toml", work / "../m.toml", work / "link/m.toml", Path("/etc/m.toml"), work / "/m"):
