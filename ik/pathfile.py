@@ -26,9 +26,9 @@ def read_path(file: str | File) -> Path:
     """Read a path of the tool from a TOML file, in SI units and the robot's base frame.
 
     The entry ``kind`` selects the other entries. ``"line"``: ``origin``, ``direction``, ``range``. ``"circle"``:
-    ``centre``, ``radius``, ``normal``, ``start`` (direction from the centre), ``range_deg``, ``follow``. ``"spline"``:
-    ``points``. Every kind has ``tool_rpy``, the tool's roll, pitch and yaw [rad]; a spline may have one triple per
-    point.
+    ``centre``, ``radius``, ``normal``, ``start`` (direction from the centre), ``range_deg``, ``follow`` (whether the
+    tool turns with the circle). ``"spline"``: ``points``. Every kind has ``tool_rpy``, the tool's roll, pitch and yaw
+    [rad]; a spline may have one triple per point.
 
     Raises:
         InputError: the file cannot be read, or an entry is missing or has the wrong form.

@@ -70,7 +70,7 @@ class SmoothedJointMotion:
         choice: smoothing of the measured position.
         interval: interval between its samples, s.
         smoothed_velocity_noise_std: standard deviation of the smoothed velocity, as it matters for friction, rad/s or
-        m/s.
+            m/s.
         moving_share: share of the recording during which the joint certainly moves.
         mostly_rests: whether the joint mostly rests, so that its rests are compared as well.
         reversal_times: (k,) times at which the smoothed velocity changes its sign, s.

@@ -117,7 +117,7 @@ class ProposedExperiment:
         experiment: the experiment.
         expected: its expected result.
         random_motion_chi2_increase: smallest rise of chi2 for the median of random motions; None without a designed
-        motion.
+            motion.
     """
 
     experiment: PlannedExperiment

@@ -75,7 +75,7 @@ class ExpectedOutcome:
     Attributes:
         chi2_increase: (h, h) rise of chi2 if hypothesis i is true and hypothesis j is refitted; 0 on the diagonal.
         correct_decision_probability: (h,) probability that each hypothesis, if true, is the only plausible one
-        afterwards.
+            afterwards.
         prior_probability: (h,) probability of each hypothesis before the experiment.
     """
 

@@ -71,7 +71,7 @@ class FourierSeries:
         max_frequency: highest frequency, Hz.
         longest_period: longest period, s; a longer motion repeats a period.
         relative_to_start_position: whether positions are relative to the start of the motion, which makes the centre
-        unused.
+            unused.
     """
 
     seconds: float

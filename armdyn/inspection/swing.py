@@ -208,7 +208,7 @@ class SampledSwingRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) number of independent samples per sample of each channel."""
+        """(J,) weight of each channel: independent samples over all samples, 1 for white noise."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         soon = CORRELATION_LAG_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})

@@ -83,8 +83,8 @@ class PendulumModel(SimulatedModel):
     ) -> dict[str, tuple[np.ndarray, str]]:
         """(J,) values and unit of each quantity on which a missing acceleration may depend, by name.
 
-        `motion` has the states (J, n) at the times (J,) `time`; its column `speed` is the one whose rate lacks a
-        force. The quantity `load` is the tension of a point mass.
+        `motion` has the states (J, n) at the times (J,) `time`; `speed` is the index of the speed among the states
+        whose derivative lacks a force; `theta` are the parameters. The quantity `load` is the tension of a point mass.
         """
         del speed
         length, mass, gravity = (float(theta[self.names.index(name)]) for name in ("length", "mass", "gravity"))

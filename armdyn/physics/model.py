@@ -76,7 +76,7 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def has_catalogue_stages(self) -> bool:
-        """False: a stage may have the name of a catalogue's stage and another content."""
+        """Whether effects of the catalogue can act on the stages of this model: never, even if stages share a name."""
         return False
 
     @property

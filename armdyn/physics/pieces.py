@@ -115,7 +115,7 @@ class MotionPieces:
         return bool(long.any())
 
     def for_model(self, model: SimulatedModel) -> "MotionPieces":
-        """Copy these pieces for a model with the same states and other effects."""
+        """Copy of these pieces of a recorded motion for a model with the same states and other effects."""
         found = copy(self)
         found.model, found._driven = model, None
         return found

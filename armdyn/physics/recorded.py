@@ -31,7 +31,7 @@ class InputPath:
             for inputs without a lag.
         extra: further recorded quantities by name, see `Run.extra`.
         inputs_at_interval_ends: (i, K-1) inputs at the end of each interval, before a jump at the node; None if no
-        input jumps.
+            input jumps.
         steps_per_interval: number of integration steps between two nodes; 1 for inputs with a lag.
     """
 

@@ -38,7 +38,7 @@ class System:
         initial: ``(start, ..., w, theta) -> s`` start state, with `start_value_count` arguments before w.
         sensors: sensor of each output, by its name.
         output_with_impulse_rate: output to which the time derivative of the impulse is added; None where there is no
-        impulse.
+            impulse.
         impulse_vibration: vibration that filters the impulse before; None without one.
         input_lag: ``theta -> ()`` lag of the inputs behind the recording, s; None without a lag.
         dry_friction: dry friction, which also holds a load at rest; None without it.
@@ -86,8 +86,9 @@ class Simulator:
 
     Attributes:
         system: the equations.
-        active_columns: columns of (theta, start) on which the motion depends.
-        output_count: number of outputs, including the impulse.
+        active_columns: indices in the vector (theta, start) of the parameters and initial states on which the motion
+            depends.
+        output_count: number of outputs, including the impulse of each step where there is one.
         steps: a block of steps, ``(state, its derivatives by active_columns, inputs, step lengths in s, theta) ->
             (state, its derivatives, states before each step, outputs, their derivatives)``.
     """

@@ -53,7 +53,7 @@ class SimulatedModel(Model):
     @property
     @abstractmethod
     def speed_states(self) -> Mapping[int, str | None]:
-        """Index in `start_names` of each speed, which a force changes, with the state's name; None for a single one."""
+        """States that are speeds: index in `start_names`, and name, None if the model has a single speed."""
 
     @property
     @abstractmethod

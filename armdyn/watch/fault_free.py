@@ -88,7 +88,7 @@ class FaultFreeStatistics:
 
     @property
     def sentence(self) -> str:
-        """Sentence on the basis of the rate of false alarms: recordings, or the model's error."""
+        """What the rate of false alarms was computed from: recordings without faults, or the model's error."""
         if self.seconds is None:
             return (
                 "The rate of false alarms rests on the model's own band, which is taken to be Gaussian and new every "

@@ -49,7 +49,11 @@ class OnsetTorqueEstimator:
 
     @classmethod
     def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetTorqueEstimator":
-        """Fitted to a fault-free robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
+        """Fit the estimator to n samples of a robot without faults.
+
+        `stages` (n, nj, 14) are the outputs of the filters of each joint, `sources` (n, nj, 4) the terms whose weighted
+        sum is the variance of the residual.
+        """
         count, joints, size = stages.shape
         step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCE_COUNT))
         for j in range(joints):

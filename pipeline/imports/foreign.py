@@ -91,7 +91,8 @@ class ForeignRecording:
         columns: columns by their names in the file.
         notes: sentences on what was left out while reading.
         texts: text of a column that contains the same text in every row, such as a joint's name, by column.
-        accounts: accounts of the messages by topic. A table has none before the mapping defines its time.
+        accounts: by topic, how many messages were read, used and left out. A table has none before the mapping defines
+            its time.
         headed: False for a table without a header, whose columns are named by their number.
     """
 

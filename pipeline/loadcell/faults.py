@@ -64,7 +64,7 @@ class LoadCellFaultLimits:
         min_force: smallest possible force; a few samples may lie below.
         max_force: largest possible force; a few samples may lie above.
         drift: largest rate at which the mean may change in one direction, over `ONE_WAY_CHANGES_UNTIL_DRIFT` blocks
-        [unit/s].
+            [unit/s].
         silent_after: time without a sample after which the cell counts as silent [s].
         start_up_seconds: additional time for the first sample [s]; most boards restart when the port is opened.
     """

@@ -115,7 +115,7 @@ class PlantSettings:
         load_radius: radius of the load, a solid sphere [m].
         start_angle: swing angle at which the load is released at time 0 [rad].
         relative_inertia_std: largest relative error of mass and inertia of an arm link in the URDF, uniformly
-        distributed.
+            distributed.
         rigid_arm: whether the joints are immovable, so that the load is a pendulum with a fixed pivot.
         servo: joint controller and joint friction.
         readings: joint sensors.

@@ -60,7 +60,7 @@ class RosTelemetryPublisher:
             })  # fmt: skip
 
     def publish_estimate(self, length: float, std: float) -> None:
-        """Publish the estimated length and its standard deviation [m]."""
+        """Publish the estimated length of the string and its standard deviation [m]."""
         self._say(ESTIMATE_TOPIC, {"layout": ESTIMATE_LAYOUT, "data": [length, std]})
 
     def publish_phase(self, name: str) -> None:

@@ -124,9 +124,9 @@ class Investigation:
         stages: experiments in order.
         stop: reason why the investigation ended.
         model: model with the found effects; None if the robot's model is kept.
-        ending: ending of an experiment that was stopped early; None otherwise.
+        ending: how an experiment that was stopped early ended; None if none was.
         place: position of the gripper at the end [m].
-        signal: number of the signal that ended the investigation; None for no signal.
+        signal: number of the operating system's signal that ended the investigation; None for no signal.
     """
 
     stages: tuple[InvestigationStage, ...]

@@ -38,7 +38,7 @@ class ScoreTest:
         candidate: the candidate effect.
         chi2_decrease: predicted decrease of chi2, with the effect's values within their bounds.
         confounded_with: names of fitted parameters that imitate the effect, if these runs do not identify it; else
-        empty.
+            empty.
     """
 
     candidate: Candidate

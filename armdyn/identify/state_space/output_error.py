@@ -179,7 +179,9 @@ class EffectSetOptimiser:
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
 
     def sample_weights(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-        """Weights of the samples, by run and channel, from the most similar optimised set; above 1 for glitches.
+        """Relative variances of the samples: 1 for ordinary ones, above 1 for glitches, which count less.
+
+        They are those of the optimised set of effects that shares most unknowns with the set `free`.
 
         Args:
             free: (P,) bool, unknowns of the set for which weights are needed.
