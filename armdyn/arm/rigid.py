@@ -115,7 +115,7 @@ class GravityTorques:
     w_j x (x - p_j) for a joint at p_j with linear and angular axes v_j and w_j.
 
     Args:
-        model: the arm.
+        model: the arm; each joint turns or slides.
         q: (n, nj) positions of the joints.
     """
 

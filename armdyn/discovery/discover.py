@@ -26,7 +26,6 @@ from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
@@ -75,7 +74,8 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
         return describe_discovery(bare, given, {}, {})
     formulas, curves = TERM_FUNCTIONS_BY_BASE.get(model.base, (physics_formula_candidates, physics_curve_candidates))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
-    searched = partial(_searched, study, say)
+    known = search(study, say).last if study.sums_predict else None
+    searched = partial(_searched, study, known, say)
     terms = named_terms(formulas(first), taken)
     study, found = searched(terms)
     if study.fit_has_failed(found.last.fit):
@@ -88,12 +88,14 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
     return describe_discovery(study, found, terms, {e.name: e for e in catalogue})
 
 
-def _searched(given: Study, say: ProgressCallback, terms: dict[str, CandidateTerm]) -> tuple[Study, Search]:
+def _searched(
+    given: Study, known: SearchStep | None, say: ProgressCallback, terms: dict[str, CandidateTerm]
+) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
     size = len(given.catalogue) + len(effects) // max(len({t.location.joint for t in terms.values()}), 1)
     study = given.with_other_catalogue([*given.catalogue, *effects], catalogue_size=size)
-    if isinstance(study, LinearStudy):
-        names = _promising(study, terms, search(given, say).last)
+    if known is not None:
+        names = _promising(study, terms, known)
         promising = [effect for effect in effects if effect.name in names]
         study = given.with_other_catalogue([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)
@@ -110,7 +112,7 @@ def predicts_better(study: Study, found: Search) -> bool:
     return not unfitted[1] or then < given
 
 
-def _promising(study: LinearStudy, terms: Mapping[str, CandidateTerm], known: SearchStep) -> set[str]:
+def _promising(study: Study, terms: Mapping[str, CandidateTerm], known: SearchStep) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution beside known effects, few of a kind."""
     at = study.fit_base_with_effects(
         known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem)

@@ -156,6 +156,10 @@ class Study(ABC):
             values: (P,) better start values, if they are known.
         """
 
+    def with_thresholds(self, at: Fit) -> Fit:
+        """A copy of a fit with the likeliest value of every threshold of absent effects, for an arm; else the fit."""
+        return at
+
     @abstractmethod
     def explained_share(self, before: Fit, after: Fit) -> float:
         """Share of the squared error of the fit `before` that the fit `after`, with more effects, removes."""
