@@ -24,7 +24,8 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import joined_residual_blocks, predict_runs
 from armdyn.identify.prepare import noise_std_by_run_and_channel
-from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import ResidualBlock, chi2_sum
 from armdyn.identify.study import Study
 from armdyn.run import Run
 

@@ -11,7 +11,8 @@ from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, continue_fit
-from armdyn.identify.problem import Problem, blocks_by_channel
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import blocks_by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict

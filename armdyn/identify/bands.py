@@ -24,7 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Problem, ResidualBlock, transfer_values
+from armdyn.identify.problem import Problem, transfer_values
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.study import Study
 
 COVERAGE_LEVEL = 0.95

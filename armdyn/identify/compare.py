@@ -16,7 +16,7 @@ from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
+from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.residual.character import probable_cause_text, process_error_share
 from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence

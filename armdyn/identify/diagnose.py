@@ -9,7 +9,7 @@ from armdyn.document import Document, ResultLevel, Section
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
-from armdyn.identify.problem import blocks_by_channel, chi2_z_value
+from armdyn.identify.residual.block import blocks_by_channel, chi2_z_value
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.identify.problem import ResidualBlock, blocks_by_channel
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
 
 MIN_COMPARED_ERROR_TO_NOISE_RATIO = 2.0
 """Ratio of error to noise above which a channel is compared with others for how little of its error is explained."""

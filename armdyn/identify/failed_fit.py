@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
 from armdyn.identify.sentence import join_names
 
 MAX_NAMED_PARAMETERS = 3

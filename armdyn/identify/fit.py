@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Problem, ResidualBlock, blocks_by_channel, chi2_sum, sample_count
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, sample_count
 from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 

@@ -11,7 +11,8 @@ from math import sqrt
 import numpy as np
 
 from armdyn.identify.fit import Fit, fit, identifiable
-from armdyn.identify.problem import Problem, ResidualBlock, transfer_mask, transfer_values
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.run import Run
 
 MAX_HELD_OUT_ERROR_INCREASE_SHARE = 0.02

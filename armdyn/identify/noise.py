@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from armdyn.identify.problem import ResidualBlock, blocks_by_channel
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
 from armdyn.linear.correlation import correlation_time, lagged_products
 
 WHITENESS_LAGS = 20

@@ -11,7 +11,8 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind, joined_residual_blocks, leave_one_out_predictions, predict_runs
 from armdyn.identify.prepare import noise_std_by_run_and_channel, prepare_runs, stated_noise
-from armdyn.identify.problem import Problem, ResidualBlock, chi2_sum, sample_count, transfer_mask, transfer_values
+from armdyn.identify.problem import Problem, transfer_mask, transfer_values
+from armdyn.identify.residual.block import ResidualBlock, chi2_sum, sample_count
 from armdyn.identify.residual.noise_tests import ResidualTests, ScoreTest, residual_tests, score_tests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer

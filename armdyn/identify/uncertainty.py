@@ -27,7 +27,7 @@ import numpy as np
 
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
-from armdyn.identify.problem import blocks_by_channel, chi2_sum, sample_count
+from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
 MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE = 10.0

@@ -25,8 +25,8 @@ from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
-from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.repair import add
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model

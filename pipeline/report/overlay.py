@@ -11,7 +11,7 @@ from armdyn.document import Section, Widget
 from armdyn.identify.bands import PredictionBands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.problem import ResidualBlock
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray

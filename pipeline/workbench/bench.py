@@ -11,7 +11,8 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse, continue_fit
-from armdyn.identify.problem import Problem, ResidualBlock
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.failing_ranges import FailingRange, find_failing_ranges
 from armdyn.identify.residual.missing_force import (
     ForceCurve,

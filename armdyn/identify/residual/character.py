@@ -8,7 +8,7 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, whitening_filters
-from armdyn.identify.problem import blocks_by_channel
+from armdyn.identify.residual.block import blocks_by_channel
 from armdyn.physics.pieces import MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion
 from armdyn.recording.channels import is_auxiliary

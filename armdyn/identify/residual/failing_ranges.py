@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 

@@ -13,15 +13,8 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import (
-    EFFECT_PRIOR_STD_TYPICAL_SIZES,
-    Problem,
-    ResidualBlock,
-    blocks_by_channel,
-    chi2_sum,
-    chi2_z_value,
-    sample_count,
-)
+from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
+from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 

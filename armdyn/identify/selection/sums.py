@@ -13,7 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem, ResidualBlock
+from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.thresholds import likeliest_thresholds
 from armdyn.linear.solve import solve_bounded

@@ -19,8 +19,8 @@ from armdyn.identify.noise import (
     ljung_box,
     whiten,
 )
-from armdyn.identify.problem import ResidualBlock
 from armdyn.identify.repair import repair
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.character import periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.state_space.scorer import StateSpaceScorer

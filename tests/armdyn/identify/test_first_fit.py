@@ -9,7 +9,8 @@ from worlds import situations
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.problem import Problem, chi2_sum
+from armdyn.identify.problem import Problem
+from armdyn.identify.residual.block import chi2_sum
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity

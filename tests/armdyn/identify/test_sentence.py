@@ -8,7 +8,7 @@ import pytest
 from armdyn.identify.diagnose import decide_verdict
 from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.problem import ResidualBlock
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.search import Search
 from armdyn.identify.sentence import RepairResidual as Rest
 from armdyn.identify.sentence import Verdict, repair_sentences, total_errors
