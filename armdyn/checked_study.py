@@ -192,7 +192,7 @@ class CheckedStudy:
     def diagnose(self, say: Say | None = None) -> Diagnosis:
         """Find which effect the model lacks."""
         found = diagnose(self.study, say)
-        self._require_plausible(fitted_model(self.study, found.search.last))
+        self._require_plausible(fitted_model(self.study, found.search))
         return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:

@@ -20,13 +20,14 @@ class Background:
     """Small values of unnamed effects of a model: together they improve the prediction, but none of them is reported.
 
     Attributes:
-        width: standard deviation of the prior about the null values, in units of each parameter's `typical`; 0 where
-            only effects were fitted for which the recordings give strong evidence.
+        width: standard deviation of the prior about the null values, in units of each parameter's `typical`.
         names: names of the parameters; later fits do not change them.
+        named_only: values, by parameter name, of the named effects fitted without the background; empty where unknown.
     """
 
     width: float
     names: tuple[str, ...]
+    named_only: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -92,6 +93,14 @@ class EffectModel(ABC):
             if unnamed:
                 model = model.without_effect(effect.on(*unnamed).label)
         return model
+
+    def with_named_effects_only(self) -> Self:
+        """A copy without the background, whose named effects have the values that were fitted without it."""
+        alone = self.background.named_only if self.background is not None else {}
+        model = self.without_background()
+        return model.with_parameters(
+            {name: replace(p, value=alone[name]) for name, p in model.parameters.items() if name in alone}
+        )
 
     def _joints_without_name(self, effect: str) -> tuple[str, ...]:
         """Joints where an effect is only in the background, ``("",)`` where its stage has no joints."""
@@ -210,13 +219,20 @@ class EffectModel(ABC):
             self, effects=tuple(effects), parameters=MappingProxyType(dict(parameters)), background=background
         )
 
-    def with_background(self, width: float, values: Mapping[str, float], effects: Iterable[Effect]) -> Self:
+    def with_background(
+        self,
+        width: float,
+        values: Mapping[str, float],
+        effects: Iterable[Effect],
+        named_only: Mapping[str, float] = MappingProxyType({}),
+    ) -> Self:
         """A copy of the model with a new background: small values of effects that reports do not list.
 
         Args:
             width: standard deviation of the prior about the null values, in units of each parameter's `typical`.
             values: values by parameter name; other parameters of the same effect and joint get their null values.
             effects: definitions of the effects, which are added on the joints with values.
+            named_only: values of the named effects fitted without the background.
 
         Raises:
             InputError: the width is negative, a value is out of bounds, or the model already lists the effect on this
@@ -245,7 +261,10 @@ class EffectModel(ABC):
             if name not in settable:
                 raise UnknownNameError("parameter", name, settable)
         held = {name: replace(p, value=float(values.get(name, p.value)), fitted=False) for name, p in own.items()}
-        background = Background(float(width), tuple(held)) if held else None
+        for name in named_only:
+            if name not in bare.parameters:
+                raise UnknownNameError("parameter of a named effect", name, list(bare.parameters))
+        background = Background(float(width), tuple(held), dict(named_only)) if held else None
         return replace(model.with_parameters(held), background=background)
 
     def with_fixed_null_effects(self, effects: Iterable[Effect]) -> Self:

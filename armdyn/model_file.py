@@ -23,6 +23,9 @@ BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
+_SiValues = dict[
+    str, Annotated[float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")]
+]
 _Sizes = dict[str, Annotated[float, TomlValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
 
 
@@ -66,12 +69,8 @@ class _BackgroundEntry:
     """The entries of the background; values are in SI units."""
 
     width: float
-    values: dict[
-        str,
-        Annotated[
-            float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")
-        ],
-    ]
+    values: _SiValues
+    named_only: _SiValues = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -151,6 +150,9 @@ def model_text(file: ModelFile, folder: Path) -> str:
     if background is not None:
         held = tomlkit.table()
         held["width"] = background.width
+        alone = tomlkit.inline_table()
+        alone.update(background.named_only)
+        held["named_only"] = alone
         held["values"] = {name: file.model.value(name) for name in background.names}
         document["background"] = held
     if file.history:
@@ -235,7 +237,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         held = table_to_dataclass(_BackgroundEntry, table["background"], "[background]")
         with error_location("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
-            model = model.with_background(held.width, held.values, known.values())
+            model = model.with_background(held.width, held.values, known.values(), held.named_only)
     history = table.get("history", [])
     if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
         raise InputError("[[history]]: write a list of tables")

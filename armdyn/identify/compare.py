@@ -1,6 +1,6 @@
 """Compare a model with runs: fit its free parameters, measure the error and the noise, find where the model fails."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -214,7 +214,9 @@ def compare(study: Study) -> Comparison:
     return comparison(study, fit, study.tests(fit, study.present))
 
 
-def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
+def comparison(
+    study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True, unnamed: Collection[str] = ()
+) -> Comparison:
     """Build the comparison of a fitted model with the runs of a study.
 
     Args:
@@ -222,15 +224,16 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         fit: the fit.
         left: tests of the fit's residual against noise.
         process_error: whether to test if the residual behaves like missing dynamics, which is slow.
+        unnamed: parameters of a background, which are not listed.
     """
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), study.unidentified(fit)
     mixed = {name for one in together for name in one.unidentified_parameters}
-    ends = set(fit.at_bound)
+    ends = set(fit.at_bound) - set(unnamed)
     needed = failed_fit_sentence(fit) if study.fit_has_failed(fit) else ""
     white = all(c.whiteness_p_value > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
-        parameters=fitted_parameters(study, fit),
+        parameters={n: p for n, p in fitted_parameters(study, fit).items() if n not in unnamed},
         channels=channels,
         tests=left,
         failing_ranges=find_failing_ranges(fit),

@@ -9,6 +9,7 @@ import numpy as np
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, sample_count
+from armdyn.linear.solve import scale_to_unit_diagonal
 from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 
@@ -39,6 +40,8 @@ class Fit:
         outcome: why the minimisation ended.
         process_noise_values: (P,) values of the unknowns in a fit with process noise, in which random kicks stand for
             the model's own error; None where they were not computed.
+        weighted: the problem whose cost was minimised, where its weights and priors are not those of `problem`: a
+            sample of an arm counts as much as the model's own error lets it count.
     """
 
     problem: Problem
@@ -47,6 +50,38 @@ class Fit:
     blocks: tuple[ResidualBlock, ...]
     outcome: Outcome
     process_noise_values: np.ndarray | None = None
+    weighted: Problem | None = None
+
+    @property
+    def minimised(self) -> Problem:
+        """The problem whose cost was minimised."""
+        return self.problem if self.weighted is None else self.weighted
+
+    @cached_property
+    def minimised_cost(self) -> float:
+        """The cost that was minimised, at the minimum: weighted squared residuals and priors."""
+        if self.weighted is None:
+            return self.cost
+        noise, prior = self.weighted.noise, self.weighted.prior_weight * (self.weighted.prior_mean - self.values)
+        return sum(float(b.misfit @ b.misfit) / noise[b.run, b.channel] ** 2 for b in self.blocks) + float(prior @ prior)
+
+    @cached_property
+    def posterior_covariance(self) -> np.ndarray:
+        """(P, P) inverse of the Hessian of the minimised cost; zero for unknowns that are fixed or on a bound."""
+        problem, own = self.minimised, np.flatnonzero(self.free)
+        weight = problem.prior_weight[own] ** 2
+        hessian, downhill = np.diag(weight), weight * (problem.prior_mean - self.values)[own]
+        for block in self.blocks:
+            share = (block.noise / problem.noise[block.run, block.channel]) ** 2
+            S = block.sensitivities[:, own]
+            hessian += share * S.T @ S
+            downhill += share * S.T @ block.residual
+        lowest, highest = (self.values <= problem.lower)[own], (self.values >= problem.upper)[own]
+        inside = ~(lowest & (downhill < 0) | highest & (downhill > 0))
+        size, unit = scale_to_unit_diagonal(hessian[np.ix_(inside, inside)])
+        covariance = np.zeros((len(self.free), len(self.free)))
+        covariance[np.ix_(own[inside], own[inside])] = np.linalg.inv(unit) / np.outer(size, size)
+        return covariance
 
     @property
     def samples(self) -> int:
@@ -113,7 +148,15 @@ def channel_rmse(blocks: Sequence[ResidualBlock]) -> dict[str, float]:
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
-def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
+def fit(
+    problem: Problem,
+    free: np.ndarray,
+    start: np.ndarray,
+    *,
+    most_steps: int = 30,
+    tolerance: float = 0.02,
+    weighted: Problem | None = None,
+) -> Fit:
     """Fit some unknowns of a problem by least squares; see `descend`.
 
     Args:
@@ -122,9 +165,14 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: in
         start: (P,) start values; unknowns that are not fitted keep them.
         most_steps: largest number of steps.
         tolerance: length of a step, in standard deviations, below which the fit has converged.
+        weighted: the same problem with other weights and priors, whose cost is minimised; None means `problem`.
     """
-    found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
-    return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
+    minimised = problem if weighted is None else weighted
+    found = minimised.fit(free, start, most_steps=most_steps, tolerance=tolerance)
+    blocks = minimised.blocks(found.values, free)
+    if weighted is not None:
+        blocks = [block.with_noise(problem.noise[block.run, block.channel]) for block in blocks]
+    return Fit(problem, free, found.values, tuple(blocks), found.outcome, weighted=weighted)
 
 
 def continue_fit(found: Fit) -> Fit:
@@ -132,10 +180,13 @@ def continue_fit(found: Fit) -> Fit:
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
-        again = fit(found.problem, found.free, found.values, most_steps=STEPS_PER_FIT_CONTINUATION)
+        again = fit(
+            found.problem, found.free, found.values, most_steps=STEPS_PER_FIT_CONTINUATION, weighted=found.weighted
+        )
         before, found = found, replace(again, process_noise_values=found.process_noise_values)
         # Where the residual is far above the noise, it takes the noise's place.
-        if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL_PER_SAMPLE * max(1.0, found.chi2_per_sample):
+        gross = max(1.0, found.chi2_per_sample) if found.weighted is None else 1.0
+        if before.minimised_cost - found.minimised_cost < NEGLIGIBLE_CHI2_FALL_PER_SAMPLE * gross:
             break
     return found
 

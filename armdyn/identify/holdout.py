@@ -60,10 +60,15 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     problem = found.problem
     for left_out in problem.runs:
         rest = [r for r in problem.runs if r is not left_out]
-        others = Problem(problem.model, rest, problem.noise).with_wide_priors(sqrt(found.chi2_per_sample))
-        start = transfer_values(found.values, problem, others)
-        free = identifiable(others, transfer_mask(found.free, problem, others), start)
-        yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
+        others, weighted = Problem(problem.model, rest, problem.noise), None
+        if found.weighted is not None:
+            weighted = found.weighted.of_runs(rest)
+        else:
+            others = others.with_wide_priors(sqrt(found.chi2_per_sample))
+        start, free = transfer_values(found.values, problem, others), transfer_mask(found.free, problem, others)
+        if weighted is None:
+            free = identifiable(others, free, start)
+        yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1, weighted=weighted)
 
 
 def _predicted(found: Fit, run: Run, fit_own: FitRunUnknowns) -> Fit:

@@ -48,12 +48,23 @@ class LinearStudy(Study):
         if values is None:
             scorer = self.scorer(near)
             values = self.values_predicted_by_scorer(scorer, scorer.evaluate(scorer.split_into_candidates(effects)))
-        problem = self.problem
-        wanted = problem.mask_of_unknowns([name for c in effects for name in c.names])
-        fixed = problem.mask_of_unknowns(self.present_names) & ~problem.fitted
-        free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
-        free = identifiable(problem, free, values) | (free & self.first().free)
-        return fit(problem, free, values, most_steps=MAX_ADDED_EFFECT_FIT_STEPS)
+        scorer = self.scorer(near)
+        widths = scorer.prior_widths(scorer.split_into_candidates(effects), 0.0)
+        return self.fit_with_prior_widths(scorer, widths, values)
+
+    def fit_with_prior_widths(self, scorer: LinearScorer, widths: np.ndarray, values: np.ndarray) -> Fit:
+        """Fit the whole model with the weights of a scorer, in which the model's own error counts as it repeats itself.
+
+        Args:
+            scorer: the scorer.
+            widths: (c,) prior widths of the scorer's unknowns, in typical sizes; an unknown of width 0 is not fitted.
+            values: (P,) start values.
+        """
+        moving, std = widths > 0.0, np.zeros(len(scorer.problem.columns))
+        std[scorer.columns[moving]] = widths[moving] * scorer.typical[moving]
+        std = transfer_values(std, scorer.problem, self.problem, missing=0.0)
+        weighted = self.problem.with_weights(scorer.effective_noise, np.where(std > 0.0, std, np.inf))
+        return fit(self.problem, std > 0.0, values, most_steps=MAX_ADDED_EFFECT_FIT_STEPS, weighted=weighted)
 
     def with_thresholds(self, at: Fit) -> Fit:
         """A copy of a fit with the likeliest value of every threshold of absent effects; predictions do not change."""
@@ -70,22 +81,12 @@ class LinearStudy(Study):
         """Predictions of training runs from each other, if there are held-out runs as well; else an empty list."""
         return self.leave_one_run_out_predictions(found) if self.held_out else []
 
-    def cache_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
-        """Store predictions of the training runs from each other that were computed elsewhere, for later use."""
-        self._in_turn[found] = list(in_turn)
-
     def residual_is_noise(self, fit: Fit) -> bool:
         """Whether the residual of the training runs is only noise, on average over the channels.
 
         The noise depends on the fitted model, because a heavier rotor turns noise of a position into more torque.
         """
         return self._are_noise([fit])
-
-    def all_residuals_are_noise(self, fit: Fit) -> bool:
-        """Whether the residual of the training runs, and of held-out runs if there are any, is only noise."""
-        return self.residual_is_noise(fit) and not (
-            self.held_out and not self._are_noise(self.held_out_predictions(fit))
-        )
 
     def _are_noise(self, fits: Sequence[Fit]) -> bool:
         left: dict[str, list[np.ndarray]] = {}
@@ -100,18 +101,11 @@ class LinearStudy(Study):
         shares = [max_noise_ratio(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
         return float(np.mean(shares)) >= 1.0
 
-    def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
-        """Scorer of sets of effects, linearised at a fit; the last few are cached.
-
-        Args:
-            at: the fit at which the model is linearised.
-            given_misfit: squared error of the model as given, see `LinearScorer`; None where `at` is its fit.
-        """
+    def scorer(self, at: Fit) -> LinearScorer:
+        """Scorer of sets of effects, linearised at a fit; the last few are cached."""
         found = self._scorers.pop(at, None)
         if found is None:
             found = self._scorer_around(at)
-        if given_misfit is not None:
-            found = found.with_given_misfit(given_misfit)
         self._scorers[at] = found
         if len(self._scorers) > CACHED_SCORERS:
             del self._scorers[next(iter(self._scorers))]

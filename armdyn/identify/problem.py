@@ -170,6 +170,26 @@ class Problem:
         )
         return held
 
+    def with_weights(self, noise: NoiseByChannel, std: np.ndarray) -> "Problem":
+        """A copy of the problem in which samples have other weights, and unknowns without a prior get one.
+
+        Args:
+            noise: standard deviation of one sample by run and channel; others keep theirs.
+            std: (P,) standard deviations of the priors about the null values, infinite where there is none.
+        """
+        other, unknown = copy(self), self.prior_weight == 0.0
+        other.noise, other._whole, other._partial = {**self.noise, **noise}, {}, {}
+        other.prior_mean = np.where(unknown, self.null, self.prior_mean)
+        other.prior_weight = np.where(unknown, 1.0 / std, self.prior_weight)
+        return other
+
+    def of_runs(self, runs: Sequence[Run]) -> "Problem":
+        """The same problem, with its priors, for some of the runs."""
+        other = Problem(self.model, runs, self.noise)
+        other.prior_mean = transfer_values(self.prior_mean, self, other)
+        other.prior_weight = transfer_values(self.prior_weight, self, other, missing=0.0)
+        return other
+
     def unknown_name_and_run(self, unknown: int) -> tuple[str, str | None]:
         """Key of an unknown that is the same in other problems: its parameter's name, and its run's name or None."""
         column = self.columns[unknown]

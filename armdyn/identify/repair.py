@@ -14,18 +14,17 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
-from armdyn.identify.explained_share import ChannelScale, RepairStep, explained_share
+from armdyn.identify.explained_share import RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
-from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE, HoldoutKind
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.failing_ranges import find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
-from armdyn.identify.selection.background import AllEffectsFit, find_background
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
-from armdyn.identify.selection.search import Search, repair_step, search
-from armdyn.identify.sentence import RepairResidual, Verdict, background_sentence, repair_sentences, total_errors
+from armdyn.identify.selection.search import Search, background_names, background_values, repair_step, search
+from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     error_fall_sentence,
@@ -44,11 +43,6 @@ from armdyn.threads import one_thread
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkInertiaChange
 
-BACKGROUND_STEP = "background"
-"""Name of the step of a repair that adds small values of many effects, which reports do not list."""
-NO_BACKGROUND_SENTENCE = (
-    " Small values beside that, on every joint, would predict other runs no better: there is no background."
-)
 MIN_IMPROVEMENT_EXPLAINED_SHARE = 0.5
 """Share of the squared error that a repair must explain to count as an improvement although its residual is more than
 noise."""
@@ -128,63 +122,9 @@ def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
     """Find the effects that the model of a study lacks and add them, until the residual is noise or no effect helps.
 
     An arm's model also gets a background of small values, where that improves the prediction of other runs; see
-    `find_background`.
+    `armdyn.identify.selection.background`.
     """
-    found = search(study, progress)
-    told = _concluded(study, found)
-    if found.all_effects_fit is None or told.verdict is Verdict.LOST:
-        return told
-    return with_background(told, found.all_effects_fit)
-
-
-def with_background(repaired: Repair, full: AllEffectsFit) -> Repair:
-    """Add a background of small values to a repair, where they improve the prediction of other runs.
-
-    Args:
-        repaired: the repair without a background.
-        full: fit of all effects at once, from which the small values are taken.
-    """
-    study, last = full.study, repaired.steps[-1]
-    small = find_background(full, last)
-    without = replace(repaired, sentence=repaired.sentence + NO_BACKGROUND_SENTENCE) if last.tests.fails else repaired
-    if small is None:
-        return without
-    step = SearchStep((), (), last.effects, small.fit, last.tests)
-    study.cache_predictions(small.fit, small.leave_one_out_predictions)
-    described = replace(repair_step(study, step), added=(BACKGROUND_STEP,), values=len(small.values))
-    if _harms(repaired.path[-1], described, repaired.after.scale):
-        return without
-    joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
-    named = {
-        n: p.with_value(joint[n], p.std) for n, p in repaired.model_without_background.parameters.items() if n in joint
-    }
-    model = repaired.model_without_background.with_parameters(named).with_background(
-        small.prior_width, small.values, study.effects.values()
-    )
-    path, scale = (*repaired.path, described), repaired.after.scale
-    after = replace(
-        repaired.after,
-        fit=small.fit,
-        channels=channel_qualities(study, small.fit),
-        failing_ranges=find_failing_ranges(small.fit),
-        bands=prediction_bands(study, small.fit, small.covariance),
-    )
-    return replace(
-        repaired,
-        model=model,
-        after=after,
-        path=path,
-        steps=(*repaired.steps, step),
-        missing_force=compare_missing_forces(repaired.steps[0].fit, repaired.steps[-1].fit, small.fit),
-        explained=explained_share(path[0], path[-1], scale),
-        sentence=repaired.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
-    )
-
-
-def _harms(before: RepairStep, after: RepairStep, scale: ChannelScale) -> bool:
-    """Whether other runs are predicted worse, counting all channels of one unit together."""
-    old, new = (total_errors(step.held_out_rmse, scale.units) for step in (before, after))
-    return any(new[unit] > (1.0 + MAX_HELD_OUT_ERROR_INCREASE_SHARE) * old[unit] for unit in old)
+    return _concluded(study, search(study, progress))
 
 
 @one_thread
@@ -232,7 +172,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not searched
     path = tuple(repair_step(study, step) for step in found.steps)
-    after = comparison(study, last.fit, last.tests, process_error=False)
+    after = comparison(study, last.fit, last.tests, process_error=False, unnamed=background_names(study, last))
     links = changed_links_of_fit(study, last.fit)
     left = RepairResidual(
         exceeds_noise=verdict is not Verdict.EXPLAINED,
@@ -244,12 +184,11 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     repaired = len(path) > 1
     forces = found.missing_force()
     law = force_law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.exceeds_noise else ""
-    model = fitted_model(study, last)
     return Repair(
         verdict=verdict,
         sentence=law + repair_sentences(path, study.holdout_kinds[0], after.scale, left) + outlier_sentence(study.runs),
-        model=model,
-        model_without_background=model,
+        model=fitted_model(study, found),
+        model_without_background=model_of_step(study, found.named),
         path=path,
         after=after,
         residual_character=unknown,
@@ -275,8 +214,24 @@ def _lost(study: Study, found: Search) -> Repair:
     )
 
 
-def fitted_model(study: Study, step: SearchStep) -> Model:
-    """The model with the effects and fitted values of a step; parameters of single runs keep their start values."""
+def fitted_model(study: Study, found: Search) -> Model:
+    """The model with the effects, fitted values and background of the last step of a search.
+
+    The background also keeps the values that the named effects have without it.
+    """
+    model, small = model_of_step(study, found.last), background_values(study, found.last)
+    if not small:
+        return model
+    alone = model_of_step(study, found.named)
+    named_only = {name: alone.value(name) for name, p in alone.parameters.items() if p.scope == "shared"}
+    return model.with_background(found.last.background_width, small, study.effects.values(), named_only)
+
+
+def model_of_step(study: Study, step: SearchStep) -> Model:
+    """The model with the named effects of a step and their fitted values there.
+
+    Parameters of single runs keep their start values.
+    """
     model = study.model_with(step.effects)
     described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:

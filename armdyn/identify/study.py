@@ -169,14 +169,9 @@ class Study(ABC):
         """Weight of the model's own error in a residual, from 0 (only noise) to 1 (the noise does not matter)."""
         return 1.0 - MAX_CHI2_PER_SAMPLE_STATED_NOISE / max(MAX_CHI2_PER_SAMPLE_STATED_NOISE, fit.chi2_per_sample)
 
-    def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer | None:
-        """Scorer of sets of effects, linearised at a fit; None for models that are not linear in most parameters.
-
-        Args:
-            at: the fit.
-            given_misfit: squared error of the model as given; None where `at` is its fit.
-        """
-        del at, given_misfit
+    def scorer(self, at: Fit) -> LinearScorer | None:
+        """Scorer of sets of effects, linearised at a fit; None for models that are not linear in most parameters."""
+        del at
         return None
 
     def unidentified(self, fit: Fit) -> tuple[UnidentifiedCombination, ...]:

@@ -58,6 +58,8 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P) covariance of all unknowns; zero for unknowns that are fixed or on a bound."""
+        if self.fit.weighted is not None:
+            return self.fit.posterior_covariance
         return (
             _covariance(self.fit, self.variance_inflation) if self.variance_inflation else whitened_covariance(self.fit)
         )

@@ -43,7 +43,7 @@ def export(
     check_overwrite(output, force)
     with progress_display() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
-        file = replace(file, model=file.model.without_background()) if named_only else file
+        file = replace(file, model=file.model.with_named_effects_only()) if named_only else file
         say(f"writing {output}")
         with error_location(model):
             written = write_export(file, output, model.name, incomplete=incomplete)

@@ -208,7 +208,7 @@ def investigate(
             else:
                 motion = made.trajectory
         if stop is not None:
-            better = fitted_model(study, found.search.last) if stop in ENDS_WITH_BETTER_MODEL else None
+            better = fitted_model(study, found.search) if stop in ENDS_WITH_BETTER_MODEL else None
             return Investigation(tuple(stages), stop, cast("PendulumModel | None", better), None, place)
 
 

@@ -1,7 +1,7 @@
 """Residuals of a fit, by run and channel, and their sum of squares over the noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,6 +47,11 @@ class ResidualBlock:
     def unit(self) -> str:
         """Unit of the channel."""
         return self.measured.unit
+
+    def with_noise(self, noise: float) -> "ResidualBlock":
+        """The same residual in units of another noise."""
+        ratio = self.noise / noise
+        return replace(self, residual=ratio * self.residual, sensitivities=ratio * self.sensitivities, noise=noise)
 
     def interpolate(self, signal: Channel) -> np.ndarray:
         """(n,) values of another signal of the run, interpolated at the times of the samples."""

@@ -1,28 +1,27 @@
-"""Choose the effects that a repair of an arm adds: the few most important ones, or all that have strong evidence."""
+"""Choose the effects of an arm: those of which the recordings are sure, and a background of small values of the rest."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import continue_fit
+from armdyn.identify.fit import Fit, channel_rmse, continue_fit
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.selection.background import AllEffectsFit, fit_all_effects
+from armdyn.identify.selection.background import background_widths, sure_unnamed_effects
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.linear_scorer import LinearScorer, wald_distance
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
-from armdyn.identify.selection.select_effects import eliminate, evidence_rule, search_set, share_rule
-from armdyn.identify.selection.set_score import EffectSetScore
+from armdyn.identify.selection.select_effects import search_set
+from armdyn.identify.uncertainty import uncertainty
 
-RELINEARISED_TILT_TYPICAL_SIZES = 3.0
-"""Tilt of an arm's base, in typical sizes (0.3 rad), beyond which the model is linearised again at the tilt."""
-MAX_REPORTED_PARAMETER_COUNT_RATIO = 2.0
-"""Ratio of the number of parameters of all effects with strong evidence to that of the leading effects, up to which all
-are reported."""
-
-SearchRule = Callable[[LinearScorer, EffectSetScore, ProgressCallback], EffectSetScore]
-"""Function that continues the search from a set of effects and returns the set to report."""
+MAX_SUCCESSIVE_LINEARISATIONS = 5
+"""Largest number of linearisations, each at the fit of the set that the one before chose; two or three suffice nearly
+always."""
+MAX_LINEAR_TYPICAL_SIZES = 3.0
+"""Size of an effect of the whole arm, such as a tilt of its base (0.3 rad), in typical sizes, beyond which the model is
+linearised again there."""
+MIN_VALUE_STDS = 2.0
+"""Least size of a value of a named effect, in its standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,22 +31,28 @@ class LinearPath(EffectPath):
     study: LinearStudy
     scorer: LinearScorer
 
-    @cached_property
-    def scorer_at_end(self) -> LinearScorer:
-        """Scorer of sets of effects, linearised at the end of the path."""
-        return self.study.scorer(self.fit, self.scorer.given_misfit)
+    def relinearised(self) -> "LinearPath":
+        """The same set, with a scorer that is linearised at its fit."""
+        around = self.study.scorer(self.fit)
+        return replace(
+            self,
+            scorer=around,
+            chosen_set=around.evaluate(around.split_into_candidates(self.effects)),
+            scorer_fit=self.fit,
+        )
+
+    def with_effects(self, effects: Sequence[Candidate]) -> "LinearPath":
+        """A path to another set, of the scorer's candidates."""
+        return replace(self, chosen_set=self.scorer.evaluate(effects))
 
 
 def select_for_arm(
     study: LinearStudy, given: SearchStep, say: ProgressCallback
-) -> tuple[LinearScorer, list[SearchStep], AllEffectsFit]:
-    """Choose the effects of an arm that a repair reports.
+) -> tuple[LinearScorer, list[SearchStep]]:
+    """Choose the effects of an arm that have a name, and fit the model with them and, if it predicts better, with more.
 
-    These are the few leading effects, which remove most of the squared error. All effects with strong evidence ("sure"
-    effects) are reported, the leading ones first, if they are few as well, or if they leave only noise, or, for a servo
-    arm, if small values of other effects would not predict other runs better: then none of them is one of the small
-    errors that every robot description has. Which effects are sure is decided at the fit of all effects at once, which
-    is nearer to the truth than a fit of a few.
+    Effects are named if motions that were not fitted are predicted better with them, each by more nats than the choice
+    among so many effects costs; see `LinearScorer`.
 
     Args:
         study: runs and catalogue.
@@ -55,106 +60,122 @@ def select_for_arm(
         say: called with a text on the progress.
 
     Returns:
-        The scorer linearised at the model as given, the steps to the reported effects, and the fit of all effects.
+        The scorer linearised at the model as given, and the steps: one for each named effect, the largest first, and a
+        last one for the background, where there is one.
     """
     around = study.scorer(given.fit)
-    found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
-    full = fit_all_effects(study, leading.effects, leading.fit, say)
-    sure = leading
-    if set(full.strong_effects.effects) != set(full.scorer.split_into_candidates(leading.effects)):
-        sure = _to_fixed_point(LinearPath(study, full.scorer, full.strong_effects, study.present, full.fit), _sure, say)
-    if study.squared_error(sure.fit) > study.squared_error(leading.fit):
-        sure = _to_fixed_point(leading, _sure, say)  # a set whose own optimum is far from that of all effects
-    first: tuple[Candidate, ...] = ()
-    # The motion of a servo arm is fitted by what has a name: without a background nothing else would move.
-    complete = full.prior_width == 0.0 and "drive" in study.model.stages
-    if complete or _is_few(sure.chosen_set, leading) or study.all_residuals_are_noise(sure.fit):
-        found = _with_links_looked_at_anew(sure, say)
-        first = tuple(c for c in leading.scorer.split_into_candidates(leading.effects) if c in found.chosen_set.effects)
-    return around, [given, *found.with_indistinguishable_effects(found.steps(say, first))], full
+    found = _without_empty_effects(_to_fixed_point(_first(study, given, say), say))
+    while unnamed := _sure_unnamed_effects(found):
+        other = found.with_effects((*found.chosen_set.effects, *unnamed))
+        other = _without_empty_effects(_to_fixed_point(other, say))
+        if _best([found, other]) is found:
+            break
+        found = other
+    steps = [given, *found.with_indistinguishable_effects(found.steps(say))]
+    return around, [*steps, *_background(found, steps[-1], say)]
 
 
-def _is_few(sure: EffectSetScore, leading: LinearPath) -> bool:
-    """Whether sure effects have few values: `MAX_REPORTED_PARAMETER_COUNT_RATIO` times those of the leading ones."""
-    lengths = [
-        sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.chosen_set)
-    ]
-    return lengths[0] <= MAX_REPORTED_PARAMETER_COUNT_RATIO * lengths[1]
-
-
-def _leading(scorer: LinearScorer, now: EffectSetScore, say: ProgressCallback) -> EffectSetScore:
-    """Select the effects that remove most of the squared error and are each significant."""
-    found = search_set(scorer, share_rule(scorer), now, say)
-    return eliminate(scorer, evidence_rule(scorer).cost, found)
-
-
-def _sure(scorer: LinearScorer, now: EffectSetScore, say: ProgressCallback) -> EffectSetScore:
-    """Select all effects of which the evidence is sure."""
-    return search_set(scorer, evidence_rule(scorer), now, say)
-
-
-def _to_fixed_point(found: LinearPath, rule: SearchRule, say: ProgressCallback) -> LinearPath:
-    """The path to the set that is chosen at its own optimum: a repair of the repaired model adds nothing.
-
-    A parameter that multiplies others, such as a delay of a spring's torque, is visible only with them present.
-    """
-    sets, paths = list[frozenset[Candidate]](), list[LinearPath]()
-    while True:
-        around = found.scorer_at_end
-        present = around.evaluate(around.split_into_candidates(found.effects))
-        sets.append(frozenset(present.effects))
-        paths.append(found)
-        again = rule(around, present, say)
-        if frozenset(again.effects) in sets:
-            return max(paths[sets.index(frozenset(again.effects)) :], key=_worth)
-        found = replace(found, scorer=around, chosen_set=again, scorer_fit=found.fit)
-
-
-def _with_links_looked_at_anew(found: LinearPath, say: ProgressCallback) -> LinearPath:
-    """The path to all sure effects, in which each changed link remains preferred to all others when left unchanged.
-
-    From a link that is changed much, other effects with the same influence are not visible, since sums are at its
-    optimum.
-    """
-    model = found.study.problem.model
-    for link in [c for c in found.chosen_set.effects if c not in found.scorer.given]:
-        if link not in found.chosen_set.effects or not model.changes_link(link.names):
-            continue
-        without = replace(
-            found, chosen_set=found.scorer.evaluate([c for c in found.chosen_set.effects if c is not link])
-        )
-        around = without.scorer_at_end
-        again = _sure(around, around.evaluate(around.split_into_candidates(without.effects)), say)
-        if set(again.effects) == set(around.split_into_candidates(found.effects)):
-            continue
-        other = _to_fixed_point(replace(found, scorer=around, chosen_set=again, scorer_fit=without.fit), _sure, say)
-        if _worth(other) > _worth(found):
-            found = other
-    return found
-
-
-def _worth(path: LinearPath) -> float:
-    return path.scorer_at_end.evaluate(path.scorer_at_end.split_into_candidates(path.effects)).score
+def _sure_unnamed_effects(found: LinearPath) -> list[Candidate]:
+    """Effects of which the runs are sure where the model has the best background, but which have no name."""
+    scorer, effects = found.scorer, found.chosen_set.effects
+    widths = background_widths(scorer, effects)
+    return sure_unnamed_effects(scorer, effects, widths[0]) if widths else []
 
 
 def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
-    """The path to the leading effects at the fit as given, or at that of a base that is tilted far."""
+    """The path to the best set at the fit as given, or at that of an effect of the whole arm which is not linear."""
     around = study.scorer(given.fit)
-    best = LinearPath(study, around, _leading(around, around.evaluate(around.given), say), given.effects, given.fit)
+    paths = [LinearPath(study, around, search_set(around, around.evaluate(around.given), say), given.effects, given.fit)]
     for candidate in study.candidates:
         if candidate.joints:
             continue
-        # It turns the whole arm, and a large angle is not linear.
         say(f"fitting with {candidate.name_in_sentence}")
         fit = continue_fit(
             study.fit_base_with_effects((*study.present, candidate), given.fit, given.fit.values)
         )  # sums are far off
         own = study.problem.mask_of_unknowns(candidate.names)
-        angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
-        if np.any(np.abs(angles) > RELINEARISED_TILT_TYPICAL_SIZES * typical):
-            turned = study.scorer(fit, around.given_misfit)
-            held = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
-            whole = _leading(turned, held, say)
-            if turned.leading_effects_cost(whole) < around.leading_effects_cost(best.chosen_set):
-                best = LinearPath(study, turned, whole, given.effects, fit)
-    return best
+        sizes = (fit.values[own] - study.problem.null[own]) / study.problem.typical[own]
+        if np.any(np.abs(sizes) > MAX_LINEAR_TYPICAL_SIZES):
+            turned = study.scorer(fit)
+            start = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
+            paths.append(LinearPath(study, turned, search_set(turned, start, say), given.effects, fit))
+    return _best(paths)
+
+
+def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
+    """The best path to a set that is chosen again at its own optimum, or of those to sets that choose one another.
+
+    A parameter that multiplies others, such as a delay of a spring's torque, is visible only with them present.
+    """
+    paths = [found]
+    for _ in range(MAX_SUCCESSIVE_LINEARISATIONS):
+        at_end = paths[-1].relinearised()
+        again = replace(at_end, chosen_set=search_set(at_end.scorer, at_end.chosen_set, say))
+        if any(set(again.effects) == set(path.effects) for path in paths):
+            break
+        paths.append(again)
+    return _best(paths)
+
+
+def _best(paths: Sequence[LinearPath]) -> LinearPath:
+    """The path whose set predicts best at its own optimum, less the price of its complexity."""
+    if len(paths) == 1:
+        return paths[0]
+    ended, errors = [], []
+    for path in paths:
+        at_end = path.relinearised()
+        ended.append(at_end)
+        errors.append(at_end.scorer.prediction_errors(at_end.scorer.prior_widths(at_end.chosen_set.effects, 0.0)))
+    scale = ended[-1].scorer  # one scale for all: the errors of the wide model depend on the point of linearisation
+    worth = [
+        scale.log_likelihood(error) - scale.complexity_penalty(one.chosen_set.effects)
+        if np.isfinite(one.chosen_set.score)
+        else -np.inf
+        for one, error in zip(ended, errors, strict=True)
+    ]
+    return paths[int(np.argmax(worth))]
+
+
+def _without_empty_effects(found: LinearPath) -> LinearPath:
+    """The path without effects all of whose values are within `MIN_VALUE_STDS` of nothing."""
+    found = found.relinearised()
+    while empty := empty_effects(found.study, found.fit, found.chosen_set.effects):
+        fewer = [[c for c in found.chosen_set.effects if c is not gone] for gone in empty]
+        found = found.with_effects(max(fewer, key=lambda effects: found.scorer.evaluate(effects).score)).relinearised()
+    return found
+
+
+def empty_effects(study: LinearStudy, fit: Fit, effects: Sequence[Candidate]) -> list[Candidate]:
+    """Those of some effects all of whose fitted values together are within `MIN_VALUE_STDS` deviations of nothing."""
+    problem, covariance = study.problem, uncertainty(study, fit).covariance
+    values = {c: np.flatnonzero(problem.mask_of_unknowns(c.names) & fit.free) for c in effects if c not in study.present}
+    sizes = {c: wald_distance((fit.values - problem.null)[own], covariance[np.ix_(own, own)]) for c, own in values.items()}
+    return [c for c, size in sizes.items() if size <= MIN_VALUE_STDS]
+
+
+def _background(path: LinearPath, named: SearchStep, say: ProgressCallback) -> list[SearchStep]:
+    """The step that adds the best background of which no run is sure and that leaves every named effect its value.
+
+    Empty where no background predicts better.
+    """
+    study, scorer, effects = path.study, path.scorer, path.chosen_set.effects
+    for width in background_widths(scorer, effects):
+        widths = scorer.prior_widths(effects, width)
+        distances = scorer.wald_distances(widths, [c for c in effects if c not in scorer.given])
+        if min(distances, default=np.inf) <= MIN_VALUE_STDS or sure_unnamed_effects(scorer, effects, width):
+            continue
+        say(f"fitting {np.count_nonzero(widths)} values")
+        fit = study.fit_with_prior_widths(scorer, widths, named.fit.values)
+        if _predicts_better(study, named.fit, fit) and not empty_effects(study, fit, effects):
+            return [SearchStep((), (), named.effects, fit, study.tests(fit, named.effects), width)]
+        break
+    return []
+
+
+def _predicts_better(study: LinearStudy, named: Fit, whole: Fit) -> bool:
+    """Whether the squared error of predicted runs, over all channels, is smaller with a background."""
+    before, after = (
+        float(np.sum(np.square(list(channel_rmse(study.held_out_blocks(fit) or fit.blocks).values()))))
+        for fit in (named, whole)
+    )
+    return after < before

@@ -3,18 +3,20 @@ r"""Score sets of effects of a model that is linear around one fit, such as an a
 With X the derivatives of the predictions with respect to every unknown and r the residual, the sums X'X, X'r and r'r of
 every run and channel contain all that is needed to fit a set of effects and to predict other runs (`sums`). Unknowns
 are in typical sizes. The *wide model*, in which every effect on every joint may have its typical size, and more where
-the runs show more, gives the error that remains with any set, and thus the weight of a sample:
+the runs show more, gives the error that remains with any set, and thus the weight of a sample. A set is judged by what
+it predicts of motions to which it was not fitted:
 
-    log evidence = - sum_c n_c / 2 misfit(E_c / v_c) - log det(1 + T G T) / 2 - sum_i log(1 + x_i^2),
+    score = - sum_c n_c / 2 misfit(E_c / v_c) - complexity penalty,
 
-where E_c is the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the
-training runs; v_c that of the wide model; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i
-sizes, which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent
-samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has
-`INDEPENDENT_MODEL_ERROR_SAMPLES` however long a recording is. With m = 1 - noise variance / v_c, the variance of a mean
-square gives
+where E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
+held-out runs predicted from all training runs; v_c that of the wide model. n_c counts independent samples. The sensor's
+noise has N_c / tau_c of them; the model's own error repeats itself, and has `INDEPENDENT_MODEL_ERROR_SAMPLES` however
+long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
 
-    1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
+    1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / INDEPENDENT_MODEL_ERROR_SAMPLES.
+
+A joint that moves in one run only cannot be predicted from the other runs: there the stretches of this run are
+predicted in turn (`LinearScorer.folds`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -38,13 +40,15 @@ imperfect arms, and at most 1.13 times it for the others."""
 MAX_RESIDUAL_TO_NOISE_VARIANCE = 1.2
 """Ratio of the residual variance of the wide model to the noise variance up to which the residual counts as noise: for
 clean simulations with many samples it is up to 1.1; see `max_noise_ratio`."""
-EFFECT_PRICE_ERROR_SHARE, PARAMETER_PRICE_ERROR_SHARE = 0.05, 0.01
-"""Share of the squared error that an effect on a joint, and each of its parameters, must remove to be a leading effect.
-"""
+MIN_LEADING_SHARE = 0.05
+"""Share of the squared error of the model as given that an effect on one joint removes, from which on it is reported
+before the others."""
 MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
-SINGLE_RUN_CROSS_VALIDATION_PARTS = 5
-"""Number of parts of a single training run that are predicted in turn."""
+STRETCHES_PER_RUN = 5
+"""Number of stretches of a training run that are predicted in turn where no other run can predict it."""
+MIN_INFORMATION_OF_OTHER_RUNS = 0.01
+"""Share of the information on a joint's unknowns that the other runs must have, so that they can predict a run."""
 MAX_REWEIGHTING_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING_ROW, HELD_OUT_ROW = 0, 1
@@ -70,6 +74,15 @@ def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
     return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
 
 
+def wald_distance(values: np.ndarray, covariance: np.ndarray) -> float:
+    """Distance of values (k,) from nothing in standard deviations, sqrt(x' C^-1 x) with their (k, k) covariance.
+
+    Values without variance, which are on a bound, do not count (Wald, Trans. Am. Math. Soc. 54, 1943).
+    """
+    own = np.flatnonzero(np.diag(covariance) > 0.0)
+    return float(np.sqrt(max(values[own] @ solve_positive(covariance[np.ix_(own, own)], values[own]), 0.0)))
+
+
 class LinearScorer(EffectSetScorer):
     """Scores sets of effects with one linearisation of the model.
 
@@ -84,8 +97,9 @@ class LinearScorer(EffectSetScorer):
         columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
         typical: (c,) typical sizes of these unknowns.
         positions: (k,) positions in `columns` of the unknowns of each candidate.
-        training: indices of the units (one channel in one run) that fits use.
-        given_misfit: squared error of the model as given, at this linearisation or at the first one.
+        training: indices of the units (one channel in a stretch of one run) that fits use.
+        folds: for each part of the training runs that is predicted from the rest, the units that are fitted and those
+            that are predicted.
     """
 
     max_ranked_effects = 8
@@ -120,38 +134,48 @@ class LinearScorer(EffectSetScorer):
         noise = [np.average(sums.noise[sums.channel == c] ** 2) for c in range(len(sums.channels))]
         self._noise = np.array(noise)
         self._importance = np.ones(len(measured)) if len(set(measured)) == 1 else 1.0 / self._noise
-        self.equations, self._unit, self._fold = self._cut()
+        self.equations, self._unit, stretch = self._cut()
         self._channel, self._is_training = sums.channel[self._unit], sums.training[self._unit]
         self._stages = self._of_stages()
         self.training = np.flatnonzero(self._is_training)
+        self.folds = self._folds(stretch)
         self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         self._simpler: dict[Candidate, int] = {}
         self._variance, self._samples = self._measured()
         self._normals.clear()
-        self.given_misfit = self.evaluate(given).misfit
-
-    def with_given_misfit(self, given_misfit: float) -> "LinearScorer":
-        """A copy of the scorer that compares sets with another squared error of the model as given."""
-        other = copy(self)
-        other.given_misfit = given_misfit
-        return other
 
     def _cut(self) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
-        """Sums in typical sizes, (U,) the unit of `sums` of each, and (U,) groups that are predicted together."""
+        """Sums in typical sizes; for each, (U,) the unit of `sums`, and (U,) the stretch of its run."""
         s, C, t = self.sums, self.columns, self.typical
-        if len(np.unique(s.run[s.training])) > 1:
-            gram = s.gram[:, C[:, None], C] * (t[:, None] * t)
-            return NormalEquations(gram, s.slope[:, C] * t, s.square, s.count), np.arange(len(s.count)), s.run
-        parts, unit, fold = [], [], []
+        parts, unit, stretch = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            for k, rows in enumerate(
-                np.array_split(np.arange(len(r)), SINGLE_RUN_CROSS_VALIDATION_PARTS if s.training[i] else 1)
-            ):
+            for k, rows in enumerate(np.array_split(np.arange(len(r)), STRETCHES_PER_RUN if s.training[i] else 1)):
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
-                fold.append(k if s.training[i] else SINGLE_RUN_CROSS_VALIDATION_PARTS)
-        return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
+                stretch.append(k)
+        equations = NormalEquations(*(np.array(part) for part in zip(*parts, strict=True)))
+        return equations, np.array(unit), np.array(stretch)
+
+    def _folds(self, stretch: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """See `folds`; (U,) `stretch` is the stretch of the run to which each sum belongs."""
+        run, units = self.sums.run[self._unit], self.training
+        runs = np.unique(run[units])
+        alone = np.zeros((len(self.sums.runs), len(self._noise)), dtype=bool)
+        information = np.einsum("uii->ui", self.equations.gram)
+        for c in range(len(self._noise)):
+            of_channel = units[self._channel[units] == c]
+            whole = information[of_channel].sum(axis=0)
+            seen = whole > 0.0
+            for k in runs:
+                others = information[of_channel[run[of_channel] != k]].sum(axis=0)
+                share = np.median(others[seen] / whole[seen]) if seen.any() else 1.0
+                alone[k, c] = len(runs) == 1 or share < MIN_INFORMATION_OF_OTHER_RUNS
+        apart = alone[run, self._channel]
+        judged = [(run != k, (run == k) & ~apart) for k in runs]
+        judged += [(~((stretch == k) & apart), (stretch == k) & apart) for k in range(STRETCHES_PER_RUN)]
+        folds = [(units[fitted[units]], units[left[units]]) for fitted, left in judged]
+        return [(fitted, left) for fitted, left in folds if len(left)]
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
         """(2, c) mean squared error of the wide model by channel, training and held-out runs; (2, c) its samples.
@@ -211,7 +235,7 @@ class LinearScorer(EffectSetScorer):
             width: prior width of all other effects; 0 leaves them out.
         """
         found = np.zeros(len(self.columns))
-        rest = self._of(self.candidates)
+        rest = self._of(c for c in self.candidates if self.simpler_effects_in(c) == 1) if width else self._of(())
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
         for one in effects:
@@ -279,19 +303,15 @@ class LinearScorer(EffectSetScorer):
         return (total / np.maximum(self._stages.count, 1.0)).reshape(2, -1)
 
     def leave_one_out_errors(self, widths: np.ndarray) -> np.ndarray:
-        """(c,) mean squared error, by channel, of training runs that are each predicted from the others.
-
-        A single run is split into parts.
+        """(c,) mean squared error, by channel, of training runs that are each predicted from the others; see `folds`.
 
         Args:
             widths: (c,) prior widths of the unknowns.
         """
-        units, total = self.training, np.zeros(len(self._noise))
-        for k in np.unique(self._fold[units]):
-            mine = units[self._fold[units] == k]
-            change = self.best_change(widths, units[self._fold[units] != k])
-            error = self.equations.squared_error(change, mine)
-            total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
+        total = np.zeros(len(self._noise))
+        for fitted, left in self.folds:
+            error = self.equations.squared_error(self.best_change(widths, fitted), left)
+            total += np.bincount(self._channel[left], weights=error, minlength=len(total))
         return np.asarray(total / np.maximum(self._counted(TRAINING_ROW), 1.0))
 
     def prediction_errors(self, widths: np.ndarray) -> np.ndarray:
@@ -319,25 +339,20 @@ class LinearScorer(EffectSetScorer):
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
         return np.asarray(-0.5 * np.sum(self._samples * misfit_per_sample(errors / self._variance), axis=-1))
 
-    def leave_one_out(self) -> Iterator[tuple[int, np.ndarray]]:
-        """For each training run, its index and the units of the other training runs; none for a single run."""
-        run = self.sums.run[self._unit[self.training]]
-        if len(np.unique(run)) > 1:
-            yield from ((int(r), self.training[run != r]) for r in np.unique(run))
-
     def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
-        change = self.best_change(self.prior_widths(effects, 0.0), self.training)
+        widths = self.prior_widths(effects, 0.0)
+        change = self.best_change(widths, self.training)
         errors, own = self.mean_squared_errors(change), self._of(effects)
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
+        predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]])
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
-        freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
-        worth = likelihood + held_out_log_likelihood - freedom - self.complexity_penalty(effects)
+        worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
         return EffectSetScore(
             effects=effects,
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             held_out_log_likelihood=held_out_log_likelihood,
-            occam_penalty_nats=freedom,
+            occam_penalty_nats=0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2))),
             effective_parameter_count=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
@@ -352,32 +367,6 @@ class LinearScorer(EffectSetScorer):
     def _floor(self) -> np.ndarray:
         """(2, c) least mean squared error: that of the noise, where there are samples."""
         return self._noise * (self._samples > 0.0)
-
-    def leading_effects_cost(self, one: EffectSetScore) -> float:
-        """Cost of a set in the choice of leading effects: the share of the squared error that it leaves, plus a price.
-
-        The price is `EFFECT_PRICE_ERROR_SHARE` for each effect and `PARAMETER_PRICE_ERROR_SHARE` for each of its
-        parameters.
-        """
-        if one.score == -np.inf:
-            return np.inf
-        length = self._length([c for c in one.effects if c not in self.given])
-        return (one.misfit - self.least_misfit) / self._reducible + length
-
-    @property
-    def _reducible(self) -> float:
-        return max(self.given_misfit - self.least_misfit, np.finfo(float).tiny)
-
-    @staticmethod
-    def _length(effects: Sequence[Candidate]) -> float:
-        return EFFECT_PRICE_ERROR_SHARE * len(effects) + PARAMETER_PRICE_ERROR_SHARE * sum(
-            len(c.names) for c in effects
-        )
-
-    @cached_property
-    def least_misfit(self) -> float:
-        """Squared error of the wide model, which has all effects, in the scale of `EffectSetScore.misfit`."""
-        return float(np.sum(self._importance * self._variance * (self._samples > 0.0)))
 
     def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
         """(k,) positions of the effects' unknowns among the columns."""
@@ -397,16 +386,13 @@ class LinearScorer(EffectSetScorer):
         return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
 
     def approximate_addition_scores(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate scores of a set with each of k additions, without full solutions."""
+        """(k,) approximate scores of a set with each of k additions, without full solutions, for choosing promising ones.
+
+        They are those of the fitted runs, with the evidence that its freedom costs (MacKay, Neural Computation 4, 1992).
+        """
         errors, freedom = self._first_order(now, options)
         prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
         return self._log_likelihoods(errors).sum(axis=-1) - now.occam_penalty_nats - freedom - prices
-
-    def approximate_addition_costs(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate `leading_effects_cost` of a set with each of k additions, without full solutions."""
-        errors, _ = self._first_order(now, options)
-        length = np.array([self._length((*now.effects, *come)) for come in options])
-        return (self._misfit(errors) - self.least_misfit) / self._reducible + length
 
     def _first_order(
         self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
@@ -435,8 +421,38 @@ class LinearScorer(EffectSetScorer):
     def set_with_next_reported_effect(
         self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
     ) -> EffectSetScore:
-        """Of the sets with one of the options added, the one with the least `leading_effects_cost`."""
-        return min((self.evaluate((*now.effects, *one)) for one in options), key=self.leading_effects_cost)
+        """Of the sets with one of the options added, the one that leaves the least squared error."""
+        return self.evaluate((*now.effects, *min(options, key=lambda one: self._misfit_with((*now.effects, *one)))))
+
+    def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
+        """Effects on single joints that each remove `MIN_LEADING_SHARE` of the squared error, added one by one."""
+        given, error, found, left = now.misfit, now.misfit, list[Candidate](), list(effects)
+        while left:
+            errors = {one: self._misfit_with((*now.effects, *found, one)) for one in left}
+            best = min(left, key=errors.__getitem__)
+            if error - errors[best] < MIN_LEADING_SHARE * given:
+                break
+            error = errors[best]
+            found.append(best)
+            left.remove(best)
+        return [one for one in effects if one in found]
+
+    def _misfit_with(self, effects: Iterable[Candidate]) -> float:
+        """Squared error of a set, see `EffectSetScore.misfit`, without its score."""
+        change = self.best_change(self.prior_widths(effects, 0.0), self.training)
+        return float(self._misfit(self.mean_squared_errors(change)))
+
+    def wald_distances(self, widths: np.ndarray, effects: Iterable[Candidate]) -> list[float]:
+        """Distance of the values of each effect from nothing, in standard deviations; see `wald_distance`.
+
+        Args:
+            widths: (c,) prior widths of the unknowns.
+            effects: the effects.
+        """
+        c, change = np.flatnonzero(widths > 0.0), self.best_change(widths, self.training) - self._null
+        covariance = np.zeros((len(widths), len(widths)))
+        covariance[np.ix_(c, c)] = np.linalg.inv(self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0))
+        return [wald_distance(change[own], covariance[np.ix_(own, own)]) for own in (self.positions[e] for e in effects)]
 
     def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `EffectSetScorer.values`."""

@@ -24,6 +24,7 @@ class SearchStep:
         effects: all effects after the step.
         fit: the fit after the step.
         tests: tests of the residual after the step.
+        background_width: prior width of small values of other effects that the step adds; 0 for none.
     """
 
     added: tuple[Candidate, ...]
@@ -31,6 +32,7 @@ class SearchStep:
     effects: tuple[Candidate, ...]
     fit: Fit
     tests: ResidualTests
+    background_width: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +63,14 @@ class EffectPath:
         """The fit after the last step."""
         return continue_fit(self._fitted(self.effects, self.chosen_set))
 
-    def steps(self, say: ProgressCallback, leading: Sequence[Candidate] = ()) -> list[SearchStep]:
+    def steps(self, say: ProgressCallback) -> list[SearchStep]:
         """Fit every step, each with one more effect; the effects that these runs cannot tell apart are not computed.
 
         Args:
             say: called with a text on the progress.
-            leading: effects of the set, on one joint each, that come first.
         """
-        study, effects, found, given = self.study, self.given_effects, list[SearchStep](), self.scorer.given
-        way = order_by_gain(self.scorer, leading, given)
-        way += order_by_gain(self.scorer, self.chosen_set.effects, (*given, *leading))
+        study, effects, found = self.study, self.given_effects, list[SearchStep]()
+        way = order_by_gain(self.scorer, self.chosen_set.effects, self.scorer.given)
         for i, rise in enumerate(way):
             effects = self._with(effects, rise.added)
             say(f"{i} of {len(way)} steps fitted, now {rise.added.name_in_sentence}")

@@ -32,16 +32,20 @@ def order_by_gain(
 
     Args:
         scorer: scorer of sets.
-        effects: effects to order, each on one joint; the joints of one effect are added together.
+        effects: effects to order, each on one joint. The joints of one effect are added together; for an arm those
+            that explain much come before the others.
         fixed_effects: effects that are present from the start.
     """
-    now, left = scorer.evaluate(fixed_effects), group_joints_by_effect([c for c in effects if c not in fixed_effects])
-    found = list[EffectAddition]()
-    while left:
-        now = scorer.set_with_next_reported_effect(now, left)
-        first = next(own for own in left if set(own) <= set(now.effects))
-        found.append(EffectAddition(group_by_effect(first)[0], now))
-        left.remove(first)
+    now, found = scorer.evaluate(fixed_effects), list[EffectAddition]()
+    wanted = [c for c in effects if c not in fixed_effects]
+    leading = scorer.leading_effects(now, wanted)
+    for part in (leading, [c for c in wanted if c not in leading]):
+        left = group_joints_by_effect(part)
+        while left:
+            now = scorer.set_with_next_reported_effect(now, left)
+            first = next(own for own in left if set(own) <= set(now.effects))
+            found.append(EffectAddition(group_by_effect(first)[0], now))
+            left.remove(first)
     return found
 
 
@@ -135,7 +139,7 @@ def rank_effects(
 def _alone(scorer: EffectSetScorer, joints: Sequence[Candidate], nothing: EffectSetScore) -> EffectSetScore:
     """An effect on all joints that need it, or on the best one."""
     given = scorer.given
-    several = eliminate(scorer, lambda one: -one.score, scorer.evaluate((*given, *joints)))
+    several = eliminate(scorer, scorer.evaluate((*given, *joints)))
     single = max((scorer.evaluate((*given, c)) for c in joints), key=lambda one: one.score)
     return max((several, single, nothing), key=lambda one: one.score)
 

@@ -9,7 +9,6 @@ from armdyn.identify.fit import channel_rmse
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
 from armdyn.identify.selection.arm_selection import select_for_arm
-from armdyn.identify.selection.background import AllEffectsFit
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
@@ -20,6 +19,10 @@ from armdyn.identify.study import Study
 from armdyn.identify.whole_runs import improve_effect_set_by_run_errors
 
 
+BACKGROUND_STEP = "background"
+"""Name of the step of a repair that adds small values of many effects, which reports do not list."""
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
     """Result of a search for missing effects.
@@ -28,18 +31,21 @@ class Search:
         steps: steps of the search; the first is the model as given.
         ranked_effects: effects that may be missing, each added alone to the model as given, the best first.
         further_effect: the best effect that the last step lacks; None where no further effect improves the score.
-        all_effects_fit: for an arm, the fit of all effects at once; else None.
     """
 
     steps: tuple[SearchStep, ...]
     ranked_effects: tuple[RankedEffect, ...] = ()
     further_effect: Candidate | None = None
-    all_effects_fit: AllEffectsFit | None = None
 
     @property
     def last(self) -> SearchStep:
         """The last step of the search."""
         return self.steps[-1]
+
+    @property
+    def named(self) -> SearchStep:
+        """The last step without a background: that with all named effects."""
+        return next(step for step in reversed(self.steps) if step.background_width == 0.0)
 
     @property
     def first_ties(self) -> tuple[Candidate, ...]:
@@ -57,7 +63,9 @@ class Search:
         Args:
             law: whether to compute the force of the added effects as well.
         """
-        return compare_missing_forces(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
+        repaired = self.named.fit if len(self.steps) > 1 else None
+        with_background = self.last.fit if self.last is not self.named else None
+        return compare_missing_forces(self.steps[0].fit, repaired, with_background, law=law)
 
     def ties(self, step: SearchStep) -> tuple[Candidate, ...]:
         """Effects that these runs cannot distinguish from those added in a step; empty if these were removed later."""
@@ -88,8 +96,8 @@ def select_effects(study: Study, given: SearchStep, say: ProgressCallback) -> Se
 
 @select_effects.register
 def _(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Search:
-    scorer, steps, full = select_for_arm(study, given, say)
-    return _searched(steps, scorer, study.scorer(steps[-1].fit), full)
+    scorer, steps = select_for_arm(study, given, say)
+    return _searched(steps, scorer, study.scorer(Search(tuple(steps)).named.fit))
 
 
 @select_effects.register
@@ -105,13 +113,11 @@ def _(study: StateSpaceStudy, given: SearchStep, say: ProgressCallback) -> Searc
     return _searched(steps, scorer, scorer)
 
 
-def _searched(
-    steps: Sequence[SearchStep], scorer: EffectSetScorer, at_end: EffectSetScorer, full: AllEffectsFit | None = None
-) -> Search:
+def _searched(steps: Sequence[SearchStep], scorer: EffectSetScorer, at_end: EffectSetScorer) -> Search:
     """The result of a search; `scorer` ranks what could have been first, `at_end` what the last step lacks."""
     named = steps[min(1, len(steps) - 1)]
     found = rank_effects(scorer, scorer.split_into_candidates(named.added), named.tied_effects)
-    return Search(tuple(steps), found, _further(at_end, at_end.split_into_candidates(steps[-1].effects)), full)
+    return Search(tuple(steps), found, _further(at_end, at_end.split_into_candidates(steps[-1].effects)))
 
 
 def _further(scorer: EffectSetScorer, effects: Sequence[Candidate]) -> Candidate | None:
@@ -157,8 +163,9 @@ def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[Se
 
 def repair_step(study: Study, step: SearchStep) -> RepairStep:
     """Describe one step of a search by its errors on every kind of run."""
+    small = background_values(study, step)
     return RepairStep(
-        added=tuple(c.effect for c in step.added),
+        added=(BACKGROUND_STEP,) if small else tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
         tied_with=tuple(name_tied_effect(c, step.added) for c in step.tied_effects),
         rmse=step.fit.rmse(),
@@ -166,4 +173,19 @@ def repair_step(study: Study, step: SearchStep) -> RepairStep:
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
         exam_rmse=channel_rmse(study.exam_blocks(step.fit)),
+        values=len(small),
     )
+
+
+def background_names(study: Study, step: SearchStep) -> set[str]:
+    """Names of the parameters of a step's background, which have no name in a report."""
+    named = {name for c in step.effects for name in c.names}
+    free = [c for c, fits in zip(study.problem.columns, step.fit.free, strict=True) if fits and c.parameter.effect]
+    return {c.name for c in free if c.name not in named} if step.background_width else set()
+
+
+def background_values(study: Study, step: SearchStep) -> dict[str, float]:
+    """Values of a step's background by parameter name, in the parameter's unit; empty where the step has none."""
+    names, problem = background_names(study, step), study.problem
+    values = zip(problem.columns, step.fit.values, problem.null, strict=True)
+    return {c.name: float(value) for c, value, null in values if c.name in names and value != null}

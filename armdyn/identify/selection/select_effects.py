@@ -1,95 +1,62 @@
-"""Search for the set of effects with the least cost, by adding, removing and exchanging effects.
+"""Search for the set of effects with the largest score, by adding, removing and exchanging effects.
 
 Adding one effect at a time fails where the first one imitates two others. So after every addition superfluous effects
 are removed (backward elimination), an effect may be added on one joint or on all its joints, each effect is exchanged
 for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15,
-1994). The cost falls with every step, so the search ends.
+1994). The score rises with every step, so the search ends.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-
-import numpy as np
 
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 
 SCORED_CHANGES_PER_KIND = 12
-"""Number of changes of each kind, those with the least predicted cost, whose cost is computed in each round."""
+"""Number of changes of each kind, those with the largest predicted score, whose score is computed in each round."""
+ELIMINATED_CHANGES = 3
+"""Number of these changes, the best ones, after which superfluous effects are removed in each round: so one effect can
+take the place of several on other joints."""
 
-SetCost = Callable[[EffectSetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
 """Effects removed from a set, and effects added to it."""
 
 
-@dataclass(frozen=True)
-class EffectSetCostRule:
-    """A rule for comparing sets of effects.
-
-    Attributes:
-        cost: cost of a set; less is better.
-        first_order: function that approximates the (k,) costs of a set with each of k additions.
-    """
-
-    cost: SetCost
-    first_order: Callable[[EffectSetScore, Sequence[Sequence[Candidate]]], np.ndarray]
-
-
-def evidence_rule(scorer: LinearScorer) -> EffectSetCostRule:
-    """The rule that prefers sets of effects with strong evidence."""
-    return EffectSetCostRule(
-        lambda one: -one.score, lambda now, options: -scorer.approximate_addition_scores(now, options)
-    )
-
-
-def share_rule(scorer: LinearScorer) -> EffectSetCostRule:
-    """The rule that prefers small sets of effects that remove most of the squared error; see `leading_effects_cost`."""
-    return EffectSetCostRule(scorer.leading_effects_cost, scorer.approximate_addition_costs)
-
-
-def search_set(
-    scorer: LinearScorer,
-    rule: EffectSetCostRule,
-    start: EffectSetScore,
-    say: Callable[[str], None],
-) -> EffectSetScore:
-    """Search for the set of effects with the least cost.
+def search_set(scorer: LinearScorer, start: EffectSetScore, say: Callable[[str], None]) -> EffectSetScore:
+    """Search for the set of effects with the largest score.
 
     Args:
         scorer: scorer of sets.
-        rule: the cost to minimise.
         start: the set from which the search starts.
         say: called with a text on the progress of the search.
     """
-    cost, now = rule.cost, eliminate(scorer, rule.cost, start)
+    now = eliminate(scorer, start)
     while True:
         say(f"{len(now.effects)} effects chosen")
         for changes in (_additions, _exchanges, _pairs):
-            options = _promising(scorer, rule, now, list(changes(scorer, now)))
-            best = eliminate(scorer, cost, min(options, key=cost, default=now))
-            if cost(best) < cost(now):
+            options = _promising(scorer, now, list(changes(scorer, now)))
+            best = max((eliminate(scorer, one) for one in options[:ELIMINATED_CHANGES]), key=_score, default=now)
+            if best.score > now.score:
                 now = best
                 break
         else:
             return now
 
 
-def eliminate(scorer: EffectSetScorer, cost: SetCost, now: EffectSetScore) -> EffectSetScore:
-    """Remove effects from a set, on one joint or on all, as long as the cost does not rise (backward elimination).
+def eliminate(scorer: EffectSetScorer, now: EffectSetScore) -> EffectSetScore:
+    """Remove effects from a set, on one joint or on all, as long as the score does not fall (backward elimination).
 
     Args:
         scorer: scorer of sets.
-        cost: the cost.
         now: the set.
     """
     while True:
         free = [c for c in now.effects if c not in scorer.given]
         parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
         fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in parts)
-        best = min(fewer, key=cost, default=now)
-        if best is now or cost(best) > cost(now):
+        best = max(fewer, key=_score, default=now)
+        if best is now or best.score < now.score:
             return now
         now = best
 
@@ -97,6 +64,10 @@ def eliminate(scorer: EffectSetScorer, cost: SetCost, now: EffectSetScore) -> Ef
 def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
     """Group candidates on one joint each by the name of their effect."""
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
+
+
+def _score(one: EffectSetScore) -> float:
+    return one.score
 
 
 def _additions(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
@@ -110,6 +81,7 @@ def _exchanges(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     left = [c for c in scorer.candidates if c not in now.effects]
     for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
+        yield from ((part, whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
 def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
@@ -125,16 +97,15 @@ def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
 
 
-def _promising(
-    scorer: LinearScorer, rule: EffectSetCostRule, now: EffectSetScore, changes: Sequence[Change]
-) -> list[EffectSetScore]:
-    """Sets after the changes with the least predicted cost."""
+def _promising(scorer: LinearScorer, now: EffectSetScore, changes: Sequence[Change]) -> list[EffectSetScore]:
+    """Sets after the changes with the largest predicted scores, the best first."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:
         by_gone.setdefault(gone, []).append(come)
     found: list[tuple[float, tuple[Candidate, ...]]] = []
     for gone, options in by_gone.items():
         rest = scorer.evaluate([c for c in now.effects if c not in gone])
-        costs = rule.first_order(rest, options).tolist()
-        found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.evaluate(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES_PER_KIND]]
+        scores = scorer.approximate_addition_scores(rest, options).tolist()
+        found += [(score, (*rest.effects, *come)) for score, come in zip(scores, options, strict=True)]
+    likely = sorted(found, key=lambda one: -one[0])[:SCORED_CHANGES_PER_KIND]
+    return sorted((scorer.evaluate(effects) for _, effects in likely), key=_score, reverse=True)

@@ -1,9 +1,8 @@
-"""Score sets of effects for given runs, in nats: evidence less a penalty for complexity.
+"""Score sets of effects for given runs, in nats, less a penalty for complexity.
 
-    score = log evidence of the training runs + log likelihood of the predicted held-out runs - complexity penalty
-
-The evidence is the likelihood at the best values, less Occam's factor of the unknowns and a Cauchy prior on their sizes
-(MacKay, Neural Computation 4, 1992). `LinearScorer` and `StateSpaceScorer` define the likelihood.
+`LinearScorer` scores what a set predicts of motions to which it was not fitted; `StateSpaceScorer` the evidence of the
+training runs, which is the likelihood at the best values less Occam's factor of the unknowns and a Cauchy prior on
+their sizes (MacKay, Neural Computation 4, 1992), and the likelihood of the predicted held-out runs.
 """
 
 from abc import ABC, abstractmethod
@@ -110,6 +109,11 @@ class EffectSetScorer(ABC):
         self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
     ) -> EffectSetScore:
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
+
+    def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
+        """Those of some effects that a report adds to a set first, on the joints where they explain much."""
+        del now
+        return list(effects)
 
     def effects_on_other_states(
         self, whole: EffectSetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
