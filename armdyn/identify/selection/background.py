@@ -52,4 +52,4 @@ def sure_unnamed_effects(scorer: LinearScorer, effects: Sequence[Candidate], wid
         without[scorer.positions[one]] = 0.0
         return best - scorer.prediction_log_likelihood(without)
 
-    return [one for one in scorer.candidates if one not in effects and loss(one) > ACCEPTANCE_NATS]
+    return [one for one in scorer.searched_effects if one not in effects and loss(one) > ACCEPTANCE_NATS]

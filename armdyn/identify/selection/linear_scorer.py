@@ -140,7 +140,6 @@ class LinearScorer(EffectSetScorer):
         self.training = np.flatnonzero(self._is_training)
         self.folds = self._folds(stretch)
         self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-        self._simpler: dict[Candidate, int] = {}
         self._variance, self._samples = self._measured()
         self._normals.clear()
 
@@ -235,30 +234,33 @@ class LinearScorer(EffectSetScorer):
             width: prior width of all other effects; 0 leaves them out.
         """
         found = np.zeros(len(self.columns))
-        rest = self._of(c for c in self.candidates if self.simpler_effects_in(c) == 1) if width else self._of(())
+        rest = self._of(self.searched_effects if width else ())
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
         for one in effects:
             found[self.positions[one]] = self._wide[self.positions[one]]
         return found
 
-    def simpler_effects_in(self, one: Candidate) -> int:
-        """Number of simpler effects whose sum is one effect: asymmetric friction is Coulomb friction plus an offset."""
-        if one not in self._simpler:
-            self._simpler[one] = self._count_simpler(one)
-        return self._simpler[one]
+    @cached_property
+    def searched_effects(self) -> tuple[Candidate, ...]:
+        """Candidates without those that are sums of simpler ones, as asymmetric friction is of dry friction and offset.
 
-    def _count_simpler(self, one: Candidate) -> int:
+        Either would be as good, and a search that adds one effect at a time would end with whichever came first.
+        """
+        return tuple(c for c in self.candidates if c in self.given or not self._is_sum(c))
+
+    def _is_sum(self, one: Candidate) -> bool:
+        """Whether an effect is the sum of simpler effects on its joint."""
         own = self.positions[one]
         simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.positions[c]) < len(own)]
         if not simpler or not one.joints:
-            return 1
+            return False
         G, others = self._normal(self.training)[0], self._of(simpler)
         both, k = np.append(own, others), len(own)
         scale = 1.0 / np.sqrt(np.diag(G))[both]
         G = G[np.ix_(both, both)] * np.outer(scale, scale)
         within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
-        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_INIMITABLE_EFFECT_SHARE) else 1
+        return bool(np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_INIMITABLE_EFFECT_SHARE))
 
     def best_change(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(c,) change of the unknowns, in typical sizes, that fits some units best.

@@ -63,7 +63,7 @@ def tied_effects(scorer: EffectSetScorer, whole: EffectSetScore, part: Sequence[
     joints = {j for c in part for j in c.joints}
     found = []
     without = scorer.evaluate(rest)
-    here = [c for c in scorer.candidates if c.effect != part[0].effect and set(c.joints) <= joints]
+    here = [c for c in scorer.searched_effects if c.effect != part[0].effect and set(c.joints) <= joints]
     for others in (*group_joints_by_effect(here), *scorer.effects_on_other_states(whole, rest, part)):
         if any(c in rest for c in others) or len(others) < len(part):
             continue
@@ -120,7 +120,7 @@ def rank_effects(
     """
     nothing = scorer.evaluate(scorer.given)
     found = [scorer.evaluate((*scorer.given, *first))] if first else []
-    plausible_effects = [c for c in scorer.candidates if c not in scorer.given]
+    plausible_effects = [c for c in scorer.searched_effects if c not in scorer.given]
     for name in dict.fromkeys(c.effect for c in plausible_effects):
         if not first or name != first[0].effect:
             found.append(_alone(scorer, [c for c in plausible_effects if c.effect == name], nothing))

@@ -71,14 +71,14 @@ def _score(one: EffectSetScore) -> float:
 
 
 def _additions(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
-    left = [c for c in scorer.candidates if c not in now.effects]
+    left = [c for c in scorer.searched_effects if c not in now.effects]
     yield from (((), (c,)) for c in left)
     yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
 
 
 def _exchanges(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     free = [c for c in now.effects if c not in scorer.given]
-    left = [c for c in scorer.candidates if c not in now.effects]
+    left = [c for c in scorer.searched_effects if c not in now.effects]
     for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
         yield from ((part, (c,)) for c in left)
         yield from ((part, whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
@@ -90,8 +90,8 @@ def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     A gain and a friction that grows with the load hide each other: neither improves the score without the other one
     where a spring and a rotor imitate part of both.
     """
-    for joint in dict.fromkeys(c.joints for c in scorer.candidates if c.joints):
-        own = [c for c in scorer.candidates if c.joints == joint]
+    for joint in dict.fromkeys(c.joints for c in scorer.searched_effects if c.joints):
+        own = [c for c in scorer.searched_effects if c.joints == joint]
         there = [c for c in own if c in now.effects and c not in scorer.given]
         for gone in [(), *((c,) for c in there), *combinations(there, 2)]:
             yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))

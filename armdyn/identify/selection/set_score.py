@@ -153,17 +153,16 @@ class EffectSetScorer(ABC):
         """Evidence, nats, that a set needs to be accepted.
 
         The penalty is larger for a larger catalogue and for an effect that could act on more joints, as both make a
-        good fit by chance more probable; it is smaller for a further joint of an effect. An effect that is a sum of
-        several simpler ones counts as several.
+        good fit by chance more probable; it is smaller for a further joint of an effect.
         """
         catalogue, found = log(max(len(self._reach), self._catalogue_size, 1)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
             found += catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS
-        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + ACCEPTANCE_NATS) for c in effects)
+        return found
 
-    def simpler_effects_in(self, one: Candidate) -> int:
-        """Number of simpler effects whose sum is one effect; 1 where it is no such sum."""
-        del one
-        return 1
+    @property
+    def searched_effects(self) -> tuple[Candidate, ...]:
+        """Candidates from which a search chooses."""
+        return self.candidates
