@@ -13,7 +13,8 @@ What is counted:
 - `right`: hidden values that are named, on their joint, with a value within 3 std or 10 %; a load's place within 10 %
   of its distance. Only visible effects count, see `NOISES` of the generator: torque above 3 times the noise, or above
   the noise and 3 % of the joint's error as described. An asymmetric or load friction in place of a Coulomb friction is
-  wrong. `named` are those with the right name, whatever the value.
+  wrong, but for an asymmetric one where a Coulomb friction and an offset were hidden: the two have the same torque.
+  `named` are those with the right name, whatever the value.
 - `empty`: named effects of which every parameter is within 2 std of null.
 - `nameless`: effects of the background that are among the visible hidden ones, or whose torque is more than 10 % of
   their joint's error as described (root mean square in training).
@@ -57,7 +58,7 @@ EMPTY = 2.0
 LARGE_NAMELESS, LARGE_FALSE = 0.1, 0.01
 """Share of its joint's error, and of the squared error of all joints."""
 FRICTIONS = ("joint_coulomb_friction", "joint_asymmetric_friction", "joint_load_friction", "joint_stribeck_friction")
-COLUMNS = ("hidden", "named", "right", "empty", "nameless", "false", "named only", "held out", "exam", "cpu")
+ASYMMETRIC = "joint_asymmetric_friction"
 
 Pair = tuple[str, str]
 
@@ -100,14 +101,34 @@ def torque_of(model: ArmModel, pair: Pair, runs: Sequence[Run]) -> np.ndarray:
     return squares(model, runs, model.without_effect(":".join(filter(None, pair))))
 
 
-def right_values(model: ArmModel, one: Any) -> dict[str, bool]:
-    """Whether the values of a hidden effect, by short name, are right in a model that names it."""
+def same_torque(model: ArmModel, joint: str) -> dict[str, tuple[float, float]]:
+    """Coulomb friction and offset of a joint that a model describes by an asymmetric friction, each with its std."""
+    up, down = (model.parameters[f"{ASYMMETRIC}.{way}[{joint}]"] for way in ("positive", "negative"))
+    std = 0.5 * float(np.hypot(up.std or 0.0, down.std or 0.0))
+    half, offset = 0.5 * (up.value + down.value), 0.5 * (up.value - down.value)
+    return {f"joint_coulomb_friction.torque[{joint}]": (half, std), f"torque_offset.torque[{joint}]": (offset, std)}
+
+
+def told_values(model: ArmModel, hidden: Sequence[Any]) -> dict[str, tuple[float, float]]:
+    """Values with their std that a model without background tells, by name."""
+    told = {name: (p.value, p.std or 0.0) for name, p in model.parameters.items() if p.effect}
+    there = {(one.effect, one.joint) for one in hidden}
+    for joint in model.joints_having_effect(ASYMMETRIC):
+        both = all((effect, joint) in there for effect in hidden_table.SAME_TORQUE[ASYMMETRIC])
+        told |= same_torque(model, joint) if both else {}
+    return told
+
+
+def right_values(told: Mapping[str, tuple[float, float]], one: Any) -> dict[str, bool] | None:
+    """Whether the values of a hidden effect, by short name, are right; None where it is not named."""
     distance = float(np.linalg.norm([one.values[axis] for axis in "xyz"])) if one.effect == "payload" else 0.0
     found = {}
     for short, value in one.values.items():
-        parameter = model.parameters[f"{one.effect}.{short}[{one.joint}]"]
+        name = f"{one.effect}.{short}[{one.joint}]"
+        if name not in told:
+            return None
         size = distance if short in ("x", "y", "z") else abs(value)
-        found[short] = abs(parameter.value - value) <= max(STDS * (parameter.std or 0.0), CLOSE * size)
+        found[short] = abs(told[name][0] - value) <= max(STDS * told[name][1], CLOSE * size)
     return found
 
 
@@ -135,10 +156,8 @@ def judged(arm: Any, given: ArmModel, exact: ArmModel, mended: Repair) -> hidden
     visible = [one for one in arm.hidden if one.visible]
     named = pairs(bare)
     unnamed = [pair for pair in pairs(model) if pair not in named]
-    values = {
-        (one.effect, one.joint): right_values(model, one) if (one.effect, one.joint) in named else None
-        for one in visible
-    }
+    told = told_values(bare, arm.hidden)
+    values = {(one.effect, one.joint): right_values(told, one) for one in visible}
     size = {pair: torque_of(model, pair, train) for pair in [*named, *unnamed]}
     misfit = arm.misfit**2
     truth = true_model(exact, arm.hidden)
@@ -152,9 +171,7 @@ def judged(arm: Any, given: ArmModel, exact: ArmModel, mended: Repair) -> hidden
         "named": sum(len(found) for found in values.values() if found is not None),
         "right": sum(sum(found.values()) for found in values.values() if found is not None),
         "empty": [pair for pair in named if is_empty(model, pair)],
-        "nameless": [
-            pair for pair in unnamed if pair in values or np.any(size[pair] > LARGE_NAMELESS**2 * misfit)
-        ],
+        "nameless": [p for p in unnamed if p in values or np.any(size[p] > LARGE_NAMELESS**2 * misfit)],
         "false": [pair for pair in wrong if size[pair].sum() > LARGE_FALSE * misfit.sum()],
         "other names": [pair for pair in named if pair not in {(one.effect, one.joint) for one in arm.hidden}],
         "named only": error(alone, held_out) / whole,
@@ -165,10 +182,13 @@ def judged(arm: Any, given: ArmModel, exact: ArmModel, mended: Repair) -> hidden
     }  # fmt: skip
 
 
-def examine(seed: int, kind: str, tell: bool = False) -> hidden_table.Row:
-    """Row of the table for one arm."""
+def examine(
+    seed: int, kind: str, sticking: bool = False, kept: Path | None = None, tell: bool = False
+) -> hidden_table.Row:
+    """Row of the table for one arm, which is kept in a folder for the next time."""
     warnings.simplefilter("ignore")
-    arm = mujoco_arm.generate(seed, kind)
+    file = None if kept is None else kept / f"{kind}{'_sticking' * sticking}_{seed}.pickle"
+    arm = hidden_table.kept(file, lambda: mujoco_arm.generate(seed, kind, sticking=sticking))
     row: hidden_table.Row = {
         "seed": seed, "kind": kind, "robot": arm.robot, "off": arm.off, "stiff": arm.stiff, "rate": arm.rate,
         "unknown": arm.unknown,
@@ -208,28 +228,35 @@ def show_one(arm: Any, mended: Repair, row: Mapping[str, Any]) -> None:
         for short, value in one.values.items():
             name = f"{one.effect}.{short}[{one.joint}]"
             place = "named" if name in bare.names else "background" if name in model.names else "absent"
-            told = f"{model.parameters[name].value:10.4g} ± {model.parameters[name].std or np.nan:8.2g}" if name in model.names else " " * 21
-            fine = (row["values"].get(f"{one.effect}:{one.joint}") or {}).get(short)
-            print(f"  {name:60s}{value:10.4g}  {told}  {place:10s} {'' if fine is None else 'right' if fine else 'WRONG'}"
-                  f"{'' if one.visible else '  not visible'}  rms {one.size:.3g} N m")  # fmt: skip
+            found = _number(model, name) if name in model.names else ""
+            right = (row["values"].get(f"{one.effect}:{one.joint}") or {}).get(short)
+            judged_so = "" if right is None else "right" if right else "WRONG"
+            seen = "" if one.visible else "not visible, "
+            print(f"  {name:56s}{value:10.4g}  {found:21s}  {place:10s}  {judged_so:5s}  {seen}rms {one.size:.3g} N m")
     truth = {(one.effect, one.joint) for one in arm.hidden}
     for name, p in bare.parameters.items():
         if (p.effect, p.joint) not in truth:
-            print(f"  {name:60s}{'':10s}  {p.value:10.4g} ± {p.std or np.nan:8.2g}  beside the truth")
+            print(f"  {name:56s}{'':10s}  {_number(bare, name):21s}  beside the truth")
     for key in ("empty", "nameless", "false"):
         print(f"  {key}: {row[key]}")
 
 
+def _number(model: ArmModel, name: str) -> str:
+    parameter = model.parameters[name]
+    return f"{parameter.value:10.4g} ± {np.nan if parameter.std is None else parameter.std:8.2g}"
+
+
 def line(row: Mapping[str, Any]) -> str:
     """One arm."""
-    what = f"{row['seed']:4d} {row['robot']:7s}{'off' if row['off'] else 'exact':6s}{'stiff' if row['stiff'] else 'soft':6s}"
-    what += f"{row['rate']:4.0f} Hz "
+    kinds = f"{'off' if row['off'] else 'exact':6s}{'stiff' if row['stiff'] else 'soft':6s}"
+    what = f"{row['seed']:4d} {row['robot']:7s}{kinds}{row['rate']:4.0f} Hz "
     if "refused" in row:
         return f"{what} refused: {row['refused']}"
     return what + (
         f"right {row['right']:3d} named {row['named']:3d} of {row['hidden']:3d}  empty {len(row['empty']):2d}  "
         f"nameless {len(row['nameless']):2d}  false {len(row['false']):2d}  named only {row['named only']:5.2f}  "
         f"held out {row['held out']:5.2f}  exam {row['exam']:5.2f}  cpu {row['cpu']:5.1f} s  {row['verdict']}"
+        + (f"  ({row['unknown'][0]}: {100 * row['unknown'][1]:.0f} % unknown)" if row["unknown"] else "")
     )
 
 
@@ -262,12 +289,16 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--kind", choices=mujoco_arm.KINDS, default="ordinary")
+    parser.add_argument("--sticking", action="store_true", help="as much Coulomb friction as ordinary arms, any kind")
     parser.add_argument("--only", type=int, default=None, help="one seed, told at length")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--kept", type=Path, default=None, help="folder of simulated arms, to be read the next time")
     parser.add_argument("--out", type=Path, default=None, help="JSON of every row")
     given = parser.parse_args()
     seeds = range(given.first_seed, given.first_seed + given.arms) if given.only is None else [given.only]
-    cases = [(seed, given.kind, given.only is not None) for seed in seeds]
+    if given.kept is not None:
+        given.kept.mkdir(parents=True, exist_ok=True)
+    cases = [(seed, given.kind, given.sticking, given.kept, given.only is not None) for seed in seeds]
     rows: list[hidden_table.Row] = []
     for row in hidden_table.answered(examine, cases, given.processes):
         rows.append(row)

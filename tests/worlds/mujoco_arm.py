@@ -6,7 +6,7 @@ kind of arms has. Sizes are relative to each joint's *typical torque*, the root 
 of it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from xml.etree import ElementTree as ET
@@ -37,13 +37,16 @@ SLOW, FAST = (0.08, 0.5), (0.3, 0.8)  # frequencies of the motion, and those of 
 LEAST_TYPICAL = 0.02  # of the effort limit: typical torque of a joint that carries hardly anything
 GIVING: Mapping[bool, float] = {False: 0.3, True: 0.03}  # rad: how far typical torque pushes a soft, a stiff drive
 VISCOUS, COULOMB, ON_JOINT = (0.04, 0.2), (0.05, 0.25), 0.9  # of the typical torque; share of joints with it
+LIGHT = (0.01, 0.05)
+"""Coulomb friction of kinds whose verdict counts: a joint with COULOMB sticks for up to .3 s where it turns round, and
+what friction it has there is no noise to any model; with LIGHT that is below the torque noise."""
 ROTOR, BIG, HEAVIEST = (0.02, 0.08), 2, 0.5  # the same; joints that may have one; largest over the joint's inertia
 CARRIED, PLACE, CARRIES = (0.004, 0.012), 0.08, 0.5  # kg per N m of the largest effort limit; m; share of arms
 OFFSET, WITH_OFFSET = (0.03, 0.12), 0.25  # of the typical torque; share of joints
 TORQUE_NOISE, POSITION_NOISE = (0.005, 0.01), (5e-5, 1e-4)  # of the typical torque; rad
 CORRELATION = 0.6  # of the torque noise of one sample with that of the one before, for kind ar1
 ENCODER = (2 * np.pi / 65536, 2 * np.pi / 16384, 1e-3)  # rad, steps of quantised positions
-UNKNOWN, COGS = (0.5, 1.0), (5, 12)  # over the friction on its joint; periods of a cogging per 2 pi
+UNKNOWN, COGS = (0.5, 1.0), (5, 12)  # over all that is hidden on its joint; periods of a cogging per 2 pi
 NOISES, SHARE = 3.0, 0.03
 """A hidden effect is visible if its torque has NOISES times the torque noise, or more than this noise and SHARE of its
 joint's error of the model as described; all root mean squares in training."""
@@ -75,26 +78,30 @@ class SimulatedArm:
 
 
 @lru_cache(maxsize=8)
-def _robot(name: str) -> urdf.Robot:
+def robot_of(name: str) -> urdf.Robot:
+    """A robot as described, its inertias mended."""
     return urdf.load(distribution_file("example-robot-data", ROBOTS[name]), meshes=False)
 
 
-def generate(seed: int, kind: str = "ordinary") -> SimulatedArm:
-    """The arm of a seed."""
+def generate(
+    seed: int, kind: str = "ordinary", *, sticking: bool = False, seconds: Sequence[float] = SECONDS
+) -> SimulatedArm:
+    """The arm of a seed; `sticking`: Coulomb friction as large for any kind as for ordinary arms."""
     rng = np.random.default_rng([seed, KINDS.index(kind), 60])
     name = list(ROBOTS)[seed % len(ROBOTS)]
-    robot = _robot(name)
+    robot = robot_of(name)
     joints = robot.joint_names
     plain = bare(robot.urdf_xml, joints)
     exact = ET.tostring(plain, encoding="unicode")
     off = kind == "ordinary" and (seed // len(ROBOTS) + seed % len(ROBOTS) // 3) % 2 == 1
     description = ET.tostring(with_links_off(plain, rng), encoding="unicode") if off else exact
     stiff, rate = bool(rng.random() < 0.5), float(rng.choice(RATES))
-    paths = [Path.drawn(rng, robot, FAST if k == 3 else SLOW, seconds) for k, seconds in enumerate(SECONDS)]
-    hidden, typical = _drawn(rng, exact, robot, paths[0])
-    further = _unknown(rng, hidden, joints, typical, paths[0]) if kind == "unknown" else None
+    paths = [Path.drawn(rng, robot, FAST if k == 3 else SLOW, lasts) for k, lasts in enumerate(seconds)]
+    coulomb = COULOMB if sticking or kind == "ordinary" else LIGHT
+    hidden, typical = _drawn(rng, exact, robot, paths[0], coulomb)
+    plant, bodies, every = compiled(exact, joints, hidden), compiled(exact, joints), round(1.0 / rate / STEP)
+    further = _unknown(rng, plant, bodies, joints, paths[0]) if kind == "unknown" else None
     noise = typical * rng.uniform(*TORQUE_NOISE, len(joints))
-    plant, every = compiled(exact, joints, hidden), round(1.0 / rate / STEP)
     giving = typical / GIVING[stiff]
     logs = tuple(simulated(plant, joints, path, every, giving, further) for path in paths)
     offset = np.zeros(len(joints))
@@ -116,8 +123,9 @@ def generate(seed: int, kind: str = "ordinary") -> SimulatedArm:
         torque = np.vstack([log.unknown for log in logs[:2]])[:, further.joint]
         unknown = joints[further.joint], float(np.mean(torque**2) / misfit[further.joint] ** 2)
     return SimulatedArm(
-        seed, kind, name, joints, exact, description, stiff, rate, tuple(seen), logs, tuple(runs), noise, misfit, unknown
-    )
+        seed, kind, name, joints, exact, description, stiff, rate, tuple(seen), logs, tuple(runs), noise, misfit,
+        unknown,
+    )  # fmt: skip
 
 
 def _judged(one: Hidden, size: np.ndarray, noise: np.ndarray, misfit: np.ndarray) -> Hidden:
@@ -127,7 +135,7 @@ def _judged(one: Hidden, size: np.ndarray, noise: np.ndarray, misfit: np.ndarray
 
 
 def _drawn(
-    rng: np.random.Generator, exact: str, robot: urdf.Robot, path: Path
+    rng: np.random.Generator, exact: str, robot: urdf.Robot, path: Path, friction: tuple[float, float]
 ) -> tuple[tuple[Hidden, ...], np.ndarray]:
     """What is hidden, and the (nj,) typical torques, N m."""
     joints, model = robot.joint_names, compiled(exact, robot.joint_names)
@@ -135,13 +143,13 @@ def _drawn(
     load = rigid_torques(model, joints, way)
     typical = np.maximum(np.sqrt(np.mean(load**2, axis=0)), LEAST_TYPICAL * robot.limits.effort)
     speed, brisk = (np.sqrt(np.mean(x**2, axis=0)) for x in way[1:])
-    unit = np.eye(len(joints))
-    still = np.zeros_like(unit)
+    unit, still = np.eye(len(joints)), np.zeros((len(joints), len(joints)))
     at = np.tile(way[0].mean(axis=0), (len(joints), 1))
-    inertia = np.diag(rigid_torques(model, joints, (at, still, unit)) - rigid_torques(model, joints, (at, still, still)))
+    moved, held = (rigid_torques(model, joints, (at, still, a)) for a in (unit, still))
+    inertia = np.diag(moved - held)
     hidden = []
     for j, joint in enumerate(joints):
-        viscous, coulomb, offset = (float(typical[j] * rng.uniform(*span)) for span in (VISCOUS, COULOMB, OFFSET))
+        viscous, coulomb, offset = (float(typical[j] * rng.uniform(*span)) for span in (VISCOUS, friction, OFFSET))
         chance, sign = rng.random(3), rng.choice([-1.0, 1.0])
         if chance[0] < ON_JOINT:
             hidden.append(Hidden("joint_viscous_friction", joint, {"coefficient": viscous / float(speed[j])}))
@@ -161,22 +169,16 @@ def _drawn(
 
 
 def _unknown(
-    rng: np.random.Generator, hidden: tuple[Hidden, ...], joints: tuple[str, ...], typical: np.ndarray, path: Path
+    rng: np.random.Generator, plant: mujoco.MjModel, bodies: mujoco.MjModel, joints: tuple[str, ...], path: Path
 ) -> Unknown:
-    """A force on one joint with friction, as large as most of what is hidden there."""
+    """A force on one joint, as large as half of what is hidden there, or all of it."""
     joint = int(rng.integers(1, len(joints)))
     other = joint if rng.random() < 0.5 else joint - 1
-    trial = Unknown(joint, other, 1.0, float(rng.integers(*COGS, endpoint=True)))
-    q, v, _ = path.at(np.arange(0.0, path.seconds, 0.01))
-    size = np.sqrt(np.mean(trial.torque(q, v)[:, joint] ** 2))
-    friction = 0.0
-    for one in hidden:
-        if one.joint == joints[joint] and one.effect == "joint_viscous_friction":
-            friction += one.values["coefficient"] ** 2 * float(np.mean(v[:, joint] ** 2))
-        elif one.joint == joints[joint] and one.effect in ("joint_coulomb_friction", "torque_offset"):
-            friction += one.values["torque"] ** 2
-    wanted = rng.uniform(*UNKNOWN) * max(np.sqrt(friction), VISCOUS[0] * typical[joint])
-    return replace(trial, size=float(wanted / size))
+    trial = Unknown(joint, other, 1.0, float(rng.integers(*COGS, endpoint=True)), float(path.centre[joint]))
+    way = path.at(np.arange(0.0, path.seconds, 0.1))
+    asked, missing = (rigid_torques(model, joints, way)[:, joint] for model in (plant, bodies))
+    size, error = (np.sqrt(np.mean(x**2)) for x in (trial.torque(*way[:2])[:, joint], asked - missing))
+    return replace(trial, size=float(rng.uniform(*UNKNOWN) * error / size))
 
 
 def _shown(

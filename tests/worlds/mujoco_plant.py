@@ -51,7 +51,8 @@ def bare(xml: str, joints: tuple[str, ...]) -> ET.Element:
             link.remove(element)
     for joint in root.findall("joint"):
         arm = joint.get("name") in joints
-        for element in [e for e in joint if e.tag not in ("origin", "parent", "child", *(("axis", "limit") if arm else ()))]:
+        kept = ("origin", "parent", "child", *(("axis", "limit") if arm else ()))
+        for element in [e for e in joint if e.tag not in kept]:
             joint.remove(element)
         if not arm:
             joint.set("type", "fixed")
@@ -63,7 +64,8 @@ def with_links_off(root: ET.Element, rng: np.random.Generator) -> ET.Element:
     root = copy.deepcopy(root)
     for inertial in root.iter("inertial"):
         mass, origin, inertia = (inertial.find(tag) for tag in ("mass", "origin", "inertia"))
-        assert mass is not None and inertia is not None
+        assert mass is not None
+        assert inertia is not None
         heavier, larger, shift = rng.choice([-1.0, 1.0], 3) * rng.uniform(*LINK_ERROR, 3)
         way = rng.standard_normal(3)
         if origin is None:
@@ -157,33 +159,35 @@ class Path:
         left = np.minimum(time, self.seconds - time)
         x = np.clip(left / RAMP, 0.0, 1.0)
         way = np.where(time < self.seconds / 2, 1.0, -1.0) / RAMP
-        r, r1, r2 = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * way, 60 * x * (1 - x) * (1 - 2 * x) / RAMP**2
-        r, r1, r2 = r[:, None], r1[:, None], r2[:, None]
+        r = (x**3 * (10 - 15 * x + 6 * x**2))[:, None]
+        r1 = (30 * x**2 * (1 - x) ** 2 * way)[:, None]
+        r2 = (60 * x * (1 - x) * (1 - 2 * x) / RAMP**2)[:, None]
         return self.centre + r * s, r1 * s + r * s1, r2 * s + 2 * r1 * s1 + r * s2
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A force on one joint that no catalogue has: a cogging, or a torque a q_j v_i of another joint's speed."""
+    """A force on one joint that no catalogue has: a cogging, or a torque a (q_j - c) v_i of another joint's speed."""
 
     joint: int
     other: int  # the joint of the speed; its own for a cogging
     size: float  # N m, or N m s/rad^2
-    cogs: float
+    cogs: float  # periods of a cogging per 2 pi
+    centre: float  # rad
 
     def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(..., nj) N m that the drives need besides, at (..., nj) rad and rad/s."""
         torque = np.zeros_like(q)
         own = q[..., self.joint]
-        along = np.sin(self.cogs * own) if self.other == self.joint else own * v[..., self.other]
+        along = np.sin(self.cogs * own) if self.other == self.joint else (own - self.centre) * v[..., self.other]
         torque[..., self.joint] = self.size * along
         return torque
 
 
 def simulated(
-    model: mujoco.MjModel, joints: tuple[str, ...], path: Path, every: int, giving: np.ndarray, unknown: Unknown | None
+    model: mujoco.MjModel, joints: tuple[str, ...], path: Path, every: int, drive: np.ndarray, unknown: Unknown | None
 ) -> Log:
-    """A run under computed torque with PD gains: (nj,) `giving` N m/rad; a log has every so many steps."""
+    """A run under computed torque with PD gains: (nj,) `drive` N m/rad; a log has every so many steps."""
     steps = round(path.seconds / STEP)
     wanted, fast, brisk = path.at(STEP * np.arange(steps))
     data, dof, mass = mujoco.MjData(model), _dofs(model, joints), np.zeros((model.nv, model.nv))
@@ -195,7 +199,7 @@ def simulated(
         mujoco.mj_fullM(model, data, mass)
         own = mass[np.ix_(dof, dof)]
         inertia = np.diag(own)
-        stiffness = np.minimum(giving, STIFFEST**2 * inertia)
+        stiffness = np.minimum(drive, STIFFEST**2 * inertia)
         q, v = data.qpos[dof], data.qvel[dof]
         torque = own @ brisk[k] + data.qfrc_bias[dof] + stiffness * (wanted[k] - q)
         torque += 2 * DAMPED * np.sqrt(stiffness * inertia) * (fast[k] - v)
@@ -204,6 +208,6 @@ def simulated(
         mujoco.mj_step2(model, data)
         if k % every == 0:
             # A step's force is that of the second difference of the positions around it (leapfrog).
-            after = data.qvel[dof]
-            rows.append(np.array([q, 0.5 * (v + after), (after - v) / STEP, torque, -data.qfrc_constraint[dof], further]))
+            after, friction = data.qvel[dof], -data.qfrc_constraint[dof]
+            rows.append(np.array([q, 0.5 * (v + after), (after - v) / STEP, torque, friction, further]))
     return Log(*np.array(rows).transpose(1, 0, 2))
