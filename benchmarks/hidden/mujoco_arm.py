@@ -24,6 +24,8 @@ What is counted:
 - `named only`: error of the named effects alone in the held-out run over that of the whole model.
 - `held out`, `exam`: error of the written model over that of the true one, with the exact links and hidden values.
 - `explained`: the verdict; wanted always for ar1 and quantised, never for unknown.
+- `--given`: the hidden effects, and link inertias where the description is off, are added by name instead of searched
+  for: what a repair can reach. No verdict but `explained` is one then, as nothing was searched.
 - `refused`: arms that the inspection or the fit refuses. They count in nothing else.
 """
 
@@ -45,6 +47,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError
 from armdyn.identify.repair import Repair
 from armdyn.run import Run
@@ -182,16 +185,25 @@ def judged(arm: Any, given: ArmModel, exact: ArmModel, mended: Repair) -> hidden
     }  # fmt: skip
 
 
+def hidden_effects(arm: Any) -> list[Effect]:
+    """What was hidden, each effect on all of its joints, and link inertias where the description is off."""
+    joints: dict[str, list[str]] = {}
+    for one in arm.hidden:
+        joints.setdefault(one.effect, []).append(one.joint)
+    links = [CATALOGUE["link_inertia"]] if arm.off else []
+    return [*(CATALOGUE[effect].on(*where) for effect, where in joints.items()), *links]
+
+
 def examine(
-    seed: int, kind: str, sticking: bool = False, kept: Path | None = None, tell: bool = False
+    seed: int, kind: str, sticking: bool = False, kept: Path | None = None, known: bool = False, tell: bool = False
 ) -> hidden_table.Row:
-    """Row of the table for one arm, which is kept in a folder for the next time."""
+    """Row of the table for one arm, which is kept in a folder for the next time; `known`: see `--given`."""
     warnings.simplefilter("ignore")
     file = None if kept is None else kept / f"{kind}{'_sticking' * sticking}_{seed}.pickle"
     arm = hidden_table.kept(file, lambda: mujoco_arm.generate(seed, kind, sticking=sticking))
     row: hidden_table.Row = {
         "seed": seed, "kind": kind, "robot": arm.robot, "off": arm.off, "stiff": arm.stiff, "rate": arm.rate,
-        "unknown": arm.unknown,
+        "resolution": arm.resolution, "unknown": arm.unknown,
     }  # fmt: skip
     with TemporaryDirectory() as folder:
         given, exact = (
@@ -200,7 +212,8 @@ def examine(
         )
         begun, cpu = time.perf_counter(), time.process_time()
         try:
-            mended = CheckedStudy.of(given, arm.runs[:2], arm.runs[2:3]).repair()
+            study = CheckedStudy.of(given, arm.runs[:2], arm.runs[2:3])
+            mended = study.add(hidden_effects(arm)) if known else study.repair()
         except ArmdynError as refusal:
             return row | {"refused": str(refusal), "cpu": time.process_time() - cpu}
         row |= {"cpu": time.process_time() - cpu, "seconds": time.perf_counter() - begun}
@@ -249,7 +262,7 @@ def _number(model: ArmModel, name: str) -> str:
 def line(row: Mapping[str, Any]) -> str:
     """One arm."""
     kinds = f"{'off' if row['off'] else 'exact':6s}{'stiff' if row['stiff'] else 'soft':6s}"
-    what = f"{row['seed']:4d} {row['robot']:7s}{kinds}{row['rate']:4.0f} Hz "
+    what = f"{row['seed']:4d} {row['robot']:7s}{kinds}{row['rate']:4.0f} Hz {1e3 * row['resolution']:5.2f} mrad  "
     if "refused" in row:
         return f"{what} refused: {row['refused']}"
     return what + (
@@ -292,13 +305,14 @@ def main() -> None:
     parser.add_argument("--sticking", action="store_true", help="as much Coulomb friction as ordinary arms, any kind")
     parser.add_argument("--only", type=int, default=None, help="one seed, told at length")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--given", action="store_true", help="add the hidden effects by name instead of searching")
     parser.add_argument("--kept", type=Path, default=None, help="folder of simulated arms, to be read the next time")
     parser.add_argument("--out", type=Path, default=None, help="JSON of every row")
     given = parser.parse_args()
     seeds = range(given.first_seed, given.first_seed + given.arms) if given.only is None else [given.only]
     if given.kept is not None:
         given.kept.mkdir(parents=True, exist_ok=True)
-    cases = [(seed, given.kind, given.sticking, given.kept, given.only is not None) for seed in seeds]
+    cases = [(seed, given.kind, given.sticking, given.kept, given.given, given.only is not None) for seed in seeds]
     rows: list[hidden_table.Row] = []
     for row in hidden_table.answered(examine, cases, given.processes):
         rows.append(row)

@@ -64,6 +64,7 @@ class SimulatedArm:
     description: str  # URDF that its user has
     stiff: bool
     rate: float  # Hz
+    resolution: float  # standard deviation of the positions' noise, or their steps for kind quantised, rad
     hidden: tuple[Hidden, ...]
     logs: tuple[Log, ...]  # without noise and offsets
     runs: tuple[Run, ...]  # by `ROLES`
@@ -100,7 +101,7 @@ def generate(
     coulomb = COULOMB if sticking or kind == "ordinary" else LIGHT
     hidden, typical = _drawn(rng, exact, robot, paths[0], coulomb)
     plant, bodies, every = compiled(exact, joints, hidden), compiled(exact, joints), round(1.0 / rate / STEP)
-    further = _unknown(rng, plant, bodies, joints, paths[0]) if kind == "unknown" else None
+    further = _unknown(rng, plant, bodies, joints, paths[:2]) if kind == "unknown" else None
     noise = typical * rng.uniform(*TORQUE_NOISE, len(joints))
     giving = typical / GIVING[stiff]
     logs = tuple(simulated(plant, joints, path, every, giving, further) for path in paths)
@@ -123,8 +124,8 @@ def generate(
         torque = np.vstack([log.unknown for log in logs[:2]])[:, further.joint]
         unknown = joints[further.joint], float(np.mean(torque**2) / misfit[further.joint] ** 2)
     return SimulatedArm(
-        seed, kind, name, joints, exact, description, stiff, rate, tuple(seen), logs, tuple(runs), noise, misfit,
-        unknown,
+        seed, kind, name, joints, exact, description, stiff, rate, encoder if kind == "quantised" else jitter,
+        tuple(seen), logs, tuple(runs), noise, misfit, unknown,
     )  # fmt: skip
 
 
@@ -169,13 +170,16 @@ def _drawn(
 
 
 def _unknown(
-    rng: np.random.Generator, plant: mujoco.MjModel, bodies: mujoco.MjModel, joints: tuple[str, ...], path: Path
+    rng: np.random.Generator, plant: mujoco.MjModel, bodies: mujoco.MjModel, joints: tuple[str, ...],
+    paths: Sequence[Path],
 ) -> Unknown:
     """A force on one joint, as large as half of what is hidden there, or all of it."""
     joint = int(rng.integers(1, len(joints)))
     other = joint if rng.random() < 0.5 else joint - 1
-    trial = Unknown(joint, other, 1.0, float(rng.integers(*COGS, endpoint=True)), float(path.centre[joint]))
-    way = path.at(np.arange(0.0, path.seconds, 0.1))
+    centre = float(np.mean([path.centre[joint] for path in paths]))
+    trial = Unknown(joint, other, 1.0, float(rng.integers(*COGS, endpoint=True)), centre)
+    each = [path.at(np.arange(0.0, path.seconds, 0.1)) for path in paths]
+    way = tuple(np.vstack(parts) for parts in zip(*each, strict=True))
     asked, missing = (rigid_torques(model, joints, way)[:, joint] for model in (plant, bodies))
     size, error = (np.sqrt(np.mean(x**2)) for x in (trial.torque(*way[:2])[:, joint], asked - missing))
     return replace(trial, size=float(rng.uniform(*UNKNOWN) * error / size))

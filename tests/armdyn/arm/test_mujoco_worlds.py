@@ -87,5 +87,7 @@ def test_readings_have_the_noise_of_their_kind():
         noise = coloured.runs[0].channels[f"tau.{joint}"].value - coloured.logs[0].torque[:, j] - offset
         assert np.std(noise) == pytest.approx(coloured.noise[j], rel=0.2)
         assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(CORRELATION, abs=0.15)
-    steps = [rough.runs[0].channels[f"q.{joint}"].value for joint in rough.joints]
-    assert any(np.array(steps) / unit == pytest.approx(np.round(np.array(steps) / unit), abs=1e-6) for unit in ENCODER)
+    assert rough.resolution in ENCODER
+    for joint in rough.joints:
+        steps = rough.runs[0].channels[f"q.{joint}"].value / rough.resolution
+        assert steps == pytest.approx(np.round(steps), abs=1e-6)
