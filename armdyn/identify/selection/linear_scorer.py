@@ -6,9 +6,9 @@ are in typical sizes. The *wide model*, in which every effect on every joint may
 the runs show more, gives the error that remains with any set, and thus the weight of a sample. A set is judged by what
 it predicts of motions to which it was not fitted:
 
-    score = - sum_c n_c / 2 misfit(E_c / v_c) - complexity penalty,
+    score = - sum_c n_c / 2 misfit(E_c / v_c) - sum_i log(1 + x_i^2) - complexity penalty,
 
-where E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
+where x_i are the values of the set's effects, which have a Cauchy prior of typical size, and E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
 held-out runs predicted from all training runs; v_c that of the wide model. n_c counts independent samples. The sensor's
 noise has N_c / tau_c of them; the model's own error repeats itself, and has `INDEPENDENT_MODEL_ERROR_SAMPLES` however
 long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
@@ -348,13 +348,14 @@ class LinearScorer(EffectSetScorer):
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
         predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]])
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
-        worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
+        sizes = float(np.sum(np.log1p((change - self._null)[own] ** 2)))
+        worth = self.log_likelihood(predicted) - sizes - self.complexity_penalty(effects)
         return EffectSetScore(
             effects=effects,
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             held_out_log_likelihood=held_out_log_likelihood,
-            occam_penalty_nats=0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2))),
+            occam_penalty_nats=0.5 * float(log_det(A)) + sizes,
             effective_parameter_count=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
