@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -31,6 +31,7 @@ class Prediction:
         time: (n,) times of the samples, s.
         values: (n,) predicted values, in the channels' units.
         sensitivities: (n, p) exact derivatives with respect to the parameters, in the order of `Model.names`.
+        moving: (k,) indices of the parameters on which a channel can depend, by channel; all where it is not listed.
     """
 
     channels: tuple[str, ...]
@@ -38,6 +39,12 @@ class Prediction:
     time: np.ndarray
     values: np.ndarray
     sensitivities: np.ndarray
+    moving: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def values_by_channel(self) -> dict[str, np.ndarray]:
+        """(n,) predicted values by channel."""
+        return {name: self.values[rows] for name, rows in self.slices.items()}
 
 
 def prediction_from_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
@@ -45,7 +52,8 @@ def prediction_from_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, 
     names, times, values, sensitivities = zip(*parts, strict=True)
     ends = np.cumsum([len(time) for time in times]).tolist()
     slices = {name: slice(end - len(time), end) for name, time, end in zip(names, times, ends, strict=True)}
-    return Prediction(names, slices, *(np.concatenate(blocks) for blocks in (times, values, sensitivities)))
+    time, value, derivatives = (np.concatenate(blocks) for blocks in (times, values, sensitivities))
+    return Prediction(names, slices, time, value, derivatives)
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,6 +63,8 @@ class Model(EffectModel, Displayable):
     linear = False
     """Whether predictions are linear in most parameters, so that one linearisation predicts the influence of any set of
     effects."""
+    values_are_cheap = False
+    """Whether `predict_values` takes much less time than `predict`."""
 
     @property
     def step(self) -> float:
@@ -290,3 +300,7 @@ class Model(EffectModel, Displayable):
         Raises:
             InputError: the run has no channel that this model predicts.
         """
+
+    def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+        """(n,) predicted values by channel, up to rounding those of `predict`."""
+        return self.predict(run, theta).values_by_channel

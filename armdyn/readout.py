@@ -29,6 +29,10 @@ class Sampler(ABC):
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """(N, m) coefficients of the curves through m signals, given as (K, m) values at the nodes."""
 
+    def weighted_coefficients(self, weights: np.ndarray, signals: np.ndarray) -> np.ndarray:
+        """(N, m) `coefficients` of (K, m) signals times (K,) weights."""
+        return self.coefficients(weights[:, None] * signals)
+
     @abstractmethod
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
         """(n, N) matrix from the coefficients to the samples, or to a time derivative of them.
@@ -129,7 +133,8 @@ class LowPassSampler(Sampler):
         used: np.ndarray,
         recorded_below: float | None = None,
     ) -> None:
-        self.nodes, self._time, self._used, self._before = nodes, time, used, None
+        self.nodes, self._time, self._before = nodes, time, None
+        self._used = np.flatnonzero(used)
         if recorded_below is not None:
             # Penalised second differences pass 1 / (1 + (f/f_c)^4), as that filter does.
             self._before = LowPass(
@@ -142,6 +147,17 @@ class LowPassSampler(Sampler):
         if self._before is not None:
             signals = self._before.curve(signals)(self.nodes)
         return self._filter.curve(signals[self._used]).coefficients
+
+    def weighted_coefficients(self, weights: np.ndarray, signals: np.ndarray) -> np.ndarray:
+        """Coefficients of weighted signals, without the memory of their product; see `Sampler`."""
+        basis = self._filter.samples.matrix
+        if self._before is not None or self._filter.needs_refinement:
+            return super().weighted_coefficients(weights, signals)
+        rows = np.zeros(len(self.nodes) + 1, dtype=basis.indptr.dtype)
+        rows[self._used + 1] = np.diff(basis.indptr)
+        scaled = basis.data * np.repeat(weights[self._used], np.diff(basis.indptr))
+        weighted = csr_matrix((scaled, basis.indices, np.cumsum(rows)), shape=(len(self.nodes), basis.shape[1]))
+        return self._filter.solution(weighted.T @ signals)
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
         """Matrix from coefficients to samples; see `Sampler.matrix`."""
@@ -182,11 +198,15 @@ class SensorReadout:
         """Dead time, s, for (p,) parameter values."""
         return float(self._function(theta)[0][2, 0])
 
+    def gain(self, theta: np.ndarray) -> float:
+        """Gain for (p,) parameter values."""
+        return float(self._function(theta)[0][0, 0])
+
     def amplify(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Multiply a signal (K, 1 + m) by the gain, for (p,) parameter values."""
         if not self.amplifies:
             return signal
-        amplified = signal * self._function(theta)[0][0, 0]
+        amplified = signal * self.gain(theta)
         return self._with(amplified, 0, signal[:, 0], theta)
 
     def apply_lag(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -9,7 +9,14 @@ import pinocchio as pin
 
 from armdyn.arm.composition import InertialOrGravityChange, JointTorqueFunctions
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import GravityTorques, inverse_dynamics, parent_joints, torque_regressor
+from armdyn.arm.rigid import (
+    INERTIAL_PARAMETERS_PER_BODY,
+    GravityTorques,
+    inverse_dynamics,
+    parent_joints,
+    torque_regressor,
+)
+from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import RecordedColumn
 from armdyn.recording.channels import Channel, DriveReading
 
@@ -72,9 +79,17 @@ class MotionSamples:
         return inverse_dynamics(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
-    def regressor(self) -> np.ndarray:
-        """(n, nj, nj, 10) derivatives of each joint's torque by each link's inertial parameters."""
-        return torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
+    def carried(self) -> tuple[tuple[int, ...], ...]:
+        """The links that each joint carries, its own first."""
+        count = len(self.parents)
+        return tuple(tuple(i for i in range(j, count) if self.carries(j, i)) for j in range(count))
+
+    @cached_property
+    def by_inertia(self) -> tuple[np.ndarray, ...]:
+        """(n, k, 10) derivatives of each joint's torque by the inertial parameters of the k links that it carries."""
+        # One array per joint, in the order in which it is read: products with slices of a whole one take longer.
+        every = torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
+        return tuple(np.ascontiguousarray(every[:, j][:, links]) for j, links in enumerate(self.carried))
 
     @cached_property
     def per_gravity(self) -> GravityTorques:
@@ -83,29 +98,27 @@ class MotionSamples:
 
     def rigid(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
         """(n,) change of a joint's torque by the changes of the rigid bodies."""
-        change = np.zeros(len(self.time))
-        for i, link in bodies.links.items():
-            if self.carries(joint, i):
-                change += self.regressor[:, joint, i] @ link
+        links = [bodies.links.get(i, np.zeros(INERTIAL_PARAMETERS_PER_BODY)) for i in self.carried[joint]]
+        change = self.by_inertia[joint].reshape(len(self.time), -1) @ np.concatenate(links)
         if bodies.gravity is not None and bodies.gravity.any():
             change += self.changed_per_gravity(joint, bodies) @ bodies.gravity
         return change
 
-    def by_link(self, joint: int, link: int, bodies: RigidBodyChanges) -> np.ndarray:
-        """(n, 10) derivatives of a joint's torque by a link's inertial parameters, with changed gravity."""
-        columns = self.regressor[:, joint, link]
+    def by_links(self, joint: int, links: Sequence[int], bodies: RigidBodyChanges) -> np.ndarray:
+        """(n, k, 10) derivatives of a joint's torque by inertial parameters of k links, with changed gravity."""
+        own, columns = self.carried[joint], self.by_inertia[joint]
+        if tuple(links) != own:
+            columns = columns[:, [own.index(i) for i in links]]
         if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
-            columns[:, :4] += bodies.gravity @ self.per_gravity.gravity_torque_of_link(joint, link)
+            for k, i in enumerate(links):
+                columns[:, k, :4] += self.per_gravity.under(bodies.gravity, joint, i)
         return columns
 
     def changed_per_gravity(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
         """(n, 3) derivatives of a joint's torque by gravity, with changed links."""
-        columns = self.per_gravity.described[joint]
-        for i, change in bodies.links.items():
-            if change[:4].any() and self.carries(joint, i):
-                columns = columns + self.per_gravity.gravity_torque_of_link(joint, i) @ change[:4]
-        return columns
+        described, change = self.per_gravity.described[joint], _change_per_gravity(bodies, self)
+        return described if change is None else described + change[joint]
 
     @cached_property
     def parents(self) -> tuple[int, ...]:
@@ -118,6 +131,7 @@ class MotionSamples:
             link = self.parents[link]
         return link == joint
 
+    @cached_with_first_argument
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
         """(15 + c, n) inputs of a joint's functions, with the load of the described arm, and c recorded quantities."""
         m, inner = self.motion, self.parents[joint]
@@ -131,3 +145,10 @@ class MotionSamples:
         told = read.commands if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.interpolate(self.extra, m.time) for column in columns)])
+
+
+@cached_with_first_argument
+def _change_per_gravity(bodies: RigidBodyChanges, stretch: MotionSamples) -> np.ndarray | None:
+    """(nj, n, 3) changes of the torques per component of gravity by changed links; None where none is changed."""
+    changed = {i: link[:4] for i, link in bodies.links.items() if link[:4].any()}
+    return stretch.per_gravity.of_bodies(changed) if changed else None

@@ -113,8 +113,6 @@ class PartlyLinearTorque:
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
         """(n, linear) columns for (15 + c, n) inputs and `size` parameters."""
-        if not self.linear:
-            return np.zeros((inputs.shape[1], 0))
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:

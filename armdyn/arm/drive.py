@@ -180,7 +180,7 @@ def _noise(
     alone = _Noise(_level(np.concatenate(values), np.ones(len(used), dtype=bool), 1))
     if np.count_nonzero(used) < LOW_PASS_SEARCH_MIN_SAMPLES or len(apart) < 3:
         return alone
-    of_links = np.concatenate([part.regressor[:, joint, joint:] for part in parts]).reshape(len(used), -1)
+    of_links = np.concatenate([part.by_inertia[joint] for part in parts]).reshape(len(used), -1)
     residual = _residual(motion, of_links, joint, np.concatenate(values), used)
     levels = np.array([_level(residual, used, h) for h in apart])
     spectrum = np.average(spectra, axis=0, weights=[len(value) for value in values])

@@ -23,7 +23,12 @@ from armdyn.arm.composition import (
 from armdyn.arm.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
-from armdyn.arm.prediction import joint_torque_predictor, predict_at_states, prepared_without_outliers
+from armdyn.arm.prediction import (
+    JointTorquePredictor,
+    joint_torque_predictor,
+    predict_at_states,
+    prepared_without_outliers,
+)
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.arm.readings import with_servo_torques
 from armdyn.effects.effect import Effect
@@ -57,6 +62,7 @@ class ArmModel(Model):
 
     base = "arm"
     linear = True
+    values_are_cheap = True
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -242,15 +248,27 @@ class ArmModel(Model):
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Predict the measured torques of a run at (p,) parameters in the order of `names`."""
-        channels = self.predicted_channels(run)
-        per_joint = [theta[columns] for columns in self._columns]
-        bodies = self._bodies(theta)
-        parts = []
-        for name in channels:
-            predictor = joint_torque_predictor(run, self.arm, run.channels[name], name)
-            values, derivatives = predictor.predict(self._functions, per_joint, bodies)
+        parts, moving, given = [], {}, self._arguments(theta)
+        for name, predictor in self._predictors(run).items():
+            values, derivatives = predictor.predict(*given)
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
-        return prediction_from_channels(parts)
+            moving[name] = np.array([i for joint in derivatives for i in self._columns_of(joint)], dtype=int)
+        return replace(prediction_from_channels(parts), moving=moving)
+
+    def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+        """(n,) predicted torques by channel; see `predict`."""
+        given = self._arguments(theta)
+        return {name: predictor.values(*given) for name, predictor in self._predictors(run).items()}
+
+    def _predictors(self, run: Run) -> dict[str, JointTorquePredictor]:
+        channels = self.predicted_channels(run)
+        return {name: joint_torque_predictor(run, self.arm, run.channels[name], name) for name in channels}
+
+    def _arguments(
+        self, theta: np.ndarray
+    ) -> tuple[Sequence[JointTorqueFunctions], Sequence[np.ndarray], RigidBodyChanges]:
+        """Functions of all joints, (k,) parameters of each joint, and the changes of the rigid bodies."""
+        return self._functions, [theta[columns] for columns in self._columns], self._bodies(theta)
 
     def at_states(self, stretch: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
         """(n, nj) torques at n separate states, rather than along a motion, and their (n, nj, p) derivatives.
@@ -258,18 +276,21 @@ class ArmModel(Model):
         Raises:
             InputError: an effect makes a torque depend on the past.
         """
-        theta, count = self.theta(), len(stretch.time)
-        per_joint, bodies = [theta[columns] for columns in self._columns], self._bodies(theta)
-        found = predict_at_states(stretch, self._functions, per_joint, bodies)
-        derivatives = [self._by_theta(by_joint, count) for _, by_joint in found]
+        found = predict_at_states(stretch, *self._arguments(self.theta()))
+        derivatives = [self._by_theta(by_joint, len(stretch.time)) for _, by_joint in found]
         return np.column_stack([torques for torques, _ in found]), np.stack(derivatives, axis=1)
 
     def _by_theta(self, derivatives: Mapping[int, np.ndarray], count: int) -> np.ndarray:
         """(count, p) derivatives, from those by the parameters of each joint and of the base."""
-        found = np.zeros((count, len(self.names)))
+        # Column by column: parameters on which nothing depends take no time.
+        found = np.zeros((count, len(self.names)), order="F")
         for joint, columns in derivatives.items():
-            found[:, self._base_columns if joint == BASE_INDEX else self._columns[joint]] = columns
+            found[:, self._columns_of(joint)] = columns
         return found
+
+    def _columns_of(self, joint: int) -> list[int]:
+        """Indices of the parameters of a joint, or of the base, in the model's vector."""
+        return self._base_columns if joint == BASE_INDEX else self._columns[joint]
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """(10,) change and (10, p) derivatives of each link with effects, by its joint's index, at (p,) `theta`."""

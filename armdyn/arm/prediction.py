@@ -6,7 +6,7 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
-from armdyn.arm.composition import LOAD_INPUT_INDEX, JointTorqueFunctions, PartlyLinearTorque
+from armdyn.arm.composition import JointTorqueFunctions, PartlyLinearTorque
 from armdyn.arm.drive import DriveLowPass, TorqueRecording, drive_low_passes
 from armdyn.arm.motion import MeasuredMotion, mostly_resting_joint_mask
 from armdyn.arm.prepared import (
@@ -18,7 +18,13 @@ from armdyn.arm.prepared import (
     samples_inside_motion,
     samples_with_known_direction,
 )
-from armdyn.arm.reduction import DelayedInputs, NonlinearTerm, Reduction, TorqueWithDerivatives
+from armdyn.arm.reduction import (
+    CoefficientReduction,
+    DelayedInputs,
+    Reduction,
+    SampleReduction,
+    TorqueWithDerivatives,
+)
 from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
@@ -41,12 +47,10 @@ class JointTorquePredictor:
         self, stretch: MotionSamples, sampler: Sampler, joint: int, motion: MeasuredMotion | None = None
     ) -> None:
         self._stretch, self._sampler, self._joint, self._motion = stretch, sampler, joint, motion
-        self._late: tuple[float, Reduction] | None = None
-        self._coefficients = Reduction(sampler.coefficients, stretch, joint)
-        # Without lag and delay only the samples are needed, which are fewer than the coefficients.
-        on_time = sampler.matrix(0.0)
-        self._samples = Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
-        self._nodes = Reduction(lambda signals: signals, stretch, joint)
+        self._late: tuple[float, tuple[CoefficientReduction, Reduction, Reduction]] | None = None
+        self._coefficients = CoefficientReduction(sampler, stretch, joint)
+        self._samples = SampleReduction(self._coefficients, sampler.matrix(0.0))
+        self._nodes = CoefficientReduction(InterpolatingSampler(sampler.nodes, sampler.nodes), stretch, joint)
 
     def predict(
         self, functions: Sequence[JointTorqueFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
@@ -61,133 +65,180 @@ class JointTorquePredictor:
         sensor, own = functions[self._joint].sensor, theta[self._joint]
         given = functions, theta, bodies
         if sensor.lags:
-            total = self._total(self._nodes, *given)
+            total = self._total(self._nodes, self._nodes, *given)
             read = sensor.read(total.block, self._sampler, own)
-        elif not sensor.delays or sensor.delay(own) == 0.0:
-            total = self._total(self._samples, *given)
-            whole = self._total(self._coefficients, *given).value if sensor.delays else total.value
-            read = sensor.add_delay_derivatives(total.block, whole, self._sampler, own)
         else:
-            total = self._total(self._coefficients, *given, of_joints=False)
-            at_joints = self._total(self._read_late(sensor.delay(own)), *given, of_bodies=False)
-            read = sensor.sample(total.block, self._sampler, own)
-            on_time = np.asarray(self._sampler.matrix(0.0) @ at_joints.block)
-            read += sensor.add_delay_derivatives(on_time, at_joints.value, self._sampler, own, 0.0)
+            joints, joint_samples, rigid_samples = self._delayed(sensor.delay(own) if sensor.delays else 0.0)
+            total = self._total(rigid_samples, joint_samples, *given)
+            read = total.block
+            if sensor.delays:
+                # The rigid bodies are late in their samples, the effects in the joints already in their inputs.
+                rigid = self._of_rigid_bodies(self._coefficients, *given)
+                read = sensor.add_delay_derivatives(read, rigid, self._sampler, own)
+                read = sensor.add_delay_derivatives(read, self._of_effects(joints, *given), self._sampler, own, 0.0)
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
-    def _read_late(self, delay: float) -> Reduction:
-        """The reduction to coefficients of signals `delay` s before each stamp."""
-        if self._late is None or self._late[0] != delay:
-            assert self._motion is not None, "a delayed reading needs the motion at any time"
-            earlier = DelayedInputs(self._stretch, self._motion, delay)
-            self._late = delay, Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
-        return self._late[1]
+    def values(
+        self, functions: Sequence[JointTorqueFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
+    ) -> np.ndarray:
+        """(n,) samples of the channel, up to rounding those of `predict`, in a fraction of the time."""
+        sensor, given = functions[self._joint].sensor, (functions, theta, bodies)
+        if sensor.lags:
+            return self.predict(*given)[0]
+        delay = sensor.delay(theta[self._joint]) if sensor.delays else 0.0
+        effects = self._sampler.matrix(0.0) @ self._of_effects(self._delayed(delay)[0], *given)
+        if delay == 0.0:
+            return self._of_rigid_bodies(self._samples, *given) + effects
+        return self._sampler.matrix(delay) @ self._of_rigid_bodies(self._coefficients, *given) + effects
 
-    def _total(
+    def _of_rigid_bodies(
         self,
         reduced: Reduction,
         functions: Sequence[JointTorqueFunctions],
         theta: Sequence[np.ndarray],
         bodies: RigidBodyChanges,
-        *,
-        of_bodies: bool = True,
-        of_joints: bool = True,
+    ) -> np.ndarray:
+        """(N,) part of the reading by the rigid bodies, without lag and delay."""
+        torque = _of_bodies(reduced, self._carried_by(self._joint, bodies), bodies)
+        return functions[self._joint].sensor.gain(theta[self._joint]) * torque
+
+    def _of_effects(
+        self,
+        reduced: CoefficientReduction,
+        functions: Sequence[JointTorqueFunctions],
+        theta: Sequence[np.ndarray],
+        bodies: RigidBodyChanges,
+    ) -> np.ndarray:
+        """(N,) part of the reading by effects in the joints, without lag: one signal is reduced instead of many."""
+        own = functions[self._joint]
+        torque, offset = (
+            sum(
+                (reduced.at_stamps(term, i, theta[i], bodies) for i, term in terms if not term.empty),
+                np.zeros(self._stretch.motion.time.shape),
+            )
+            for terms in (self._terms(functions), [(self._joint, own.offset)])
+        )
+        return reduced.coefficients((own.sensor.gain(theta[self._joint]) * torque + offset)[:, None])[:, 0]
+
+    def _terms(self, functions: Sequence[JointTorqueFunctions]) -> list[tuple[int, PartlyLinearTorque]]:
+        """Torques of the joint's own effects, and of those of its outer neighbours on it, each with its joint."""
+        j = self._joint
+        outer = [(i, functions[i].inner_torque) for i, inner in enumerate(self._stretch.parents) if inner == j]
+        return [(i, term) for i, term in [*((j, term) for term in functions[j].torque), *outer] if not term.empty]
+
+    def _carried_by(self, joint: int, bodies: RigidBodyChanges) -> list[int]:
+        """Links with effects that a joint carries."""
+        return [i for i in bodies.links if self._stretch.carries(joint, i)]
+
+    def _delayed(self, delay: float) -> tuple[CoefficientReduction, Reduction, Reduction]:
+        """Reductions with a delay, s: coefficients of effects in the joints, their samples, those of rigid bodies."""
+        if delay == 0.0:
+            return self._coefficients, self._samples, self._samples
+        if self._late is None or self._late[0] != delay:
+            assert self._motion is not None, "a delayed reading needs the motion at any time"
+            earlier = DelayedInputs(self._stretch, self._motion, delay)
+            joints = CoefficientReduction(self._sampler, self._stretch, self._joint, earlier)
+            samples = SampleReduction(joints, self._sampler.matrix(0.0))
+            self._late = delay, (joints, samples, SampleReduction(self._coefficients, self._sampler.matrix(delay)))
+        return self._late[1]
+
+    def _total(
+        self,
+        rigid: Reduction,
+        joints: Reduction,
+        functions: Sequence[JointTorqueFunctions],
+        theta: Sequence[np.ndarray],
+        bodies: RigidBodyChanges,
     ) -> TorqueWithDerivatives:
-        """The sensor's reading without lag and delay: the sum of rigid bodies and effects in the joints."""
-        j, own = self._joint, functions[self._joint]
-        outer = [
-            i for i, inner in enumerate(self._stretch.parents) if inner == j and not functions[i].inner_torque.empty
-        ]
-        carried = [i for i in bodies.links if self._stretch.carries(j, i)]
-        loading = [i for k in outer for i in bodies.links if self._stretch.carries(k, i)]
-        widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
+        """The sensor's reading without lag and delay: the sum of rigid bodies and effects in the joints.
+
+        Args:
+            rigid: reduction of the torque of the rigid bodies.
+            joints: reduction of the effects in the joints.
+            functions: functions of all joints.
+            theta: (k,) parameters of each joint.
+            bodies: changes of the rigid bodies at these parameters.
+        """
+        j, own, terms = self._joint, functions[self._joint], self._terms(functions)
+        concerned = dict.fromkeys([j, *(i for i, _ in terms)])
+        widths = {i: len(theta[i]) for i in [*concerned, *(i for k in concerned for i in self._carried_by(k, bodies))]}
         if bodies.gravity is not None:
             widths[BASE_INDEX] = bodies.derivatives[BASE_INDEX].shape[1]
-        total = TorqueWithDerivatives(len(reduced.described), widths)
-        if of_bodies:
-            total.value += reduced.described
-        if of_joints:
-            for term in own.torque:
-                self._add(total, term, j, theta[j], bodies, reduced)
-        if of_bodies:
-            for i in carried:
-                columns = reduced.link(i)
-                total.value += columns @ bodies.links[i]
-                total.by(i)[:] += columns @ bodies.derivatives[i]
-        if of_bodies and bodies.gravity is not None:
-            columns = reduced.per_gravity
-            for i in carried:
-                if bodies.links[i].any():
-                    columns = columns + reduced.weight(i) @ bodies.links[i][:4]
-                if bodies.gravity.any():
-                    by_weight = np.einsum("k,nkp->np", bodies.gravity, reduced.weight(i))
-                    total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
-            total.value += columns @ bodies.gravity
-            total.by(BASE_INDEX)[:] += columns @ bodies.derivatives[BASE_INDEX]
-        if of_joints:
-            for i in outer:
-                self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
+        total = TorqueWithDerivatives(len(rigid.described), widths)
+        carried = self._carried_by(j, bodies)
+        total.value += _of_bodies(rigid, carried, bodies)
+        _add_derivatives_by_bodies(total, rigid, carried, bodies)
+        self._add_terms(total, terms, theta, bodies, joints)
         total.block = own.sensor.amplify(total.block, theta[j])
         total.value = total.block[:, 0]
-        if of_joints:
-            self._add(total, own.offset, j, theta[j], bodies, reduced)
+        if not own.offset.empty:
+            self._add_terms(total, [(j, own.offset)], theta, bodies, joints)
         return total
 
-    def _add(
+    def _add_terms(
         self,
         total: TorqueWithDerivatives,
-        term: PartlyLinearTorque,
-        joint: int,
-        theta: np.ndarray,
+        terms: Sequence[tuple[int, PartlyLinearTorque]],
+        theta: Sequence[np.ndarray],
         bodies: RigidBodyChanges,
         reduced: Reduction,
     ) -> None:
-        """Add a term of a joint's functions."""
-        if term.empty:
-            return
-        if term not in reduced.linear:
-            reduced.linear[term] = reduced.reduce(term.columns(reduced.inputs(joint, term.recorded), len(theta)))
-        own = total.by(joint)
-        for column, i in zip(reduced.linear[term].T, term.linear, strict=True):
-            # One after the other: a further effect at zero changes no digit.
-            total.value += column * theta[i]
-            own[:, i] += column
-        if term.has_rest:
-            rest = self._rest(term, joint, theta, bodies, reduced)
-            total.value += rest.coefficients[:, 0]
-            for column, i in zip(rest.coefficients[:, 1:].T, term.nonlinear, strict=True):
-                own[:, i] += column
-            for i, slopes in rest.slopes.items():
-                total.by(i)[:] += slopes @ bodies.derivatives[i]
+        """Add terms of the joints' functions, each with its joint, and their derivatives."""
+        by_load: dict[int, np.ndarray] = {}
+        for joint, term in terms:
+            own = total.by(joint)
+            if term.linear:
+                columns = reduced.linear(term, joint, len(theta[joint]))
+                for column, i in zip(columns.T, term.linear, strict=True):
+                    total.value += column * theta[joint][i]  # one after the other: one more at zero changes no digit
+                own[:, term.linear] += columns
+            if term.has_rest:
+                rest = reduced.rest(term, joint, theta[joint], bodies)
+                total.value += rest.reduced[:, 0]
+                own[:, term.nonlinear] += rest.reduced[:, 1:]
+                if term.loaded:
+                    by_load[joint] = by_load.get(joint, 0.0) + rest.per_load
+        for joint, per_load in by_load.items():
+            links = self._carried_by(joint, bodies)
+            if not per_load.any() or not (links or bodies.gravity is not None):
+                continue
+            through = reduced.through_load(joint, per_load, links, bodies)
+            for k, i in enumerate(links):
+                total.by(i)[:] += through.links[:, k] @ bodies.derivatives[i]
+            if bodies.gravity is not None:
+                total.by(BASE_INDEX)[:] += through.gravity @ bodies.derivatives[BASE_INDEX]
 
-    def _rest(
-        self, term: PartlyLinearTorque, joint: int, theta: np.ndarray, bodies: RigidBodyChanges, reduced: Reduction
-    ) -> NonlinearTerm:
-        """Nonlinear rest of a term; the last one is reused while the values that it depends on do not change."""
-        carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
-        changes = [bodies.links[i] for i in carried]
-        if term.loaded and bodies.gravity is not None:
-            changes.append(bodies.gravity)
-        key = b"".join([theta[list(term.nonlinear)].tobytes(), *(change.tobytes() for change in changes)])
-        last = reduced.rests.get(term)
-        if last is not None and last.key == key:
-            return last
-        inputs = reduced.inputs(joint, term.recorded)
-        if changes:
-            inputs = inputs.copy()
-            inputs[LOAD_INPUT_INDEX] += reduced.signal(self._stretch.rigid(joint, bodies))
-        rest = term.rest(inputs, theta)
-        per_load, slopes = rest[:, -1:], {}
-        if per_load.any():
-            for i in carried:  # ten columns for a link, however many parameters it has
-                slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
-            if term.loaded and bodies.gravity is not None:
-                slopes[BASE_INDEX] = reduced.reduce(
-                    per_load * reduced.signal(self._stretch.changed_per_gravity(joint, bodies))
-                )
-        found = NonlinearTerm(key, reduced.reduce(rest[:, :-1]), slopes)
-        reduced.rests[term] = found
-        return found
+
+def _of_bodies(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges) -> np.ndarray:
+    """(N,) torque of the rigid bodies of a joint that carries the links with effects `carried`."""
+    torque = reduced.described.copy()
+    for i in carried:
+        torque += reduced.link(i) @ bodies.links[i]
+    if bodies.gravity is not None:
+        torque += _per_gravity(reduced, carried, bodies) @ bodies.gravity
+    return torque
+
+
+def _per_gravity(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges) -> np.ndarray:
+    """(N, 3) torque of changed rigid bodies per component of gravity."""
+    columns = reduced.per_gravity
+    for i in carried:
+        if bodies.links[i].any():
+            columns = columns + (reduced.weight(i).reshape(-1, 4) @ bodies.links[i][:4]).reshape(columns.shape)
+    return columns
+
+
+def _add_derivatives_by_bodies(
+    total: TorqueWithDerivatives, reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges
+) -> None:
+    """Add the derivatives of `_of_bodies` by the parameters of links and of the base."""
+    for i in carried:
+        total.by(i)[:] += reduced.link(i) @ bodies.derivatives[i]
+        if bodies.gravity is not None and bodies.gravity.any():
+            by_weight = np.einsum("k,nkp->np", bodies.gravity, reduced.weight(i))
+            total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
+    if bodies.gravity is not None:
+        total.by(BASE_INDEX)[:] += _per_gravity(reduced, carried, bodies) @ bodies.derivatives[BASE_INDEX]
 
 
 def predict_at_states(

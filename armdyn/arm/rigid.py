@@ -4,6 +4,7 @@ A link has ten parameters in Pinocchio's order, in the frame of the joint and ab
 Iyy, Ixz, Iyz, Izz.
 """
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import casadi as ca
@@ -138,20 +139,32 @@ class GravityTorques:
 
     def gravity_torque_of_link(self, joint: int, link: int) -> np.ndarray:
         """(n, 3, 4) matrices G of a joint: tau = g' G (m, m c), with mass m and centre c of a link that it carries."""
-        columns = np.empty((len(self._place[joint]), 3, 4))
+        return np.stack([self.under(gravity, joint, link) for gravity in np.eye(3)], axis=1)
+
+    def under(self, gravity: np.ndarray, joint: int, link: int) -> np.ndarray:
+        """(n, 4) rows g' G of a joint, see `gravity_torque_of_link`, for a gravity g (3,), m/s^2."""
+        across = self._angular[joint] @ pin.skew(gravity).T  # g x w
+        columns = np.empty((len(across), 4))
         arm = self._place[link] - self._place[joint]
-        columns[:, :, 0] = -(self._linear[joint] + np.cross(self._angular[joint], arm))
-        columns[:, :, 1:] = -np.cross(self._angular[joint][:, :, None], self._rotation[link], axis=1)
+        columns[:, 0] = -(self._linear[joint] @ gravity + np.einsum("nk,nk->n", across, arm))
+        columns[:, 1:] = -np.einsum("nk,nkc->nc", across, self._rotation[link])
         return columns
 
     @cached_property
     def described(self) -> np.ndarray:
         """(nj, n, 3) torques for the links as the model describes them."""
-        mass = np.zeros(len(self._parents))
-        moment = np.zeros(self._place.shape)
-        for i, inertia in reversed(list(enumerate(list(self._model.inertias)[1:]))):
-            mass[i] += inertia.mass
-            moment[i] += inertia.mass * (self._place[i] + self._rotation[i] @ inertia.lever)
+        inertias = list(self._model.inertias)[1:]
+        return self.of_bodies({i: inertia.mass * np.append(1.0, inertia.lever) for i, inertia in enumerate(inertias)})
+
+    def of_bodies(self, bodies: Mapping[int, np.ndarray]) -> np.ndarray:
+        """(nj, n, 3) torques for bodies on links, each given by its mass and first moment (4,) in the link's frame."""
+        mass, moment = np.zeros(len(self._parents)), np.zeros(self._place.shape)
+        for i in reversed(range(len(self._parents))):
+            if i in bodies:
+                own, *first = bodies[i]
+                mass[i] += own
+                # One product instead of n small ones.
+                moment[i] += own * self._place[i] + (self._rotation[i].reshape(-1, 3) @ first).reshape(-1, 3)
             if (parent := self._parents[i]) >= 0:
                 mass[parent] += mass[i]
                 moment[parent] += moment[i]

@@ -43,8 +43,9 @@ class RivalRefitCost:
         self.predicted, self._readings = predicted, readings
         self.lower, self.upper = predicted.lower, predicted.upper
 
-    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
+    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
         """Half the rise of chi2 at (m,) values of the rival's unknowns, with gradient and Gauss-Newton Hessian."""
+        del limit
         away, prior = values - self.predicted.start, self.predicted.prior
         with np.errstate(all="ignore"):
             readings, slopes = self.predicted.predict(values)

@@ -48,8 +48,13 @@ class Cost(Protocol):
     lower: np.ndarray
     upper: np.ndarray
 
-    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
-        """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values."""
+    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
+        """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values.
+
+        Args:
+            values: (p,) values.
+            limit: a cost above it may be returned as infinite, with any gradient and Hessian.
+        """
 
 
 class DescentResult(NamedTuple):
@@ -88,7 +93,7 @@ def descend(
             step, _ = newton_step(at, free, damping)
         while True:
             trial = np.clip(values + step, problem.lower, problem.upper)
-            after = problem.evaluate(trial)
+            after = problem.evaluate(trial, at.cost)
             evaluations += 1
             if sufficient_decrease(at, after, trial - values):
                 break

@@ -18,6 +18,8 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Run
 
+ROUNDING_SHARE_OF_COST = 1e-9
+"""Rounding error of a cost that is computed without derivatives, as a share of it, and more."""
 CACHED_POINTS = 3
 """Number of points whose residuals and derivatives are cached."""
 WEAK_PRIOR_STD_TYPICAL_SIZES = 0.1
@@ -101,8 +103,8 @@ class Problem:
         self.guess_mean = self.start_values()
         self.guess_weight = np.where(guessed, 1.0 / (GUESS_PRIOR_STD_TYPICAL_SIZES * self.typical), 0.0)
         self.jumps: dict[int, float] = {}
-        self._whole: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
-        self._partial: dict[tuple[bytes, frozenset[str]], list[ResidualBlock]] = {}
+        self._whole: dict[tuple[bytes, frozenset[str], bool], list[ResidualBlock]] = {}
+        self._partial: dict[tuple[bytes, frozenset[str], bool], list[ResidualBlock]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
@@ -218,14 +220,15 @@ class Problem:
                 0.
         """
         held = frozenset(self._effects) if wanted is None else self.needed_effects(values, wanted)
-        key, everything = (values.tobytes(), held), (values.tobytes(), frozenset(self._effects))
+        derivatives = wanted is None or bool(wanted.any()) or not self.model.values_are_cheap
+        key, everything = (values.tobytes(), held, derivatives), (values.tobytes(), frozenset(self._effects), True)
         if everything in self._whole:  # it serves every fit that starts here, so others must not replace it
             return self._whole[everything]
         memory = self._whole if key == everything else self._partial
         if key not in memory:
             while len(memory) >= CACHED_POINTS:
                 del memory[next(iter(memory))]
-            memory[key] = self._blocks(values, *self.reduced_model(held))
+            memory[key] = self._blocks(values, held, derivatives=derivatives)
         return memory[key]
 
     def needed_effects(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
@@ -246,19 +249,30 @@ class Problem:
             self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]
 
-    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[ResidualBlock]:
-        found = []
+    def _blocks(self, values: np.ndarray, held: frozenset[str], *, derivatives: bool) -> list[ResidualBlock]:
+        (model, places), found = self.reduced_model(held), []
         for i, run in enumerate(self.runs):
-            prediction = model.predict(run, self.theta(i, values)[places])
-            for channel, rows in prediction.slices.items():
-                noise = self.noise[run.name, channel]
+            theta = self.theta(i, values)[places]
+            prediction = model.predict(run, theta) if derivatives else None
+            predicted = model.predict_values(run, theta) if prediction is None else prediction.values_by_channel
+            for channel, value in predicted.items():
+                noise, measured = self.noise[run.name, channel], run.channels[channel]
                 # Column by column: columns of parameters that the model lacks are never touched and take no memory.
-                sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)), order="F")
-                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
-                measured = run.channels[channel]
-                residual = (measured.value - prediction.values[rows]) / noise
-                found.append(ResidualBlock(run.name, channel, measured, residual, sensitivities, noise))
+                sensitivities = np.zeros((len(value), len(self.columns)), order="F")
+                moving = np.zeros(len(self.columns), dtype=bool)
+                if prediction is not None:
+                    own = prediction.moving.get(channel, np.arange(len(places)))
+                    columns = self._of_run[i][places[own]]
+                    moving[columns] = True
+                    sensitivities[:, columns] = prediction.sensitivities[prediction.slices[channel]][:, own] / noise
+                residual = (measured.value - value) / noise
+                found.append(ResidualBlock(run.name, channel, measured, residual, sensitivities, noise, moving))
         return found
+
+    def cost(self, values: np.ndarray, free: np.ndarray) -> float:
+        """The cost at a point, as that of `expansion`, but without derivatives."""
+        blocks = self._blocks(values, self.needed_effects(values, free), derivatives=False)
+        return self._penalty(values)[0] + chi2_sum(blocks) / 2
 
     @np.errstate(all="ignore")  # a diverging simulation has infinite cost, and a step to it is shortened
     def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> QuadraticExpansion:
@@ -269,17 +283,21 @@ class Problem:
             free: (P,) bool, unknowns with respect to which the cost is expanded.
             guesses: whether first guesses act as weak priors; see `GUESS_PRIOR_STD_TYPICAL_SIZES`.
         """
-        prior = self.prior_weight * (self.prior_mean - values)
-        guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))
-        cost = float(prior @ prior + guess @ guess) / 2
-        gradient = -(self.prior_weight * prior + self.guess_weight * guess)[free]
+        cost, gradient = self._penalty(values, guesses=guesses)
+        gradient = gradient[free]
         hessian = np.diag(self.prior_weight[free] ** 2 + (self.guess_weight[free] ** 2 if guesses else 0.0))
         blocks = self.blocks(values, free)
         for block in blocks:
-            sensitivities = block.sensitivities[:, free]
-            gradient -= sensitivities.T @ block.residual
-            hessian += sensitivities.T @ sensitivities
+            sensitivities, own = block.sensitivities[:, free & block.moving], np.flatnonzero(block.moving[free])
+            gradient[own] -= sensitivities.T @ block.residual
+            hessian[np.ix_(own, own)] += sensitivities.T @ sensitivities
         return QuadraticExpansion(cost + chi2_sum(blocks) / 2, gradient, hessian)
+
+    def _penalty(self, values: np.ndarray, *, guesses: bool = True) -> tuple[float, np.ndarray]:
+        """Cost of priors and first guesses, and its (P,) gradient."""
+        prior = self.prior_weight * (self.prior_mean - values)
+        guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))
+        return float(prior @ prior + guess @ guess) / 2, -(self.prior_weight * prior + self.guess_weight * guess)
 
     def fit(
         self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02
@@ -350,9 +368,19 @@ class CostOfFreeUnknowns:
         everything[self._free] = values
         return everything
 
-    def evaluate(self, values: np.ndarray) -> QuadraticExpansion:
-        """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges."""
-        at = self._problem.expansion(self.all_values(values), self._free)
+    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
+        """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges.
+
+        Args:
+            values: (p,) values.
+            limit: where derivatives take long, a cost above it is infinite as well.
+        """
+        everything = self.all_values(values)
+        if np.isfinite(limit) and self._problem.model.values_are_cheap:
+            cost = self._problem.cost(everything, self._free)
+            if not cost <= limit + ROUNDING_SHARE_OF_COST * abs(limit):
+                return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+        at = self._problem.expansion(everything, self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at

@@ -399,7 +399,9 @@ class SampledArmRun:
         own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
         load = max(1.0, USUAL_PAYLOAD_SHARE_OF_ARM_MASS * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = load * USUAL_PAYLOAD_DISTANCE_METRES**INERTIAL_POWERS
-        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.joint_indices]
+        last, none = len(stretch.carried) - 1, np.zeros((len(m.time), len(carried)))
+        of_last = [stretch.by_inertia[j][:, -1] if stretch.carries(j, last) else none for j in self.joint_indices]
+        payload = np.array(of_last) * carried
         tilt = self._per_gravity(m) * (USUAL_BASE_TILT_RADIANS * float(np.linalg.norm(self.model.gravity())))
         late = USUAL_TORQUE_DELAY_SECONDS * np.gradient(described, m.time, axis=1)
         delays = late[:, :, None] * np.eye(len(late))[:, None]

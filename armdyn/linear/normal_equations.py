@@ -1,6 +1,7 @@
 """Normal equations of a linear model: sums over samples that give the fit, and its errors, of any set of unknowns."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,15 +24,24 @@ class NormalEquations:
 
     def squared_error(self, change: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(u,) sums of squared residuals of `units` (u,) after a change (P,) of the unknowns."""
-        c = np.flatnonzero(change)
-        d = change[c]
-        gram = self.gram[units[:, None, None], c[:, None], c]
-        return np.maximum(self.square[units] - 2.0 * self.slope[units[:, None], c] @ d + (gram @ d) @ d, 0.0)
+        total = self.square[units] - 2.0 * self.slope[units] @ change
+        for i, (own, gram) in enumerate(self._moving[unit] for unit in units):
+            total[i] += change[own] @ gram @ change[own]
+        return np.maximum(total, 0.0)
 
     def squared_errors(self, changes: np.ndarray) -> np.ndarray:
         """(U, k) sums of squared residuals after each of k changes (P, k) of the unknowns."""
-        total = np.sum(changes * (self.gram @ changes), axis=1) - 2.0 * self.slope @ changes + self.square[:, None]
+        total = self.square[:, None] - 2.0 * self.slope @ changes
+        for square, (own, gram) in zip(total, self._moving, strict=True):
+            change = changes[own]
+            square += np.einsum("pk,pk->k", change, gram @ change)
         return np.maximum(total, 0.0)
+
+    @cached_property
+    def _moving(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each unit the (p,) unknowns that change its predictions, and their (p, p) products X'X."""
+        moving = [np.flatnonzero(np.diag(gram)) for gram in self.gram]
+        return [(own, gram[np.ix_(own, own)]) for own, gram in zip(moving, self.gram, strict=True)]
 
     def weighted(self, weight: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(P, P) and (P,) sums of X'X and X'r over some units.

@@ -183,13 +183,22 @@ class LowPass:
         offset = columns[:1].copy()
         columns = columns - offset
         B, order = self.samples.matrix, self.samples.order
-        c = cho_solve_banded((self.factor, True), B.T @ columns, check_finite=False)
-        if self.strength > MIN_REFINED_PENALTY_LAMBDA:
+        c = self.solution(B.T @ columns)
+        if self.needs_refinement:
             missing = B.T @ (columns - B @ c) - self.strength * _differences_transposed(
                 np.diff(c, order, axis=0), order
             )
-            c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
+            c = c + self.solution(missing)
         return SplineCurve(self.samples.start, self.samples.step, c + offset)
+
+    @property
+    def needs_refinement(self) -> bool:
+        """Whether rounding errors of the equations are large enough that `curve` refines their solution."""
+        return self.strength > MIN_REFINED_PENALTY_LAMBDA
+
+    def solution(self, right: np.ndarray) -> np.ndarray:
+        """(N, m) coefficients c that solve (B' B + lambda D' D) c = (N, m) right-hand sides."""
+        return np.asarray(cho_solve_banded((self.factor, True), right, check_finite=False))
 
     def noise_gain(self, time: np.ndarray) -> float:
         """Mean variance of smoothed white noise of unit variance at (k,) times, s, of which at most 50 are used."""

@@ -19,6 +19,7 @@ class ResidualBlock:
         residual: (n,) measured minus predicted, in units of `noise`.
         sensitivities: (n, P) derivatives of the prediction over `noise`, one column per unknown.
         noise: standard deviation of the noise of one sample, in the channel's unit.
+        moving: (P,) bool, False for unknowns on which the prediction cannot depend.
     """
 
     run: str
@@ -27,6 +28,7 @@ class ResidualBlock:
     residual: np.ndarray
     sensitivities: np.ndarray
     noise: float
+    moving: np.ndarray
 
     @property
     def misfit(self) -> np.ndarray:

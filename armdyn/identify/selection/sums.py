@@ -142,7 +142,8 @@ def sums(
             blocks = [_with_columns(h, t, moved) for h, t in zip(blocks, there, strict=True)]
     runs = tuple(run.name for run in problem.runs)
     channels = tuple(dict.fromkeys(block.channel for block in blocks))
-    X = [block.sensitivities * block.noise for block in blocks]
+    products = [_products([block], np.arange(len(values))) for block in blocks]
+    noise = np.array([block.noise for block in blocks])
     return Sums(
         problem=problem,
         values=values,
@@ -151,11 +152,11 @@ def sums(
         run=np.array([runs.index(block.run) for block in blocks]),
         channel=np.array([channels.index(block.channel) for block in blocks]),
         training=np.array([block.run in training for block in blocks]),
-        gram=np.array([x.T @ x for x in X]),
-        slope=np.array([x.T @ block.misfit for x, block in zip(X, blocks, strict=True)]),
+        gram=np.array([gram for gram, _ in products]) * noise[:, None, None] ** 2,
+        slope=np.array([slope for _, slope in products]) * noise[:, None] ** 2,
         square=np.array([float(block.misfit @ block.misfit) for block in blocks]),
         count=np.array([len(block.residual) for block in blocks], dtype=float),
-        noise=np.array([block.noise for block in blocks]),
+        noise=noise,
         driver=driver,
         size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),
         blocks=tuple(blocks),
@@ -168,8 +169,29 @@ def _moving(blocks: Sequence[ResidualBlock], unknowns: int) -> np.ndarray:
     """(P,) bool: unknowns that change some prediction."""
     moves = np.zeros(unknowns, dtype=bool)
     for block in blocks:
-        moves |= np.any(block.sensitivities != 0.0, axis=0)
+        moves[block.moving] |= np.any(block.sensitivities[:, block.moving] != 0.0, axis=0)
     return moves
+
+
+def _products(
+    blocks: Sequence[ResidualBlock], columns: np.ndarray, residuals: Sequence[np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(c, c) X'X and (c,) X'r of the derivatives X by some unknowns (c,), over the noise, summed over some blocks.
+
+    Args:
+        blocks: the blocks.
+        columns: (c,) indices of the unknowns.
+        residuals: (n,) residual r of each block, over the noise; None means its own.
+    """
+    gram, slope = np.zeros((len(columns), len(columns))), np.zeros(len(columns))
+    for block, residual in zip(
+        blocks, [block.residual for block in blocks] if residuals is None else residuals, strict=True
+    ):
+        own = np.flatnonzero(block.moving[columns])  # a joint's torque depends on a part of the unknowns
+        X = block.sensitivities[:, columns[own]]
+        gram[np.ix_(own, own)] += X.T @ X
+        slope[own] += X.T @ residual
+    return gram, slope
 
 
 def _move_far(problem: Problem, values: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
@@ -241,13 +263,12 @@ def _gains(
     wanted[np.concatenate([place, *sizes])] = True
     blocks = [block for block in problem.blocks(values, wanted) if block.run in training]
     lower, upper, found = problem.lower - values, problem.upper - values, np.zeros(len(place))
+    every = np.flatnonzero(wanted)
+    gram, slope = _products(blocks, every)
     for i, own in enumerate(sizes):
         c = np.append(own, np.flatnonzero(free))
-        A, b = np.diag(width[c] ** -2.0), np.zeros(len(c))
-        for block in blocks:
-            X = block.sensitivities[:, c]
-            A += X.T @ X
-            b += X.T @ block.residual
+        at_c = np.searchsorted(every, c)
+        A, b = np.diag(width[c] ** -2.0) + gram[np.ix_(at_c, at_c)], slope[at_c]
         change = solve_bounded(A, b, lower[c], upper[c]).x
         found[i] = b @ change - change @ A @ change / 2
     return found
@@ -263,7 +284,7 @@ def _with_columns(block: ResidualBlock, other: ResidualBlock, of_other: np.ndarr
     """A block with the derivatives of another block for some unknowns, (P,) bool."""
     X = block.sensitivities.copy()
     X[:, of_other] = other.sensitivities[:, of_other]
-    return replace(block, sensitivities=X)
+    return replace(block, sensitivities=X, moving=np.where(of_other, other.moving, block.moving))
 
 
 def _drivers(problem: Problem, here: Sequence[ResidualBlock], absent: Sequence[Candidate]) -> np.ndarray:
@@ -309,18 +330,16 @@ def _settled(
     groups = {d: others for d, others in groups.items() if len(others)}
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
+    every = np.flatnonzero(wanted)
     for _ in range(INDIRECT_UNKNOWN_FIT_STEPS if groups else 0):
         there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
-        pairs = [(h, there[h.run, h.channel]) for h in here]
+        gram, slope = _products([there[h.run, h.channel] for h in here], every, [h.residual for h in here])
         for d, others in groups.items():
             own = np.append(d, others)
             columns = np.append(own, np.setdiff1d(there_already, own))
-            G, right = np.diag(width[columns] ** -2.0), np.zeros(len(columns))
-            right[1 : len(own)] = (problem.null - point)[others] / width[others] ** 2
-            for h, t in pairs:
-                X = t.sensitivities[:, columns]
-                G += X.T @ X
-                right += X.T @ h.residual
+            at = np.searchsorted(every, columns)
+            G, right = np.diag(width[columns] ** -2.0) + gram[np.ix_(at, at)], slope[at]
+            right[1 : len(own)] += (problem.null - point)[others] / width[others] ** 2
             change = np.linalg.solve(G, right)[: len(own)]
             if change[0] * sign[d] <= 0.0:
                 continue

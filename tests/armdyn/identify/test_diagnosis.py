@@ -142,7 +142,13 @@ def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency
     def block(run: str, samples: int) -> ResidualBlock:
         residual = np.sin(2.0 * np.pi * 1.3 * time[:samples]) * 5.0 + rng.standard_normal(samples)
         return ResidualBlock(
-            run, "tau.j", Channel(time[:samples], residual, "N m"), residual, np.zeros((samples, 0)), 1.0
+            run,
+            "tau.j",
+            Channel(time[:samples], residual, "N m"),
+            residual,
+            np.zeros((samples, 0)),
+            1.0,
+            np.zeros(0, bool),
         )
 
     blocks = (block("long", 400), block("short", 3))

@@ -82,7 +82,9 @@ def test_channels_of_different_units_are_weighed_by_their_noise():
 @pytest.mark.parametrize(("level", "verdict"), [(3.0, Verdict.EXPLAINED), (3.5, Verdict.UNKNOWN_EFFECT)])
 def test_what_is_left_without_a_shape_is_coloured_noise_unless_it_is_far_above_an_estimated_one(level, verdict):
     time = np.arange(100.0)
-    block = ResidualBlock("a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3)
+    block = ResidualBlock(
+        "a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3, np.zeros(0, bool)
+    )
     study = Plain(ignored_chi2=0.0, chi2_by_stated_noise=lambda _blocks: (0.0, 0))
     step = Plain(tests=Plain(fails=True), fit=Plain(blocks=(block,), chi2_per_sample=level**2))
     assert decide_verdict(study, Search((step,)), Plain(significant=False)) is verdict
