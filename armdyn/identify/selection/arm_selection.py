@@ -64,7 +64,8 @@ def select_for_arm(
         last one for the background, where there is one.
     """
     around = study.scorer(given.fit)
-    found = _without_empty_effects(_to_fixed_point(_first(study, given, say), say))
+    found = _to_fixed_point(_first(study, given, say), say)
+    found = _without_empty_effects(_with_bodies_looked_at_anew(found, say))
     while unnamed := _sure_unnamed_effects(found):
         other = found.with_effects((*found.chosen_set.effects, *unnamed))
         other = _without_empty_effects(_to_fixed_point(other, say))
@@ -83,7 +84,11 @@ def _sure_unnamed_effects(found: LinearPath) -> list[Candidate]:
 
 
 def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
-    """The path to the best set at the fit as given, or at that of an effect of the whole arm which is not linear."""
+    """The best path of those that begin at different fits, as a model that is not linear shows other effects at each.
+
+    These are the model as given, a fit with every effect near its typical size, and one with an effect of the whole arm
+    that is large.
+    """
     around = study.scorer(given.fit)
     paths = [LinearPath(study, around, search_set(around, around.evaluate(around.given), say), given.effects, given.fit)]
     for candidate in study.candidates:
@@ -99,7 +104,12 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
             turned = study.scorer(fit)
             start = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             paths.append(LinearPath(study, turned, search_set(turned, start, say), given.effects, fit))
-    return _best(paths)
+    say("fitting with every effect")
+    wide = around.prior_widths((), 1.0)
+    change = around.changed_values(around.best_change(wide, around.training))
+    near = study.fit_with_prior_widths(around, wide, study.own(change, around.problem))
+    whole = study.scorer(near)
+    return _best([*paths, LinearPath(study, whole, search_set(whole, whole.evaluate(whole.given), say), given.effects, near)])
 
 
 def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
@@ -115,6 +125,23 @@ def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
             break
         paths.append(again)
     return _best(paths)
+
+
+def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> LinearPath:
+    """The best path after a search from the fit without each body, such as a load, that has a rival on its joint.
+
+    From a link that is changed much, a load with the same influence is not visible, since sums are at its optimum.
+    """
+    model, candidates = found.study.problem.model, found.scorer.searched_effects
+    bodies = [c for c in candidates if c.joints and model.changes_link(c.names)]
+    rivals = [c for c in bodies if any(other.joints == c.joints and other is not c for other in bodies)]
+    for body in rivals:
+        if body in found.chosen_set.effects and body not in found.scorer.given:
+            without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
+            again = replace(without, chosen_set=search_set(without.scorer, without.chosen_set, say))
+            if set(again.effects) != set(found.effects):
+                found = _best([found, _to_fixed_point(again, say)])
+    return found
 
 
 def _best(paths: Sequence[LinearPath]) -> LinearPath:
@@ -173,9 +200,6 @@ def _background(path: LinearPath, named: SearchStep, say: ProgressCallback) -> l
 
 
 def _predicts_better(study: LinearStudy, named: Fit, whole: Fit) -> bool:
-    """Whether the squared error of predicted runs, over all channels, is smaller with a background."""
-    before, after = (
-        float(np.sum(np.square(list(channel_rmse(study.held_out_blocks(fit) or fit.blocks).values()))))
-        for fit in (named, whole)
-    )
-    return after < before
+    """Whether the squared error of predicted runs, if there are any, is smaller with a background."""
+    before, after = (channel_rmse(study.held_out_blocks(fit)).values() for fit in (named, whole))
+    return not before or sum(e**2 for e in after) < sum(e**2 for e in before)

@@ -6,9 +6,9 @@ are in typical sizes. The *wide model*, in which every effect on every joint may
 the runs show more, gives the error that remains with any set, and thus the weight of a sample. A set is judged by what
 it predicts of motions to which it was not fitted:
 
-    score = - sum_c n_c / 2 misfit(E_c / v_c) - sum_i log(1 + x_i^2) - complexity penalty,
+    score = - sum_c n_c / 2 misfit(E_c / v_c) - complexity penalty,
 
-where x_i are the values of the set's effects, which have a Cauchy prior of typical size, and E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
+where E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
 held-out runs predicted from all training runs; v_c that of the wide model. n_c counts independent samples. The sensor's
 noise has N_c / tau_c of them; the model's own error repeats itself, and has `INDEPENDENT_MODEL_ERROR_SAMPLES` however
 long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
@@ -277,7 +277,8 @@ class LinearScorer(EffectSetScorer):
         A = w[:, None] * G[np.ix_(c, c)] * w
         A.flat[:: len(c) + 1] += 1.0
         right = w * (slope[c] - G[np.ix_(c, gone)] @ change[gone]) + self._centre[c] / w
-        change[c] = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
+        found = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
+        change[c] = np.clip(found, self._lower[c], self._upper[c])  # rounding must not hide that a value is on its bound
         return change
 
     def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -348,14 +349,14 @@ class LinearScorer(EffectSetScorer):
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
         predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]])
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
-        sizes = float(np.sum(np.log1p((change - self._null)[own] ** 2)))
-        worth = self.log_likelihood(predicted) - sizes - self.complexity_penalty(effects)
+        freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
+        worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
         return EffectSetScore(
             effects=effects,
             score=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             held_out_log_likelihood=held_out_log_likelihood,
-            occam_penalty_nats=0.5 * float(log_det(A)) + sizes,
+            occam_penalty_nats=freedom,
             effective_parameter_count=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
@@ -394,7 +395,7 @@ class LinearScorer(EffectSetScorer):
         They are those of the fitted runs, with the evidence that its freedom costs (MacKay, Neural Computation 4, 1992).
         """
         errors, freedom = self._first_order(now, options)
-        prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
+        prices = self.complexity_penalties(now.effects, options)
         return self._log_likelihoods(errors).sum(axis=-1) - now.occam_penalty_nats - freedom - prices
 
     def _first_order(
@@ -411,13 +412,15 @@ class LinearScorer(EffectSetScorer):
         response = -np.linalg.solve(G[np.ix_(c, c)] + np.diag(widths[c] ** -2.0), G[c])
         S = G + G[:, c] @ response
         moved, freedom = np.zeros((len(widths), len(options))), np.zeros(len(options))
-        for i, come in enumerate(options):
-            own = self._of(come)
-            own = own[widths[own] == 0.0]
-            A = S[np.ix_(own, own)] + np.eye(len(own))
+        added = [own[widths[own] == 0.0] for own in map(self._of, options)]
+        for size in {len(own) for own in added}:
+            same = np.array([i for i, own in enumerate(added) if len(own) == size])
+            own = np.array([added[i] for i in same]).reshape(len(same), size)
+            A = S[own[:, :, None], own[:, None, :]] + np.eye(size)
             d = np.clip(solve_positive(A, left[own]), (self._lower - x)[own], (self._upper - x)[own])
-            moved[own, i], moved[c, i] = d, response[:, own] @ d
-            freedom[i] = 0.5 * float(log_det(A)) + float(np.sum(np.log1p(d**2)))
+            moved[own, same[:, None]] = d
+            moved[np.ix_(c, same)] = np.einsum("cmi,mi->cm", response[:, own], d)
+            freedom[same] = 0.5 * log_det(A) + np.sum(np.log1p(d**2), axis=1)
         errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
         return errors.T.reshape(len(options), 2, -1), freedom
 

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import lgamma, log
 from typing import ClassVar
 
@@ -155,12 +156,22 @@ class EffectSetScorer(ABC):
         The penalty is larger for a larger catalogue and for an effect that could act on more joints, as both make a
         good fit by chance more probable; it is smaller for a further joint of an effect.
         """
-        catalogue, found = log(max(len(self._reach), self._catalogue_size, 1)), 0.0
-        for name, on in Counter(c.effect for c in effects).items():
-            reach = self._reach[name]
-            joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS
-        return found
+        return sum(self._price(name, on) for name, on in Counter(c.effect for c in effects).items())
+
+    def complexity_penalties(self, effects: Sequence[Candidate], options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) `complexity_penalty` of some effects with each of k additions."""
+        counts, whole = Counter(c.effect for c in effects), self.complexity_penalty(effects)
+        rises = (Counter(c.effect for c in come).items() for come in options)
+        prices = [[self._price(n, counts[n] + on) - self._price(n, counts[n]) for n, on in rise] for rise in rises]
+        return whole + np.array([sum(price) for price in prices])
+
+    @cache  # noqa: B019 - a scorer lives as long as its study
+    def _price(self, effect: str, on: int) -> float:
+        """Evidence, nats, that one effect on so many joints needs."""
+        reach = self._reach[effect]
+        joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
+        catalogue = log(max(len(self._reach), self._catalogue_size, 1))
+        return catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS if on else 0.0
 
     @property
     def searched_effects(self) -> tuple[Candidate, ...]:
