@@ -185,6 +185,8 @@ def decide_verdict(study: Study, found: Search, unknown: ResidualCharacter | Non
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
         beyond = beyond and (_above_stated_noise(study, last) or model_error_dominates(study, last.fit))
     beyond = beyond and last.fit.chi2_per_sample > study.ignored_chi2
+    noise = study.leaves_noise(start.fit, last.fit) if beyond else None
+    beyond = beyond if noise is None else not noise
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:

@@ -18,6 +18,9 @@ MIN_INDEPENDENT_DERIVATIVE_SHARE = 1e-5
 of other unknowns."""
 MAX_CHI2_PER_SAMPLE_STATED_NOISE = 2.0
 """Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
+MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE = 10.0
+"""Chi2 per sample, for an estimated noise, beyond which a residual is no noise: third differences underestimate noise
+with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
 MAX_CHI2_PER_SAMPLE_NEAR_NOISE = 1.5
 """Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 

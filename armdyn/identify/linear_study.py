@@ -7,13 +7,17 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.explained_share import ChannelScale, explained_error_share
-from armdyn.identify.fit import Fit, channel_rmse, fit, identifiable
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channel_rmse, fit, identifiable
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
+from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer, max_noise_ratio
 from armdyn.identify.selection.sums import sums, with_thresholds
 from armdyn.identify.study import Study
 
+MAX_REPEATED_SHARE = 0.01
+"""Largest share of a joint's squared error, for the model as given, that may repeat itself in what a model leaves, and
+is said but does not count as a missing effect."""
 MAX_ADDED_EFFECT_FIT_STEPS = 8
 """Largest number of steps of a fit with added effects."""
 CACHED_SCORERS = 3
@@ -80,6 +84,20 @@ class LinearStudy(Study):
     def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """Predictions of training runs from each other, if there are held-out runs as well; else an empty list."""
         return self.leave_one_run_out_predictions(found) if self.held_out else []
+
+    def leaves_noise(self, given: Fit, fit: Fit) -> bool:
+        """Whether what a fit leaves is noise: nothing in it that repeats itself in other runs is worth a name.
+
+        Args:
+            given: fit of the model as given.
+            fit: the fit.
+        """
+        others = self.held_out_predictions(fit)
+        left = fit.chi2_per_sample <= MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
+        return left and all(
+            repeated_square(channel, [fit], others) <= MAX_REPEATED_SHARE * error**2
+            for channel, error in channel_rmse(given.blocks).items()
+        )
 
     def residual_is_noise(self, fit: Fit) -> bool:
         """Whether the residual of the training runs is only noise, on average over the channels.

@@ -246,7 +246,7 @@ def model_of_step(study: Study, step: SearchStep) -> Model:
 
 def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
     """The verdict after a repair: explained, or the reason why not."""
-    if not found.last.tests.fails:
+    if not found.last.tests.fails or study.leaves_noise(found.steps[0].fit, found.last.fit):
         return Verdict.EXPLAINED
     if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise

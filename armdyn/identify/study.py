@@ -179,6 +179,16 @@ class Study(ABC):
         del fit
         return ()
 
+    def leaves_noise(self, given: Fit, fit: Fit) -> bool | None:
+        """Whether what a fit leaves is noise rather than an error of the model; None where other tests decide.
+
+        Args:
+            given: fit of the model as given, whose error is the measure of what is left.
+            fit: the fit.
+        """
+        del given, fit
+        return None
+
     def fit_has_failed(self, fit: Fit) -> bool:
         """Whether a fit has failed: it ended in a minimum that has nothing to do with the recordings."""
         del fit

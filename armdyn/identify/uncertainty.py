@@ -25,14 +25,11 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
 
-MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE = 10.0
-"""Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
-differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
 REDUCED_PRIOR_WEIGHT = 1e-4
 """Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
 
