@@ -24,7 +24,8 @@ MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys that every model file may have; each base model adds its own, such as ``urdf``."""
 _Names = str | tuple[str, ...]
 _SiValues = dict[
-    str, Annotated[float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")]
+    str,
+    Annotated[float, TomlValueCheck(lambda value: abs(value) <= MAX_INPUT_MAGNITUDE, "write a number, in SI units")],
 ]
 _Sizes = dict[str, Annotated[float, TomlValueCheck(lambda size: size >= 0.0, "write a number that is not negative")]]
 

@@ -58,6 +58,7 @@ def repair_json(found: Repair) -> dict[str, Any]:
         "schema": "armdyn.repair/1",
         **attributes_as_json(found, "verdict sentence explained"),
         "effects": [effect.name for effect in found.model.named_effects],
+        "named": [attributes_as_json(one, "effect joints share headline") for one in found.named],
         **model_fit_json(found.after),
         **background_force_json(found.model),
         **rollout_json(found.after),

@@ -40,6 +40,8 @@ from armdyn.parameter import Parameter
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.threads import one_thread
 
+MAX_STD_SHARE_OF_PRIOR = 0.5
+"""Largest standard deviation, as a share of its prior's, of an effect's value that counts as determined by the runs."""
 WHITENESS_LEVEL = 0.01
 """Probability, divided by the number of channels, below which a residual is not white noise."""
 
@@ -288,6 +290,9 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     correlation of the noise and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
+    with np.errstate(divide="ignore"):
+        prior = np.where(study.problem.is_effect & (fit.weighted is not None), 1.0 / fit.minimised.prior_weight, np.inf)
+    only_prior = np.sqrt(np.diag(covariance)) > MAX_STD_SHARE_OF_PRIOR * prior
     mixed = {name for one in study.unidentified(fit) for name in one.unidentified_parameters}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()
@@ -297,7 +302,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
         if absent or column.parameter.name in held:
             continue
         told = (fit.free[i] or fit.consider_parameters[i]) and np.isfinite(covariance[i, i])
-        told = told and column.parameter.name not in mixed
+        told = told and column.parameter.name not in mixed and not only_prior[i]
         std = float(np.sqrt(covariance[i, i])) if told else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))
     return result

@@ -66,7 +66,9 @@ class Fit:
         if self.weighted is None:
             return self.cost
         noise, prior = self.weighted.noise, self.weighted.prior_weight * (self.weighted.prior_mean - self.values)
-        return sum(float(b.misfit @ b.misfit) / noise[b.run, b.channel] ** 2 for b in self.blocks) + float(prior @ prior)
+        return sum(float(b.misfit @ b.misfit) / noise[b.run, b.channel] ** 2 for b in self.blocks) + float(
+            prior @ prior
+        )
 
     @cached_property
     def posterior_covariance(self) -> np.ndarray:

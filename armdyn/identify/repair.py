@@ -11,20 +11,18 @@ from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.identify.bands import prediction_bands
-from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
+from armdyn.identify.compare import Comparison, comparison, fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
 from armdyn.identify.explained_share import RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.residual.character import ResidualCharacter, characterise
-from armdyn.identify.residual.failing_ranges import find_failing_ranges
 from armdyn.identify.residual.force_law import force_law_sentence
-from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
+from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, background_names, background_values, repair_step, search
-from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences
+from armdyn.identify.sentence import NamedEffect, RepairResidual, Verdict, named_effects, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     error_fall_sentence,
@@ -65,6 +63,7 @@ class Repair(Displayable):
         explained: share of the squared error that the repair explains; `identify.explained` defines it.
         steps: fits and effects of each step of `path`.
         missing_force: curves of the force that the model as given and the repaired one lack.
+        remarks: sentences on the law of the missing force and on outliers of the recordings.
     """
 
     verdict: Verdict
@@ -78,6 +77,7 @@ class Repair(Displayable):
     explained: float = 0.0
     steps: tuple[SearchStep, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
+    remarks: str = ""
 
     def document(
         self, holdout_kinds: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None
@@ -89,7 +89,11 @@ class Repair(Displayable):
             summaries: one sentence on each effect, by its name; None leaves them out.
         """
         steps = step_table(self.path, self.after.scale, holdout_kinds, summaries or {})
-        falling = Section("The error falling", error_fall_sentence(self.path, self.after.scale), tables=[steps])
+        falling = Section(
+            "The error falling",
+            f"{error_fall_sentence(self.path, self.after.scale)} {self.remarks}".strip(),
+            tables=[steps],
+        )
         fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
         compared = self.after.document()
         links = [link_section(self.links)] if self.links else []
@@ -106,6 +110,11 @@ class Repair(Displayable):
             },
             curves=partial(prediction_curves, fits),
         )
+
+    @property
+    def named(self) -> list[NamedEffect]:
+        """The added effects, that with the largest share of the misfit first."""
+        return named_effects(self.path, self.after.scale)
 
     @property
     def level(self) -> ResultLevel:
@@ -186,7 +195,8 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     law = force_law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.exceeds_noise else ""
     return Repair(
         verdict=verdict,
-        sentence=law + repair_sentences(path, study.holdout_kinds[0], after.scale, left) + outlier_sentence(study.runs),
+        sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
+        remarks=(law + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 
 from armdyn.identify.explained_share import (
     ChannelScale,
@@ -44,8 +45,8 @@ MIN_NOTICEABLE_ERROR_CHANGE_SHARE = 0.01
 """Smallest relative change of an error that a sentence calls a change."""
 MAX_NAMED_JOINTS = 3
 """Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
-MAX_NAMED_EFFECTS = 4
-"""Largest number of effects that a sentence names; of more effects only the number is given."""
+MAX_NAMED_EFFECTS = 3
+"""Largest number of effects that a sentence names; of further effects only the number is given."""
 MIN_EXPLAINED_SHARE_DEFICIT = 0.2
 """A channel is reported separately if the share of its squared error that is explained is smaller by this much than the
 share for all channels."""
@@ -86,22 +87,6 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Cha
     return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
-def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: ChannelScale) -> str:
-    """Describe in one sentence how a background of small values changes the error.
-
-    Args:
-        before: step with the named effects alone.
-        after: step with the background as well.
-        judge: kind of the runs whose errors are given.
-        scale: units of the channels.
-    """
-    old, new = (total_errors(step.independent_errors(scale), scale.units) for step in (before, after))
-    return (
-        f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
-        f"recordings better that it was not fitted to: the error {HOLDOUT_KIND_TEXT[judge]} {_change(old, new)}."
-    )
-
-
 def total_errors(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
     """Total error of the channels of each unit: the root of their summed squares, by unit.
 
@@ -116,15 +101,50 @@ def total_errors(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[
     }
 
 
-def added_effect_texts(steps: Sequence[RepairStep]) -> list[str]:
-    """Texts such as ``"joint_spring on elbow"`` for the effects that a repair added, in the order of its steps."""
-    found: dict[str, list[str]] = {}
-    for step in steps[1:]:
-        for name in step.added:
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect that a repair added, on all its joints.
+
+    Attributes:
+        effect: name of the effect.
+        joints: joints on which it acts, for an arm.
+        share: share of the misfit that the steps with this effect remove.
+        headline: whether the first sentence names it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    share: float
+    headline: bool = False
+
+    @property
+    def text(self) -> str:
+        """A text such as ``"joint_spring on elbow"``."""
+        return _on(self.effect, self.joints)
+
+
+def named_effects(steps: Sequence[RepairStep], scale: ChannelScale) -> list[NamedEffect]:
+    """The effects that a repair added, that with the largest share of the misfit first.
+
+    The share of a step that adds several effects together counts for its first one.
+
+    Args:
+        steps: steps of the repair; the first is the model as given.
+        scale: units and noise of the channels.
+    """
+    joints, shares = dict[str, list[str]](), dict[str, float]()
+    for before, step in pairwise(steps):
+        rise = explained_share(steps[0], step, scale) - explained_share(steps[0], before, scale)
+        for i, name in enumerate(() if step.values else step.added):
             # The joints of a step that added several effects are listed together.
-            joints = step.joints if len(step.added) == 1 else ()
-            found.setdefault(name, []).extend(joint for joint in joints if joint not in found.get(name, []))
-    return [_on(name, joints) for name, joints in found.items()]
+            own = step.joints if len(step.added) == 1 else ()
+            joints.setdefault(name, []).extend(joint for joint in own if joint not in joints.get(name, []))
+            shares[name] = shares.get(name, 0.0) + (rise if i == 0 else 0.0)
+    order = sorted(joints, key=lambda name: -shares[name])
+    return [
+        NamedEffect(name, tuple(joints[name]), shares[name], place < MAX_NAMED_EFFECTS)
+        for place, name in enumerate(order)
+    ]
 
 
 def _found(
@@ -135,15 +155,13 @@ def _found(
     after: Mapping[str, float],
     searched: bool,
 ) -> str:
-    added = added_effect_texts(steps)
-    if not added:
+    added, small = named_effects(steps, scale), steps[-1].values
+    held = f"a background of {small} small values without a name" if small else ""
+    if not (added or small):
         sizes = join_names([f"{_number(error)} {unit}" for unit, error in before.items()])
         return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {sizes}."
-    named = (
-        added
-        if len(added) <= MAX_NAMED_EFFECTS
-        else [*added[: MAX_NAMED_EFFECTS - 1], f"{len(added) - 3} more effects"]
-    )
+    further = len(added) - MAX_NAMED_EFFECTS
+    rest = [f"{further} more effect{'s' if further > 1 else ''}"] if further > 0 else []
     several = len(added) > 1
     names = {name for step in steps for name in step.added}
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
@@ -151,17 +169,16 @@ def _found(
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
-    text = f"{join_names(named)} {verb} {is_missing}"
-    if ties:
+    text = f"{join_names([one.text for one in added if one.headline] + rest)} {verb} {is_missing}" if added else ""
+    if ties and added:
         text += f" (these runs cannot tell {join_names(ties, 'or')} from {'them' if several else 'it'})"
-    them = "they explain" if several else "it explains"
+    if held:
+        text += f", and {held} was added" if added else f"{held[:1].upper()}{held[1:]} was added"
+    them = "they explain" if several or (held and added) else "it explains"
     if helps:
         text += f": {them} {percent_text(share)} of the misfit"
-        # The first effect often explains most, so it is described separately.
-        if several and len(steps) > 2 and len(steps[1].added) == 1:
-            alone = explained_share(steps[0], steps[1], scale)
-            if 0.5 < alone < share:
-                text += f", {steps[1].added[0]} alone {percent_text(alone)}"
+        if several and 0.5 < added[0].share < share:
+            text += f", {added[0].effect} alone {percent_text(added[0].share)}"
         worst = least_explained_channel(steps[0].independent_errors(scale), steps[-1].independent_errors(scale), scale)
         if worst is not None and worst[1] < share - MIN_EXPLAINED_SHARE_DEFICIT:
             of = worst[0].partition(".")[2] or worst[0]

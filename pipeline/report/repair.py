@@ -6,11 +6,11 @@ from dataclasses import replace
 from armdyn.document import Document, KeyFigure, NextStep, Section
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained_share import RepairStep, percent_text
+from armdyn.identify.explained_share import ChannelScale, RepairStep, percent_text
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
 from armdyn.identify.selection.search import repair_step
-from armdyn.identify.sentence import HOLDOUT_KIND_TEXT, MAX_NAMED_EFFECTS, added_effect_texts
+from armdyn.identify.sentence import HOLDOUT_KIND_TEXT, MAX_NAMED_EFFECTS, named_effects
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
 from pipeline.report.fit import channel_error_section, fit_key_figures, residual_dependence_section, run_names_by_role
@@ -41,7 +41,7 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
         found: result of the diagnosis.
     """
     path = [repair_step(study, step) for step in found.search.steps]
-    missing = missing_force_sections(found.missing_force, _added(path))
+    missing = missing_force_sections(found.missing_force, _added(path, found.comparison.scale))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
     shown = OverlayFigure.of_study(study, fits, steps, found.comparison.failing_ranges)
     document = found.document(_summaries(study))
@@ -57,7 +57,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
         found: result of the repair.
         next_steps: commands that the reader may run next.
     """
-    missing = missing_force_sections(found.missing_force, _added(found.path))
+    missing = missing_force_sections(found.missing_force, _added(found.path, found.after.scale))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
     shown = OverlayFigure.of_study(study, fits, steps, found.after.failing_ranges, found.after.bands)
     document = found.document(study.holdout_kinds, _summaries(study))
@@ -102,9 +102,9 @@ def _illustrated(
     )
 
 
-def _added(path: Sequence[RepairStep]) -> str:
+def _added(path: Sequence[RepairStep], scale: ChannelScale) -> str:
     """Names of the effects that were added to the given model, for a legend."""
-    effects = added_effect_texts(path)
+    effects = [one.text for one in named_effects(path, scale)]
     return " + ".join(effects) if len(effects) <= MAX_NAMED_EFFECTS else f"with {len(effects)} effects"
 
 

@@ -46,7 +46,9 @@ def _samples(channel: str, fits: Sequence[Fit]) -> tuple[list[str], np.ndarray]:
             if block.channel == channel:
                 found = {name: block.interpolate(signal) for name, signal in signals[block.run].items()}
                 place = found.get(f"q.{joint}")
-                products = {n: v * (place - np.mean(place)) for n, v in found.items() if place is not None and n[0] == "v"}
+                products = {
+                    n: v * (place - np.mean(place)) for n, v in found.items() if place is not None and n[0] == "v"
+                }
                 found |= {f"{name} q": value for name, value in products.items()}
                 names = list(found)
                 rows.append(np.column_stack([*found.values(), block.misfit]))

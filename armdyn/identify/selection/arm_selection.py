@@ -1,4 +1,4 @@
-"""Choose the effects of an arm: those of which the recordings are sure, and a background of small values of the rest."""
+"""Choose the effects of an arm: those of which the recordings are sure, and a background of small values of others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -90,7 +90,9 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
     that is large.
     """
     around = study.scorer(given.fit)
-    paths = [LinearPath(study, around, search_set(around, around.evaluate(around.given), say), given.effects, given.fit)]
+    paths = [
+        LinearPath(study, around, search_set(around, around.evaluate(around.given), say), given.effects, given.fit)
+    ]
     for candidate in study.candidates:
         if candidate.joints:
             continue
@@ -109,7 +111,9 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
     change = around.changed_values(around.best_change(wide, around.training))
     near = study.fit_with_prior_widths(around, wide, study.own(change, around.problem))
     whole = study.scorer(near)
-    return _best([*paths, LinearPath(study, whole, search_set(whole, whole.evaluate(whole.given), say), given.effects, near)])
+    return _best(
+        [*paths, LinearPath(study, whole, search_set(whole, whole.evaluate(whole.given), say), given.effects, near)]
+    )
 
 
 def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
@@ -175,8 +179,12 @@ def _without_empty_effects(found: LinearPath) -> LinearPath:
 def empty_effects(study: LinearStudy, fit: Fit, effects: Sequence[Candidate]) -> list[Candidate]:
     """Those of some effects all of whose fitted values together are within `MIN_VALUE_STDS` deviations of nothing."""
     problem, covariance = study.problem, uncertainty(study, fit).covariance
-    values = {c: np.flatnonzero(problem.mask_of_unknowns(c.names) & fit.free) for c in effects if c not in study.present}
-    sizes = {c: wald_distance((fit.values - problem.null)[own], covariance[np.ix_(own, own)]) for c, own in values.items()}
+    values = {
+        c: np.flatnonzero(problem.mask_of_unknowns(c.names) & fit.free) for c in effects if c not in study.present
+    }
+    sizes = {
+        c: wald_distance((fit.values - problem.null)[own], covariance[np.ix_(own, own)]) for c, own in values.items()
+    }
     return [c for c, size in sizes.items() if size <= MIN_VALUE_STDS]
 
 

@@ -19,8 +19,7 @@ A joint that moves in one run only cannot be predicted from the other runs: ther
 predicted in turn (`LinearScorer.folds`).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from copy import copy
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from math import log, sqrt
 
@@ -278,7 +277,9 @@ class LinearScorer(EffectSetScorer):
         A.flat[:: len(c) + 1] += 1.0
         right = w * (slope[c] - G[np.ix_(c, gone)] @ change[gone]) + self._centre[c] / w
         found = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
-        change[c] = np.clip(found, self._lower[c], self._upper[c])  # rounding must not hide that a value is on its bound
+        change[c] = np.clip(
+            found, self._lower[c], self._upper[c]
+        )  # rounding must not hide a bound
         return change
 
     def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -390,9 +391,9 @@ class LinearScorer(EffectSetScorer):
         return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
 
     def approximate_addition_scores(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) approximate scores of a set with each of k additions, without full solutions, for choosing promising ones.
+        """(k,) approximate scores of a set with each of k additions, without full solutions, to find promising ones.
 
-        They are those of the fitted runs, with the evidence that its freedom costs (MacKay, Neural Computation 4, 1992).
+        They are those of the fitted runs, less what freedom costs in evidence (MacKay, Neural Computation 4, 1992).
         """
         errors, freedom = self._first_order(now, options)
         prices = self.complexity_penalties(now.effects, options)
@@ -457,8 +458,12 @@ class LinearScorer(EffectSetScorer):
         """
         c, change = np.flatnonzero(widths > 0.0), self.best_change(widths, self.training) - self._null
         covariance = np.zeros((len(widths), len(widths)))
-        covariance[np.ix_(c, c)] = np.linalg.inv(self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0))
-        return [wald_distance(change[own], covariance[np.ix_(own, own)]) for own in (self.positions[e] for e in effects)]
+        covariance[np.ix_(c, c)] = np.linalg.inv(
+            self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
+        )
+        return [
+            wald_distance(change[own], covariance[np.ix_(own, own)]) for own in (self.positions[e] for e in effects)
+        ]
 
     def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `EffectSetScorer.values`."""

@@ -18,7 +18,6 @@ from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER,
 from armdyn.identify.study import Study
 from armdyn.identify.whole_runs import improve_effect_set_by_run_errors
 
-
 BACKGROUND_STEP = "background"
 """Name of the step of a repair that adds small values of many effects, which reports do not list."""
 
