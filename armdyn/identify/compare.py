@@ -191,6 +191,8 @@ class Comparison(Displayable):
                 f"correlated as the residual (up to {self.std_inflation:.2g} times the noise's); what is missing may "
                 "still shift a value further."
             )
+        if self.fit.weighted is not None:
+            return "The residual is not white; the standard deviations count in how large and how correlated it is."
         return "The residual is more than white noise: the standard deviations do not hold as intervals."
 
     @property
