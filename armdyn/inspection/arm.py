@@ -153,9 +153,15 @@ class SampledArmRun:
         """(J,) number of independent samples per recorded sample of each torque."""
         given = self._readings(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3))
         residual = given.residual(evidence(given.sums).sizes)
-        return independent_sample_share(
-            self.measured, residual, NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices]
-        )
+        return independent_sample_share(self.measured, residual, self._nearly_zero)
+
+    @cached_property
+    def _nearly_zero(self) -> np.ndarray:
+        """(J,) recorded torques that are nearly zero."""
+        limits = self._effort[self.joint_indices]
+        # Where every torque is nearly zero, such as a motor's before its gear, the largest is the measure.
+        largest = float(np.max(np.sqrt(np.mean(self.measured**2, axis=1)) / limits))
+        return np.asarray(min(NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT, largest) * limits)
 
     def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques after a correction, (J,) logarithms of its factors, (J,) indices of its source channels."""
@@ -250,7 +256,7 @@ class SampledArmRun:
 
     def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices] * np.exp(log_factor))
+        return np.asarray(self._nearly_zero * np.exp(log_factor))
 
     def sums(self, correction: Correction, description: DescriptionCorrection = AS_DESCRIBED) -> ReadingSums:
         """What the evidence of a hypothesis needs of this recording, with every effect that may be present."""

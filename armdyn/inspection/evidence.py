@@ -9,7 +9,8 @@ the sizes theta of all effects are integrated out. How large effects of one kind
 sensors, is common to them and unknown: s_k is estimated for each kind, so that a good description is trusted, and an
 arm whose torque constants are off by a half is nothing special (empirical Bayes; MacKay, Neural Computation 4, 1992).
 sigma_j is unknown too, and includes the model's own error, so that neighbouring samples are correlated: n samples count
-as n over their correlation time. Sizes on a bound, such as a friction of zero, are left out.
+as n over their correlation time. Effects that would be on their bound at zero, such as a friction, are left out; one on
+another bound is the less probable, the more the readings pull it beyond.
 
 Only the sums X'X, X'r and r'r of each channel matter, so that recordings with common effects are judged together by
 joining their sums.
@@ -27,8 +28,9 @@ from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded
 
-SIZE_RANGE_OF_MISSING_EFFECTS = (0.1, 10.0)
-"""Range of the common size of the missing effects of one kind, in their typical sizes: up to the wide priors of fits."""
+SIZE_RANGE_OF_MISSING_EFFECTS, LARGEST_SIZE_OF_BOUNDED_EFFECTS = (0.1, 3.0), 10.0
+"""Range of the common size of the missing effects of one kind, in their typical sizes; and the largest one of effects
+that are bounded on both sides, such as gains, whose bounds say what is possible."""
 MIN_MODEL_ERROR_SHARE_OF_RMS = 0.1
 """Model error that every model may have, as a share of a channel's root mean square. A mistake makes a larger one; with
 0.03 a real arm whose joints move one at a time (six at rest, whose torques contain no information) seems to have
@@ -164,7 +166,9 @@ def evidence(given: ReadingSums, absent: np.ndarray | None = None) -> Evidence:
     sums, kind, p = given.equations, given.sizes.kind, len(given.sizes.kind)
     here = np.ones(p, dtype=bool) if absent is None else ~absent
     counts = np.maximum(np.bincount(kind[here], minlength=kind.max(initial=0) + 1), 1)
-    least, most = (size**2 for size in SIZE_RANGE_OF_MISSING_EFFECTS)
+    least, most = SIZE_RANGE_OF_MISSING_EFFECTS
+    unbounded = np.bincount(kind, ~np.isfinite(given.sizes.upper - given.sizes.lower), len(counts))
+    most = np.where(unbounded > 0, most, LARGEST_SIZE_OF_BOUNDED_EFFECTS)
     square = np.ones(len(counts))
     variance = np.maximum(0.01 * given.scale**2, 0.01 * sums.square / sums.count)
     for _ in range(ESTIMATION_ROUNDS):
@@ -178,13 +182,17 @@ def evidence(given: ReadingSums, absent: np.ndarray | None = None) -> Evidence:
             )
         found = solve_bounded(A, width * b, lower, upper)
         free = found.on_bound == 0
-        A = np.where(free[:, None] & free, A, np.eye(p))
+        inner, A = A, np.where(free[:, None] & free, A, np.eye(p))
         theta = width * found.x
         left = sums.squared_errors(theta[:, None])[:, 0]
+        held = ~free & (found.x != 0.0)
+        # The integral of exp(-g x - A x^2 / 2) beside a bound that the readings pull beyond.
+        beside = np.abs(found.gradient[held]) + np.sqrt(2.0 / np.pi * np.diag(inner)[held])
         value = -0.5 * float(share @ left + found.x @ found.x + log_det(A))
+        value -= float(np.sum(np.log(beside * np.sqrt(0.5 * np.pi))))
         value += float(np.sum(sums.count * given.weight * (given.log_factor - 0.5 * np.log(variance))))
         spread = free * np.diag(np.linalg.inv(A)) * width**2
-        square = np.clip(np.bincount(kind, here * (theta**2 + spread), len(counts)) / counts, least, most)
+        square = np.clip(np.bincount(kind, here * (theta**2 + spread), len(counts)) / counts, least**2, most**2)
         variance = left / sums.count + given.floor
     return Evidence(value + given.log_odds, left / sums.count / given.scale**2, theta)
 

@@ -322,6 +322,7 @@ def torque_reading_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:
         yield Mistake(
             "sign_missing", runs.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=DescriptionCorrection(magnitudes=True),
+            prior_odds_nats=-len(runs.channels) * float(np.log(2.0)),  # otherwise each has one sign by chance
         )  # fmt: skip
 
 
