@@ -194,6 +194,11 @@ class SampledArmRun:
         still = np.zeros_like(motion.q)
         return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.joint_indices])
 
+    @cached_property
+    def price_of_positions(self) -> float:
+        """Price in nats of the recorded positions beyond the joints' limits."""
+        return self._beyond(self.motion)
+
     def _beyond(self, motion: Motion) -> float:
         """Price in nats of positions beyond the joints' limits."""
         described = self.model.arm.model

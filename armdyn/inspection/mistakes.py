@@ -14,6 +14,8 @@ from armdyn.inspection.together import SampledArmRuns
 
 WRONG_ANGLE_UNIT_FACTORS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
 """Factors that correct a wrong unit of angles, each with the mistake in words."""
+NO_MOTION_FACTOR = 1e-9
+"""Factor after which angles are those of a joint at rest, and friction still has its direction."""
 TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
     "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
     "kgf m": (9.80665, 2.0), "ft lbf": (1.3558179483, 8.0),
@@ -129,13 +131,19 @@ def _recorded(runs: SampledArmRuns, kinds: str, joints: Iterable[str]) -> list[s
 def angle_unit_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:
     """Mistakes of angle units: degrees that are declared as rad, or the reverse."""
     turning = [joint for joint in runs.model.arm.joints if not runs.model.arm.sliding[joint]]
+    beyond_limits = sum(run.price_of_positions for run in runs.runs)
     for factor, said in WRONG_ANGLE_UNIT_FACTORS:
         yield scaled_channels_mistake("angle_unit", _recorded(runs, "qva", turning), f"angles are in {said}", factor)
         for joint in runs.joints if len(runs.joints) > 1 else ():
             if not runs.model.arm.sliding[joint] and (own := _recorded(runs, "qva", (joint,))):
-                yield scaled_channels_mistake(
+                alone = scaled_channels_mistake(
                     "angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS
                 )
+                # An elastic joint's motor may move otherwise than its link: then a smaller motion is no other unit.
+                still = scaled_channels_mistake(
+                    "angle_unit", own, f"q.{joint} tells no motion", NO_MOTION_FACTOR, price=beyond_limits
+                )
+                yield from (alone, replace(still, is_effect=True)) if factor < 1.0 else (alone,)
 
 
 def torque_unit_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:

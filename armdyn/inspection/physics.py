@@ -273,7 +273,8 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
     if value - as_is < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
         return ()
-    least = max(as_is, runs.evidence_of_no_model(chosen.runs))
+    effects = (v for v, h in zip(values, hypotheses, strict=True) if any(m.is_effect for m in h.mistakes))
+    least = max(as_is, runs.evidence_of_no_model(chosen.runs), *effects)
     if value - least < POSSIBLE_MISTAKE_NATS:
         return ()
     others = [k for k, h in enumerate(hypotheses) if h.families != chosen.families and set(h.runs) & set(chosen.runs)]
