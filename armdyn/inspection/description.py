@@ -69,5 +69,5 @@ def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
 
 
 AS_DESCRIBED = DescriptionCorrection()
-MASSLESS = DescriptionCorrection(mass=0.0)
-"""Correction that removes all masses, so that the model explains no torque."""
+NOTHING_DESCRIBED = (DescriptionCorrection(mass=0.0), DescriptionCorrection(mass=0.0, length=0.0))
+"""Corrections that remove all masses, and all lengths, so that the model explains no torque."""

@@ -268,13 +268,18 @@ def time_base_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:
     if square <= 0.0 or 1.0 / MIN_TIME_FACTOR < (factor := float(np.sqrt(square))) < MIN_TIME_FACTOR:
         return
     names = [*_recorded(runs, "qva", runs.model.arm.joints), *runs.channels]
+
+    def of_pace(factor: float) -> Correction:
+        return Correction({name: CorrectedReading(name, clock_rate_error=factor - 1.0) for name in names})
+
     slow = f"{factor:.3g} times too far apart" if factor > 1.0 else f"{1.0 / factor:.3g} times too close together"
-    yield Mistake(
+    found = Mistake(
         "rate", tuple(names), f"time stamps are about {slow}: accelerations do not fit the torques",
-        "look up the rate of the samples, or the unit of 'time', and divide the stamps", prior_odds_nats=UNEXPLAINED_FACTOR_PRICE_NATS,
-        correction=Correction({name: CorrectedReading(name, clock_rate_error=factor - 1.0) for name in names}),
-        correctable=False,
+        "look up the rate of the samples, or the unit of 'time', and divide the stamps",
+        correction=of_pace(factor), prior_odds_nats=UNEXPLAINED_FACTOR_PRICE_NATS, correctable=False,
     )  # fmt: skip
+    # Where inertial torques are lost in others, slower ones fit as well.
+    yield from (found, replace(found, correction=of_pace(0.1 * factor), is_effect=True)) if factor < 1.0 else (found,)
 
 
 def gravity_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:

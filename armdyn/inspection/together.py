@@ -14,7 +14,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.inspection.arm import RecordingHypothesis, SampledArmRun
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.description import AS_DESCRIBED, MASSLESS, DescriptionCorrection
+from armdyn.inspection.description import AS_DESCRIBED, NOTHING_DESCRIBED, DescriptionCorrection
 from armdyn.inspection.evidence import Evidence, ReadingSums, evidence
 from armdyn.run import Run
 
@@ -83,7 +83,7 @@ class SampledRuns(Generic[Sampled]):
 
     def evidence_of_no_model(self, which: Sequence[int]) -> float:
         """Log evidence, nats, of a model that explains nothing in some recordings; a mistake must have more."""
-        return self.evidence((Correction(), MASSLESS), which).value
+        return max(self.evidence((Correction(), nothing), which).value for nothing in NOTHING_DESCRIBED)
 
     @cached_property
     def units(self) -> tuple[tuple[int, str], ...]:
