@@ -7,6 +7,7 @@ of its recordings, one of a logger over all of its own, one of a single recordin
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import combinations
 from math import comb, log
 from typing import TypeVar
 
@@ -168,13 +169,16 @@ def most_probable_mistakes(
         return ()
     as_is = runs.evidence(AS_IS, ())
     found = _best(runs, near, as_is.value)
-    for which, (offered, values) in screened.items() if not found else ():
+    for which, (offered, values) in screened.items():
         share = [s for s, (k, _) in zip(as_is.share, runs.units, strict=True) if k in which]
-        if float(np.median(share)) > MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES:
+        much = not found and float(np.median(share)) > MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES
+        # One of several mistakes may be explained by another one that was not made.
+        if much or (found and found[0].runs == which and found[0].mistake.description == AS_DESCRIBED):
             several = _several(runs.only(which), offered, values)
-            found = _best(runs, [replace(h, runs=which, run_count=count) for h in several], as_is.value)
-        if found:
-            break
+            near += [replace(h, runs=which, run_count=count) for h in several]
+            found = _best(runs, near, as_is.value)
+            if found:
+                break
     return found
 
 
@@ -268,6 +272,10 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     values = [one.value - h.price for one, h in zip(found, hypotheses, strict=True)]
     best = int(np.argmax(values))
     chosen, value = hypotheses[best], values[best]
+    fewer = [replace(chosen, mistakes=rest) for rest in combinations(chosen.mistakes, len(chosen.mistakes) - 1) if rest]
+    without = [runs.evidence(h.meaning, h.runs).value - h.price for h in fewer]
+    if fewer and value - max(without) < POSSIBLE_MISTAKE_NATS:
+        return _best(runs, [h for h in (*hypotheses, *fewer) if len(h.mistakes) < len(chosen.mistakes)], as_is)
     concerned = [chosen.concerns(unit) for unit in runs.units]
     concerned = concerned if any(concerned) else [k in chosen.runs for k, _ in runs.units]
     explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
@@ -282,7 +290,7 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     second = max([*(values[k] for k in others), as_is])
     tied = value - second < MISTAKE_TIE_NATS and len(chosen.mistakes) == 1 and second > as_is
     rival = hypotheses[next_best].mistakes[0] if tied else None
-    odds, lead = value - least, value - second
+    odds, lead = min(value - v for v in (least, *without)), value - second
     chosen = _extended(runs, chosen, value)
     each = tuple(_with_fitted_clock(runs.only(chosen.runs), chosen.mistakes, k) for k in range(len(chosen.mistakes)))
     alone = runs.evidence(chosen.meaning, chosen.runs, runs.columns_of_effect("torque_gain")).value - chosen.price
