@@ -92,8 +92,12 @@ class Hypothesis:
         return unit[0] in self.runs and any(unit[1] in m.channels for m in self.mistakes)
 
     def excludes(self, further: Mistake) -> bool:
-        """Whether a further mistake is of the same kind on the same channels, or cannot be corrected after these."""
-        alike = (m for m in self.mistakes if m.kind == further.kind)
+        """Whether a further mistake is not independent of these, or cannot be corrected after them.
+
+        A joint in another unit, which hardly moves then, may have any zero.
+        """
+        units = {m.kind for m in (*self.mistakes, further)} >= {"angle_unit", "position_offset"}
+        alike = (m for m in self.mistakes if m.kind == further.kind or units)
         return further.description != AS_DESCRIBED or any(set(m.channels) & set(further.channels) for m in alike)
 
 
