@@ -289,7 +289,8 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     least = max(as_is, runs.evidence_of_no_model(chosen.runs), *effects)
     if value - least < POSSIBLE_MISTAKE_NATS:
         return ()
-    others = [k for k, h in enumerate(hypotheses) if h.families != chosen.families and set(h.runs) & set(chosen.runs)]
+    # A further mistake beside these is no rival of them.
+    others = [k for k, h in enumerate(hypotheses) if not chosen.families <= h.families and set(h.runs) & set(chosen.runs)]
     next_best = max(others, key=lambda k: values[k], default=best)
     second = max([*(values[k] for k in others), as_is])
     tied = value - second < MISTAKE_TIE_NATS and len(chosen.mistakes) == 1 and second > as_is
