@@ -1,19 +1,17 @@
 """Compare an arm's recording with its model, for every hypothesis on a mistake in the recording or the description."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion, measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
-from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.description import AS_DESCRIBED, DescriptionCorrection, with_sign_of_total
 from armdyn.inspection.evidence import (
@@ -25,6 +23,7 @@ from armdyn.inspection.evidence import (
     independent_sample_share,
 )
 from armdyn.inspection.kinematics import local_averages
+from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.linear.solve import solve_bounded
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
@@ -35,24 +34,10 @@ COARSE_EVALUATION_TIME_STRIDE = 2
 """Stride of the moments that the coarse evaluation of hypotheses uses."""
 TORQUE_AVERAGE_HALF_WIDTH_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
-SEPARATELY_HANDLED_EFFECTS = frozenset(
-    {"torque_delay", "base_tilt", "payload", "joint_asymmetric_friction", "joint_stribeck_friction", "joint_coupling"}
-)
-"""Effects whose columns the inspection of an arm computes itself in another form (a delay, a tilt, a payload), or that
-are close to other effects."""
 SIGN_ESTIMATION_ROUNDS = 3
 """Number of iterations that estimate the signs of torques that were recorded without sign."""
 NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
-USUAL_TORQUE_DELAY_SECONDS, MAX_TORQUE_DELAY_SECONDS = 0.03, 0.1
-"""Usual delay of recorded torques, and the shift of a clock, s, from which on it is a mistake."""
-USUAL_BASE_TILT_RADIANS, MIN_MOUNTING_ANGLE = 0.1, np.deg2rad(12.0)
-"""Usual tilt of an arm's base, and least angle between gravity and its description for an arm on a wall or ceiling, rad; a
-smaller angle is an effect, a tilted base."""
-USUAL_PAYLOAD_SHARE_OF_ARM_MASS, USUAL_PAYLOAD_DISTANCE_METRES = 0.15, 0.2
-"""Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
-INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-"""Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
 USUAL_DRIVE_TORQUES_PER_EFFORT = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
@@ -83,14 +68,17 @@ class SampledArmRun:
     """A recording of an arm at a few moments, which is compared with the arm's model.
 
     Args:
-        model: the model with its effects.
+        effects: the model, and the effects that it may lack.
         run: the recording, without a gap.
-        effects: further effects that the model may lack.
     """
 
-    model: ArmModel
+    effects: MissingEffects
     run: Run
-    effects: tuple[Effect, ...] = field(default=())
+
+    @property
+    def model(self) -> ArmModel:
+        """The model with its effects."""
+        return self.effects.model
 
     def corrected(self, correction: Correction) -> "SampledArmRun":
         """The recording with a correction."""
@@ -183,8 +171,8 @@ class SampledArmRun:
     def described_torques(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
         """(J, n) torques of the model for a motion, with a correction of its description."""
         changed = description.corrected_model(self.model.arm.model)
-        if self._own.effects:
-            found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
+        if self.effects.own.effects:
+            found = self.effects.own.at_states(MotionSamples(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
         return np.asarray(found.T[self.joint_indices]) - (self._weight(motion) if description.compensated else 0.0)
@@ -245,9 +233,7 @@ class SampledArmRun:
         return np.asarray(total - cost - self._too_strong(y))
 
     @cached_with_first_argument
-    def _coarse(
-        self, positions: Readings, description: DescriptionCorrection
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+    def _coarse(self, positions: Readings, description: DescriptionCorrection) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
         m = self.corrected_motion(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_EVALUATION_TIME_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
@@ -333,61 +319,14 @@ class SampledArmRun:
         held = np.abs(inverse_dynamics(self.model.arm.model, self.motion.q, self.motion.v, self.motion.a)).max(axis=0)
         return np.where(limits < MIN_EFFORT_LIMIT_MEANING_NONE, limits, 2.0 * held + 1e-6)
 
-    @cached_property
-    def _own(self) -> ArmModel:
-        """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only_effects([e.name for e in self.model.effects if not depends_on_past(e)])
-
-    @cached_property
-    def _extended(self) -> tuple[ArmModel, np.ndarray, EffectSizes]:
-        """The model with all effects at null; (p,) typical sizes; prior knowledge on the sizes, also of `_linear`'s."""
-        model = self._own.with_fixed_null_effects(
-            [e for e in self.effects if not (e.name in SEPARATELY_HANDLED_EFFECTS or depends_on_past(e))]
-        )
-        parameters = list(model.parameters.values())
-        size = np.array([p.typical for p in parameters])
-        value = np.array([p.value for p in parameters])
-        # A link that loses all of its mass weighs nothing.
-        lower = np.array([max(p.lower, -1.0) if p.effect == "link_inertia" else p.lower for p in parameters])
-        upper = np.array([p.upper for p in parameters])
-        effects = [*dict.fromkeys(p.effect for p in parameters), "payload", "base_tilt", "torque_delay"]
-        nj, none = len(self.model.arm.joints), np.full(len(INERTIAL_POWERS) - 1, np.inf)
-        tilt = np.sin(MIN_MOUNTING_ANGLE) / USUAL_BASE_TILT_RADIANS
-        late = MAX_TORQUE_DELAY_SECONDS / USUAL_TORQUE_DELAY_SECONDS
-        beside = np.concatenate([[1.0 / USUAL_PAYLOAD_SHARE_OF_ARM_MASS], none, np.full(3, tilt), np.full(nj, late)])
-        of_beside = np.repeat(len(effects) + np.array([-3, -2, -1]), [len(INERTIAL_POWERS), 3, nj])
-        return model, size, EffectSizes(
-            np.concatenate([[effects.index(p.effect) for p in parameters], of_beside]).astype(int),
-            np.concatenate([(lower - value) / size, [0.0], -beside[1:]]),
-            np.concatenate([(upper - value) / size, beside]),
-        )
-
-    def columns_of_effect(self, effect: str) -> np.ndarray:
-        """(p,) bool, the unknowns of the evidence that belong to an effect."""
-        model, _, sizes = self._extended
-        own = [p.effect == effect for p in model.parameters.values()]
-        return np.pad(np.array(own, dtype=bool), (0, len(sizes.kind) - len(own)))
+    def _linear(self, stretch: MotionSamples, heavier: float) -> tuple[np.ndarray, np.ndarray, EffectSizes]:
+        """(J, n) torques, (J, n, p) columns times typical sizes, and prior knowledge on the (p,) sizes."""
+        described, columns = self.effects.linear(stretch, heavier)
+        return described[self.joint_indices], columns[self.joint_indices], self.effects.sizes
 
     @cached_property
     def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, EffectSizes]:
         return self._linear(MotionSamples(self.model.arm.model, self.motion, self.motion.time), 1.0)
-
-    def _linear(self, stretch: MotionSamples, heavier: float) -> tuple[np.ndarray, np.ndarray, EffectSizes]:
-        """(J, n) torques, (J, n, p) columns times typical sizes, and prior knowledge on the (p,) sizes."""
-        model, size, sizes = self._extended
-        m = stretch.motion
-        torques, derivatives = model.at_states(stretch)
-        described = torques.T[self.joint_indices]
-        # A link changes by shares of its mass and extent, which the description may have wrong.
-        size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
-        own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
-        load = max(1.0, USUAL_PAYLOAD_SHARE_OF_ARM_MASS * heavier * float(self.model.arm.described[:, 0].sum()))
-        carried = load * USUAL_PAYLOAD_DISTANCE_METRES**INERTIAL_POWERS
-        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.joint_indices]
-        tilt = self._per_gravity(m) * (USUAL_BASE_TILT_RADIANS * float(np.linalg.norm(self.model.gravity())))
-        late = USUAL_TORQUE_DELAY_SECONDS * np.gradient(described, m.time, axis=1)
-        delays = late[:, :, None] * np.eye(len(self.model.arm.joints))[self.joint_indices][:, None]
-        return described, np.concatenate([own, payload, tilt, delays], axis=2), sizes
 
 
 def _mostly(beyond: np.ndarray) -> np.ndarray:

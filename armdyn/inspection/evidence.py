@@ -134,11 +134,12 @@ class ReadingSums:
         equations = NormalEquations(
             *(np.concatenate([getattr(e, name) for e in each]) for name in ("gram", "slope", "square", "count"))
         )
-        rows = (
+        scale, floor, weight, log_factor = (
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("scale", "floor", "weight", "log_factor")
         )
-        return ReadingSums(equations, parts[0].sizes, *rows, sum(part.log_odds for part in parts))
+        log_odds = sum(part.log_odds for part in parts)
+        return ReadingSums(equations, parts[0].sizes, scale, floor, weight, log_factor, log_odds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +167,9 @@ def evidence(given: ReadingSums, absent: np.ndarray | None = None) -> Evidence:
     sums, kind, p = given.equations, given.sizes.kind, len(given.sizes.kind)
     here = np.ones(p, dtype=bool) if absent is None else ~absent
     counts = np.maximum(np.bincount(kind[here], minlength=kind.max(initial=0) + 1), 1)
-    least, most = SIZE_RANGE_OF_MISSING_EFFECTS
+    least, usual = SIZE_RANGE_OF_MISSING_EFFECTS
     unbounded = np.bincount(kind, ~np.isfinite(given.sizes.upper - given.sizes.lower), len(counts))
-    most = np.where(unbounded > 0, most, LARGEST_SIZE_OF_BOUNDED_EFFECTS)
+    most = np.where(unbounded > 0, usual, LARGEST_SIZE_OF_BOUNDED_EFFECTS)
     square = np.ones(len(counts))
     variance = np.maximum(0.01 * given.scale**2, 0.01 * sums.square / sums.count)
     for _ in range(ESTIMATION_ROUNDS):
@@ -177,9 +178,7 @@ def evidence(given: ReadingSums, absent: np.ndarray | None = None) -> Evidence:
         A, b = sums.weighted(share, np.arange(len(share)))
         A = np.eye(p) + width[:, None] * width * A
         with np.errstate(divide="ignore", invalid="ignore"):
-            lower, upper = (
-                np.where(here, bound / width, bound) for bound in (given.sizes.lower, given.sizes.upper)
-            )
+            lower, upper = (np.where(here, bound / width, bound) for bound in (given.sizes.lower, given.sizes.upper))
         found = solve_bounded(A, width * b, lower, upper)
         free = found.on_bound == 0
         inner, A = A, np.where(free[:, None] & free, A, np.eye(p))

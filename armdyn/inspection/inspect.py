@@ -26,6 +26,7 @@ from armdyn.inspection.check import (
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.holds import sticking_spans
 from armdyn.inspection.kinematics import rate_checks, without_inconsistent_rates
+from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.inspection.mistakes import arm_mistakes
 from armdyn.inspection.signals import (
     SIGNAL_CHECKS,
@@ -139,8 +140,8 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
 
 def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...]) -> Iterator[Check]:
     """Findings from comparing recordings with an arm's model, all together; empty where that is not possible."""
-    effects = tuple(e for e in effects if e.acts_on in model.stages)
-    sampled = [SampledArmRun(model, run, effects) for run in runs if _has_all(run, model)]
+    missing = MissingEffects(model, tuple(e for e in effects if e.acts_on in model.stages))
+    sampled = [SampledArmRun(missing, run) for run in runs if _has_all(run, model)]
     for first in range(0, len(sampled), MAX_RECORDINGS_COMPARED_TOGETHER):
         together = SampledArmRuns(tuple(sampled[first : first + MAX_RECORDINGS_COMPARED_TOGETHER]))
         yield from physics.mistake_checks(together, arm_mistakes)

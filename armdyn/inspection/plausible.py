@@ -40,8 +40,8 @@ def min_credible_magnitude(p: Parameter) -> float:
 def implausible_values(model: Model, runs: Sequence[Run] = ()) -> list[Check]:
     """Findings on impossible values of a fitted model, such as a payload heavier than the robot.
 
-    In a base of a user's own the bounds of a value define what is possible, so that there are none. Small values without
-    a name are no findings: nobody reads them, and the recordings do not determine each of them.
+    In a base of a user's own the bounds of a value define what is possible, so that there are none. Small values
+    without a name are no findings: nobody reads them, and the recordings do not determine each of them.
 
     Args:
         model: the fitted model.
@@ -126,7 +126,7 @@ def _of_arm(model: ArmModel, runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
 
 
 def _links(model: ArmModel, whole: float) -> Iterator[tuple[str, str]]:
-    """Findings on links that are heavier than the arm of `whole` kg, or weigh nothing, where recordings determine it."""
+    """Findings on links that certainly weigh more than the arm of `whole` kg, or next to nothing."""
     named = {name: p for name, p in _named(model).items() if p.effect != "payload"}  # what is held is judged by itself
     # A link's mass depends on one parameter, so that covariances do not matter.
     variance = np.diag([(named[name].std or 0.0) ** 2 if name in named else 0.0 for name in model.names])

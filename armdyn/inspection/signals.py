@@ -351,7 +351,7 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publisher_checks, motion_checks, gap_checks, dropped_sample_checks, stuck_sensor_checks,
-    sticking_joint_checks, repetition_checks, repeated_row_checks, saturation_checks, lost_count_checks, glitch_checks, jitter_checks,
-    stated_noise_checks, unconfirmed_mappings,
+    sticking_joint_checks, repetition_checks, repeated_row_checks, saturation_checks, lost_count_checks, glitch_checks,
+    jitter_checks, stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
 """Functions that check the signals of a recording; a new check is a further function."""

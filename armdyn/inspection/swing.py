@@ -25,15 +25,17 @@ from armdyn.inspection.evidence import (
     independent_sample_share,
 )
 from armdyn.inspection.kinematics import local_averages
+from armdyn.inspection.mistake import (
+    TRIED_SENSOR_LAGS_SECONDS,
+    Mistake,
+    scaled_channels_mistake,
+    shifted_clock_mistakes,
+)
 from armdyn.inspection.mistakes import (
     ANGLE_ZERO_OFFSETS_TRIED,
     LENGTH_UNITS,
     TRIED_CLOCK_RATE_ERRORS,
-    TRIED_SENSOR_LAGS_SECONDS,
     WRONG_ANGLE_UNIT_FACTORS,
-    Mistake,
-    scaled_channels_mistake,
-    shifted_clock_mistakes,
 )
 from armdyn.inspection.together import SampledRuns
 from armdyn.model import Model

@@ -1,7 +1,7 @@
 """Recordings of one robot that are compared with its model together, for every hypothesis on mistakes in them.
 
-What a model lacks belongs to the robot, so that its size is the same in all recordings of an arm; a mistake belongs to a
-description, to a logger or to one recording.
+What a model lacks belongs to the robot, so that its size is the same in all recordings of an arm; a mistake belongs to
+a description, to a logger or to one recording.
 """
 
 from collections.abc import Sequence
@@ -70,7 +70,9 @@ class SampledRuns(Generic[Sampled]):
         runs = (run.corrected(correction) if k in which else run for k, run in enumerate(self.runs))
         return replace(self, runs=tuple(runs))
 
-    def evidence(self, meaning: RecordingHypothesis, which: Sequence[int], absent: np.ndarray | None = None) -> Evidence:
+    def evidence(
+        self, meaning: RecordingHypothesis, which: Sequence[int], absent: np.ndarray | None = None
+    ) -> Evidence:
         """Evidence of a hypothesis on some recordings, where the others are as they stand.
 
         Args:
@@ -92,6 +94,7 @@ class SampledRuns(Generic[Sampled]):
 
     def columns_of_effect(self, effect: str) -> np.ndarray:
         """(p,) bool, the unknowns of the evidence that belong to an effect; none where effects have no names."""
+        del effect
         return np.zeros(len(self.runs[0].sums(*AS_IS).sizes.kind), dtype=bool)
 
 
@@ -145,7 +148,7 @@ class SampledArmRuns(SampledRuns[SampledArmRun]):
 
     def columns_of_effect(self, effect: str) -> np.ndarray:
         """(p,) bool, the unknowns of the evidence that belong to an effect."""
-        return self.runs[0].columns_of_effect(effect)
+        return self.runs[0].effects.columns_of_effect(effect)
 
 
 def _solution(equations: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

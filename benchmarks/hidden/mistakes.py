@@ -34,8 +34,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
-from armdyn.inspection.description import DescriptionCorrection
 from armdyn.inspection.check import Check, Inspection, Severity
+from armdyn.inspection.description import DescriptionCorrection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
