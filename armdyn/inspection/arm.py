@@ -103,6 +103,7 @@ class SampledArmRun:
         inside = inside if len(inside) > 1 else first.time
         return whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
 
+    @cached_with_first_argument
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
         """(n,) averages of a recorded torque around the moments, N m or N.
 

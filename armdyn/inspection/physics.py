@@ -5,7 +5,7 @@ all of its recordings, one of a logger over all of its own, one of a single reco
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, TypeVar
 
@@ -64,7 +64,7 @@ def find_mistakes(runs: Compared, mistakes: MistakesOf[Compared]) -> Iterator[Fo
                 return
             yield one
             reported |= keys
-            if m.description != AS_DESCRIBED or not one.certain or one.rival is not None:
+            if one.correction is None:
                 left -= set(one.runs)  # what else is wrong in them cannot be told
             else:
                 runs = runs.corrected(m.correction, one.runs)
@@ -95,13 +95,13 @@ def most_probable_mistakes(
         share = [s for s, (k, _) in zip(as_is.share, runs.units, strict=True) if k in which]
         much = not found and float(np.median(share)) > MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES
         # One of several mistakes may be explained by another one that was not made.
-        if much or (found and found[0].runs == which and found[0].mistake.description == AS_DESCRIBED):
+        if much or (found and found.chosen.runs == which and found.chosen.meaning[1] == AS_DESCRIBED):
             several = _several(runs.only(which), offered, values)
             near += [replace(h, runs=which, run_count=count) for h in several]
             found = _best(runs, near, as_is.value)
             if found:
                 break
-    return found
+    return _as_found(runs, found) if found else ()
 
 
 def _sets(runs: Compared) -> list[tuple[int, ...]]:
@@ -165,8 +165,9 @@ def _several(runs: Compared, mistakes: Sequence[Mistake], values: np.ndarray) ->
     The best sets of each size are continued with every further mistake, even where one mistake alone explains nothing.
     """
     which, found = tuple(range(len(runs.runs))), list[tuple[float, Hypothesis]]()
-    alone = [m for m in mistakes if m.description == AS_DESCRIBED and not m.is_effect]
-    order = np.argsort([-values[mistakes.index(m)] for m in alone])[:SEARCH_WIDTH]
+    alone = [m for m in mistakes if m.description == AS_DESCRIBED and m.correctable and not m.is_effect]
+    value_of = {id(m): value for m, value in zip(mistakes, values, strict=True)}
+    order = np.argsort([-value_of[id(m)] for m in alone])[:SEARCH_WIDTH]
     best = [Hypothesis((alone[i],), which, len(which)) for i in order]
     as_is = sum(float(run.coarse_log_evidence([AS_IS])[0]) for run in runs.runs)
     for _ in range(1, MAX_MISTAKES_AT_ONCE):
@@ -188,10 +189,27 @@ def _several(runs: Compared, mistakes: Sequence[Mistake], values: np.ndarray) ->
     return [h for value, h in found[:FULLY_EVALUATED_HYPOTHESES] if value > -MAX_COARSE_DEFICIT_NATS]
 
 
-def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tuple[FoundMistake, ...]:
-    """The mistakes of the best hypothesis; empty where it does not explain the recordings."""
-    if not hypotheses:
-        return ()
+@dataclass(frozen=True, eq=False)
+class BestHypothesis:
+    """The best of several hypotheses.
+
+    Attributes:
+        chosen: the hypothesis.
+        value: its log evidence less its price, nats.
+        log_odds: log odds over no mistake, or over fewer mistakes, nats.
+        second: log evidence less price of the next best hypothesis, nats.
+        rival: a mistake of that hypothesis, if it explains the recordings as well.
+    """
+
+    chosen: Hypothesis
+    value: float
+    log_odds: float
+    second: float
+    rival: Mistake | None
+
+
+def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> BestHypothesis | None:
+    """The best hypothesis; None where it does not explain the recordings."""
     found = [runs.evidence(h.meaning, h.runs) for h in hypotheses]
     values = [one.value - h.price for one, h in zip(found, hypotheses, strict=True)]
     best = int(np.argmax(values))
@@ -204,11 +222,11 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     concerned = concerned if any(concerned) else [k in chosen.runs for k, _ in runs.units]
     explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
     if value - as_is < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
-        return ()
+        return None
     effects = (v for v, h in zip(values, hypotheses, strict=True) if any(m.is_effect for m in h.mistakes))
     least = max(as_is, runs.evidence_of_no_model(chosen.runs), *effects)
     if value - least < POSSIBLE_MISTAKE_NATS:
-        return ()
+        return None
     # A further mistake beside these is no rival of them.
     others = [
         k for k, h in enumerate(hypotheses) if not chosen.families <= h.families and set(h.runs) & set(chosen.runs)
@@ -217,13 +235,20 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> tup
     second = max([*(values[k] for k in others), as_is])
     tied = value - second < MISTAKE_TIE_NATS and len(chosen.mistakes) == 1 and second > as_is
     rival = hypotheses[next_best].mistakes[0] if tied else None
-    odds, lead = min(value - v for v in (least, *without)), value - second
-    chosen = _extended(runs, chosen, value)
-    each = tuple(_with_fitted_clock(runs.only(chosen.runs), chosen.mistakes, k) for k in range(len(chosen.mistakes)))
-    alone = runs.evidence(chosen.meaning, chosen.runs, runs.columns_of_effect("torque_gain")).value - chosen.price
-    sure = chosen.runs != hypotheses[best].runs or alone - second >= MISTAKE_TIE_NATS
-    each = tuple(replace(m, correctable=m.correctable and (sure or m.kind != "torque_unit")) for m in each)
-    return tuple(FoundMistake(m, chosen.runs, odds, lead, rival) for m in each)
+    return BestHypothesis(chosen, value, min(value - v for v in (least, *without)), second, rival)
+
+
+def _as_found(runs: Compared, best: BestHypothesis) -> tuple[FoundMistake, ...]:
+    """The mistakes of the best hypothesis in all recordings that have them, with fitted clocks."""
+    chosen = _extended(runs, best.chosen, best.value)
+    each = [_with_fitted_clock(runs.only(chosen.runs), chosen.mistakes, k) for k in range(len(chosen.mistakes))]
+    # A unit that explains the torques only beside gains is not certain.
+    gains = runs.columns_of_effect("torque_gain")
+    without_gains = runs.evidence(best.chosen.meaning, best.chosen.runs, gains).value - best.chosen.price
+    sure = without_gains - best.second >= MISTAKE_TIE_NATS
+    each = [replace(m, correctable=m.correctable and (sure or m.kind != "torque_unit")) for m in each]
+    lead = best.value - best.second
+    return tuple(FoundMistake(m, chosen.runs, best.log_odds, lead, best.rival) for m in each)
 
 
 def _extended(runs: Compared, chosen: Hypothesis, value: float) -> Hypothesis:
