@@ -23,8 +23,8 @@ POSSIBLE_MISTAKE_NATS = 8.0
 MISTAKE_TIE_NATS = 6.0
 """Log odds, in nats, up to which two mistakes explain a recording equally well, so that neither is corrected."""
 MAX_CORRECTED_RESIDUAL_SHARE = 0.35
-"""Largest residual after a mistake's correction, as a share of the channels' mean square. With a larger one the
-description is of another arm, and no mistake is reported."""
+"""Largest residual after a mistake's correction, as a share of a channel's mean square, of half of the channels: others
+may vibrate. With a larger one the description is of another arm, and no mistake is reported."""
 FULLY_EVALUATED_HYPOTHESES, FULLY_EVALUATED_HYPOTHESES_PER_KIND = 8, 3
 """Number of hypotheses that are evaluated fully after a coarse evaluation, and largest number of one kind."""
 MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES = 0.2
@@ -220,7 +220,7 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> Bes
         return _best(runs, [h for h in (*hypotheses, *fewer) if len(h.mistakes) < len(chosen.mistakes)], as_is)
     concerned = [chosen.concerns(unit) for unit in runs.units]
     concerned = concerned if any(concerned) else [k in chosen.runs for k, _ in runs.units]
-    explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
+    explained = float(np.median(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
     if value - as_is < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
         return None
     effects = (v for v, h in zip(values, hypotheses, strict=True) if any(m.is_effect for m in h.mistakes))

@@ -7,6 +7,7 @@ import pytest
 from worlds import mistakes, sound_recordings
 
 from armdyn.arm.model import arm_model
+from armdyn.inspection.check import Severity
 from armdyn.inspection.evidence import ChannelReadings, EffectSizes, ReadingSums, evidence
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.run import Channel
@@ -18,7 +19,7 @@ def _model(robot):
 
 @pytest.fixture(scope="module")
 def three_runs():
-    """Recordings of a UR5 with a payload and springs."""
+    """Recordings of a UR5 with series-elastic drives, whose torques vibrate, and own torque constants."""
     return [sound.run for sound in sound_recordings.owned("ur5", 6)]
 
 
@@ -100,8 +101,8 @@ def test_rows_that_were_written_again_are_found():
     kept[0] = True
     row = np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))
     again = {name: Channel(c.time, c.value[row], c.unit) for name, c in sound.channels.items()}
-    kinds = [check.kind for check in inspect_runs([replace(sound, channels=again)]).checks]
-    assert kinds == ["repeated_samples"]
+    found = inspect_runs([replace(sound, channels=again)]).with_severity(Severity.SUSPECT)
+    assert [check.kind for check in found] == ["repeated_samples"]
     assert not [c for c in inspect_runs([sound]).checks if c.kind == "repeated_samples"]
 
 
