@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.model import ArmModel
-from armdyn.arm.motion import Motion, measured_motion
+from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, Motion, measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.inspection.correction import CorrectedReading, Correction
@@ -101,7 +101,10 @@ class SampledArmRun:
         first = self.run.channels[self.channels[0]]
         inside = first.time[samples_inside_motion(first, whole)]
         inside = inside if len(inside) > 1 else first.time
-        return whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
+        found = whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
+        # At rest friction has no direction that the recording tells.
+        known = np.abs(found.direction) >= MIN_CERTAIN_VELOCITY_SIGN
+        return replace(found, direction=np.where(known, found.direction, 0.0))
 
     @cached_with_first_argument
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:

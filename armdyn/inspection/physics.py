@@ -215,17 +215,26 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> Bes
     best = int(np.argmax(values))
     chosen, value = hypotheses[best], values[best]
     fewer = [replace(chosen, mistakes=rest) for rest in combinations(chosen.mistakes, len(chosen.mistakes) - 1) if rest]
-    without = [runs.evidence(h.meaning, h.runs).value - h.price for h in fewer]
-    if fewer and value - max(without) < POSSIBLE_MISTAKE_NATS:
+
+    def log_odds(evidence: float, price: float = 0.0) -> float:
+        """Log odds over another hypothesis; all recordings have the model's error in common, and so count as one."""
+        return (found[best].value - evidence) / len(chosen.runs) - (chosen.price - price)
+
+    without = [log_odds(runs.evidence(h.meaning, h.runs).value, h.price) for h in fewer]
+    if without and min(without) < POSSIBLE_MISTAKE_NATS:
         return _best(runs, [h for h in (*hypotheses, *fewer) if len(h.mistakes) < len(chosen.mistakes)], as_is)
     concerned = [chosen.concerns(unit) for unit in runs.units]
     concerned = concerned if any(concerned) else [k in chosen.runs for k, _ in runs.units]
     explained = float(np.median(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
-    if value - as_is < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
+    if log_odds(as_is) < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
         return None
-    effects = (v for v, h in zip(values, hypotheses, strict=True) if any(m.is_effect for m in h.mistakes))
-    least = max(as_is, runs.evidence_of_no_model(chosen.runs), *effects)
-    if value - least < POSSIBLE_MISTAKE_NATS:
+    effects = (
+        log_odds(one.value, h.price)
+        for one, h in zip(found, hypotheses, strict=True)
+        if any(m.is_effect for m in h.mistakes)
+    )
+    odds = min(log_odds(as_is), log_odds(runs.evidence_of_no_model(chosen.runs)), *effects, *without)
+    if odds < POSSIBLE_MISTAKE_NATS:
         return None
     # A further mistake beside these is no rival of them.
     others = [
@@ -235,7 +244,7 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> Bes
     second = max([*(values[k] for k in others), as_is])
     tied = value - second < MISTAKE_TIE_NATS and len(chosen.mistakes) == 1 and second > as_is
     rival = hypotheses[next_best].mistakes[0] if tied else None
-    return BestHypothesis(chosen, value, min(value - v for v in (least, *without)), second, rival)
+    return BestHypothesis(chosen, value, odds, second, rival)
 
 
 def _as_found(runs: Compared, best: BestHypothesis) -> tuple[FoundMistake, ...]:
@@ -247,7 +256,7 @@ def _as_found(runs: Compared, best: BestHypothesis) -> tuple[FoundMistake, ...]:
     without_gains = runs.evidence(best.chosen.meaning, best.chosen.runs, gains).value - best.chosen.price
     sure = without_gains - best.second >= MISTAKE_TIE_NATS
     each = [replace(m, correctable=m.correctable and (sure or m.kind != "torque_unit")) for m in each]
-    lead = best.value - best.second
+    lead = (best.value - best.second) / len(best.chosen.runs)
     return tuple(FoundMistake(m, chosen.runs, best.log_odds, lead, best.rival) for m in each)
 
 
