@@ -17,6 +17,7 @@ from armdyn.inspection.description import AS_DESCRIBED
 from armdyn.inspection.hypothesis import MISTAKE_PRICE_NATS, FoundMistake, Hypothesis
 from armdyn.inspection.mistake import Mistake
 from armdyn.inspection.together import AS_IS, SampledRuns
+from armdyn.inspection.zeros import rival_zeros
 
 POSSIBLE_MISTAKE_NATS = 8.0
 """Log odds, in nats, over no mistake from which a mistake is reported as possible."""
@@ -256,8 +257,11 @@ def _as_found(runs: Compared, best: BestHypothesis) -> tuple[FoundMistake, ...]:
     without_gains = runs.evidence(best.chosen.meaning, best.chosen.runs, gains).value - best.chosen.price
     sure = without_gains - best.second >= MISTAKE_TIE_NATS
     each = [replace(m, correctable=m.correctable and (sure or m.kind != "torque_unit")) for m in each]
-    lead = (best.value - best.second) / len(best.chosen.runs)
-    return tuple(FoundMistake(m, chosen.runs, best.log_odds, lead, best.rival) for m in each)
+    lead, rival = (best.value - best.second) / len(best.chosen.runs), best.rival
+    others = rival_zeros(runs, chosen, MISTAKE_TIE_NATS) if rival is None else None
+    if others is not None:
+        lead, rival = min(lead, others.lead), others.as_mistake
+    return tuple(FoundMistake(m, chosen.runs, best.log_odds, lead, rival) for m in each)
 
 
 def _extended(runs: Compared, chosen: Hypothesis, value: float) -> Hypothesis:

@@ -92,6 +92,11 @@ class SampledRuns(Generic[Sampled]):
         """(U,) index of the recording, and channel, of each unit of the evidence."""
         return tuple((k, channel) for k, run in enumerate(self.runs) for channel in run.channels)
 
+    @property
+    def positions_with_zeros(self) -> tuple[str, ...]:
+        """Positions whose zeros may be off by any angle; none where only quarter turns are looked for."""
+        return ()
+
     def columns_of_effect(self, effect: str) -> np.ndarray:
         """(p,) bool, the unknowns of the evidence that belong to an effect; none where effects have no names."""
         del effect
@@ -110,6 +115,11 @@ class SampledArmRuns(SampledRuns[SampledArmRun]):
     def joints(self) -> tuple[str, ...]:
         """Names of the arm's joints."""
         return self.model.joints
+
+    @property
+    def positions_with_zeros(self) -> tuple[str, ...]:
+        """Positions of the joints that turn."""
+        return tuple(f"q.{joint}" for joint in self.joints if not self.model.arm.sliding[joint])
 
     @cached_property
     def channels(self) -> tuple[str, ...]:

@@ -65,6 +65,27 @@ def test_zeros_of_several_joints_are_found_at_once():
         np.testing.assert_allclose(mended.channels[name].value, sound.channels[name].value, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("robot", "real", "seed", "offsets"),
+    [
+        ("panda", "payload", 705, {"q.panda_joint2": 0.7, "q.panda_joint4": -0.9}),
+        ("panda", "as described", 1, {"q.panda_joint2": 1.3, "q.panda_joint6": -1.2}),
+        ("baxter", "payload", 3, {"q.right_s1": 0.9, "q.right_e1": 1.2}),
+        ("panda", "as described", 2, {"q.panda_joint2": 1.25}),
+    ],
+)
+def test_zeros_that_are_off_by_any_angle_are_doubted_and_not_corrected(robot, real, seed, offsets):
+    wrong = sound_recordings.arm(robot, real, seed).run
+    for name, offset in offsets.items():
+        wrong = mistakes.moved(wrong, name, offset)
+    found = inspect_runs([wrong], _model(robot))
+    assert not found.corrected()
+    doubted = [check for check in found.wrong if check.kind == "position_offset"]
+    assert doubted
+    assert all("this recording does not tell which" in check.sentence for check in doubted)
+    assert {name for name in offsets if name in doubted[0].sentence}
+
+
 @pytest.mark.parametrize("turns", [-1.0, 1.0])
 def test_a_corrected_angle_is_within_half_a_turn(turns):
     sound = sound_recordings.arm("panda", "as described", 0).run
