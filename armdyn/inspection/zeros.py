@@ -66,14 +66,16 @@ def rival_zeros(runs: SampledRuns[Any], chosen: Hypothesis, tie: float) -> Other
     found = runs.evidence(chosen.meaning, chosen.runs)
     beside = tuple(m for m in chosen.mistakes if m.kind != "position_offset")
     starts = [chosen.mistakes, (), *([beside] if beside else ())]
-    value, channels = max(_Search(runs, replace(chosen, mistakes=start)).best() for start in starts)
-    lead = found.value / len(chosen.runs) - chosen.price - value
-    if lead < tie:
-        return OtherZeros(channels, lead)
+    tried = sorted(each for start in starts for each in _Search(runs, replace(chosen, mistakes=start)).tried())[::-1]
+    for value, channels in tried:
+        lead = found.value / len(chosen.runs) - chosen.price - value
+        # An angle beside the quarter turn of a single joint is only a rival if it is the more probable one.
+        if lead < (tie if len(channels) > 1 else 0.0):
+            return OtherZeros(channels, lead)
     share = np.array([s for s, (k, _) in zip(found.share, runs.units, strict=True) if k in chosen.runs])
     usual = max(float(np.median(share)), USUAL_RESIDUAL_SHARE)
     if len(zeros) > 1 and float(share.max()) > MAX_RESIDUAL_TO_USUAL * usual:
-        return OtherZeros(tuple(sorted(zeros)), lead)
+        return OtherZeros(tuple(sorted(zeros)), found.value / len(chosen.runs) - chosen.price - tried[0][0])
     return None
 
 
@@ -89,8 +91,8 @@ class _Search:
     runs: SampledRuns[Any]
     base: Hypothesis
 
-    def best(self) -> tuple[float, tuple[str, ...]]:
-        """Log evidence less price of the best zeros, of one recording on average, with the positions that are off."""
+    def tried(self) -> list[tuple[float, tuple[str, ...]]]:
+        """Log evidence less price of zeros, of one recording on average, each with the positions that are off."""
         at: dict[str, float] = {}
         value, tried = -np.inf, list[tuple[float, tuple[str, ...]]]()
         for _ in range(MAX_ZERO_STEPS):
@@ -100,7 +102,7 @@ class _Search:
             if max(now) <= value:
                 break
             value, at = max(now), steps[int(np.argmax(now))]
-        return max(tried)
+        return tried
 
     @property
     def _zeros(self) -> set[str]:
