@@ -151,9 +151,9 @@ def model_text(file: ModelFile, folder: Path) -> str:
     if background is not None:
         held = tomlkit.table()
         held["width"] = background.width
-        alone = tomlkit.inline_table()
-        alone.update(background.named_only)
-        held["named_only"] = alone
+        if background.named_only:
+            held["named_only"] = tomlkit.inline_table()
+            held["named_only"].update(background.named_only)
         held["values"] = {name: file.model.value(name) for name in background.names}
         document["background"] = held
     if file.history:

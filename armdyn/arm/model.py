@@ -22,7 +22,7 @@ from armdyn.arm.composition import (
 )
 from armdyn.arm.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
-from armdyn.arm.motion import motion_channels, torque_channels
+from armdyn.arm.motion import motion_channels, torque_channels, without_idle_torques
 from armdyn.arm.prediction import (
     JointTorquePredictor,
     joint_torque_predictor,
@@ -199,8 +199,11 @@ class ArmModel(Model):
         return link is not None and bool(link.depends[own].any())
 
     def split_at_gaps(self, run: Run) -> tuple[Run, ...]:
-        """The parts of a run between missing samples: accelerations are differences of neighbouring samples."""
-        return cut_at_gaps(run)
+        """The parts of a run between missing samples: accelerations are differences of neighbouring samples.
+
+        Constant torques of joints at rest are left out.
+        """
+        return tuple(without_idle_torques(part, self.arm.joints) for part in cut_at_gaps(run))
 
     def link_inertia_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray

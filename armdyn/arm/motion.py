@@ -24,8 +24,9 @@ MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
 MIN_CERTAIN_VELOCITY_SIGN = 0.99
 """Expected sign of a velocity from which its sign is known."""
-MIN_MOVING_TIME_SHARE = 0.5
-"""Share of the time during which a joint must certainly move for its rests to be left out."""
+MIN_MOVING_TIME_SHARE = 0.05
+"""Share of the time during which a joint must certainly move for its rests to be left out: with less there is hardly a
+motion to compare, and its weight at rest is all that the recordings show."""
 CREEP_SPEED = 1e-3
 """Speed of creep, rad/s, and a tenth of it in m/s: a slower joint moves within the elastic deformation of its gears and
 of the bristles of its friction, which has no certain direction (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
@@ -131,7 +132,7 @@ def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
 
 
 def mostly_resting_joint_mask(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
-    """Whether each joint rests for more than half of the time of all recordings together."""
+    """Whether each joint hardly moves in all recordings together, by `MIN_MOVING_TIME_SHARE`."""
     lasts = np.array([motion.end - motion.start for motion in motions])
     moving = np.array([[j.moving_share for j in motion.joints] for motion in motions])
     return tuple((lasts @ moving < MIN_MOVING_TIME_SHARE * lasts.sum()).tolist())
@@ -222,6 +223,20 @@ def motion_channels(run: Run, sliding: Mapping[str, bool]) -> dict[str, Channel]
         for i, (joint, slides) in enumerate(sliding.items())
         for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2"))
     }
+
+
+def without_idle_torques(run: Run, joints: tuple[str, ...]) -> Run:
+    """The run without constant torques of joints that rest in it: a drive at rest may report one value all the time.
+
+    A torque that is constant while its joint moves stays, for a sensor that was not connected; so does the last one.
+    """
+    torques = [name for joint in joints if (name := f"tau.{joint}") in run.channels]
+    constant = {name for name in torques if np.ptp(run.channels[name].value) == 0.0}
+    if not constant or len(constant) == len(torques):
+        return run
+    motion = dict(zip(joints, measured_motion(run, joints).joints, strict=True))
+    idle = {n for n in constant if motion[n.removeprefix("tau.")].moving_share < MIN_MOVING_TIME_SHARE}
+    return replace(run, channels={name: c for name, c in run.channels.items() if name not in idle}) if idle else run
 
 
 def torque_channels(run: Run, sliding: Mapping[str, bool], carried: Collection[str]) -> tuple[str, ...]:

@@ -205,9 +205,9 @@ def low_passed_and_thinned(
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
         known = samples_with_known_direction(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
-        if len(time) < 2 and not stands[j]:  # it moves in other recordings only
+        if len(time) < MIN_COMPARED_CHANNEL_SAMPLES and not stands[j]:  # it moves in other recordings only
             stands[j] = True
-            at_rest |= {name} if reading[j] else set()
+            at_rest.add(name)
             motion = motion.standing(stands)
             known = samples_with_known_direction(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
@@ -325,7 +325,7 @@ def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.
     Where a joint reverses, its dry friction changes sign at an uncertain moment: one sample of a friction of 25 times
     the noise, with the wrong sign, is an error of 3 standard deviations after the low-pass. These few samples are left
     out of the measured and of the predicted torque. At rest friction takes any value up to breakaway, so rests are left
-    out as well, except those of a joint that does little else.
+    out as well, however long they are, except those of a joint that hardly moves in any recording.
     """
     uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_VELOCITY_SIGN
     if not motion.joints[joint].mostly_rests:

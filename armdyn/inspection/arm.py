@@ -1,32 +1,31 @@
 """Compare an arm's recording with its model, for every hypothesis on a mistake in the recording or the description."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
-from armdyn.arm.motion import Motion, measured_motion
+from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, Motion, measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
-from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
+from armdyn.inspection.description import AS_DESCRIBED, DescriptionCorrection, with_sign_of_total
 from armdyn.inspection.evidence import (
     MIN_MODEL_ERROR_SHARE_OF_RMS,
     ChannelReadings,
-    Evidence,
-    best_evidence,
+    EffectSizes,
+    ReadingSums,
+    evidence,
     independent_sample_share,
 )
 from armdyn.inspection.kinematics import local_averages
+from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.linear.solve import solve_bounded
 from armdyn.object_cache import cached_with_first_argument
-from armdyn.readout import first_order_lag
 from armdyn.run import Run
 
 ARM_EVALUATION_TIMES = 120
@@ -35,28 +34,10 @@ COARSE_EVALUATION_TIME_STRIDE = 2
 """Stride of the moments that the coarse evaluation of hypotheses uses."""
 TORQUE_AVERAGE_HALF_WIDTH_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
-SEPARATELY_HANDLED_EFFECTS = frozenset(
-    {"torque_delay", "base_tilt", "payload", "joint_asymmetric_friction", "joint_stribeck_friction", "joint_coupling"}
-)
-"""Effects whose columns the inspection of an arm computes itself in another form (a delay, a tilt, a payload), or that
-are close to other effects."""
-LARGE_EFFECTS_IN_TYPICAL_SIZES = {
-    "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
-}  # fmt: skip
-"""Sizes of effects that are often larger than their typical size, in typical sizes, by effect; Baxter's spring is 3.5
-times as large as a spring typically is."""
 SIGN_ESTIMATION_ROUNDS = 3
 """Number of iterations that estimate the signs of torques that were recorded without sign."""
 NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
-USUAL_TORQUE_DELAY_SECONDS = 0.03
-"""Usual delay of recorded torques, s."""
-USUAL_BASE_TILT_RADIANS = 0.1
-"""Usual tilt of an arm's base, rad."""
-USUAL_PAYLOAD_SHARE_OF_ARM_MASS, USUAL_PAYLOAD_DISTANCE_METRES = 0.15, 0.2
-"""Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
-INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-"""Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
 USUAL_DRIVE_TORQUES_PER_EFFORT = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
@@ -76,70 +57,10 @@ IGNORED_LIMIT_EXCESS_TIME_SHARE = 0.05
 """Share of the moments beyond a limit up to which the limit does not count as exceeded."""
 
 
-@dataclass(frozen=True)
-class DescriptionCorrection:
-    """Correction of possible errors in the description of an arm and in what its torque sensors measure.
-
-    Attributes:
-        gravity: (3,) gravity in the frame of the base, m/s^2; None means that of the model.
-        mass: factor on all masses and inertias.
-        length: factor on all lengths.
-        lag: time constant of a low-pass on the torques, s.
-        magnitudes: whether the torques were recorded without sign.
-        compensated: whether the weight of the described arm, without a payload, was subtracted from the torques.
-    """
-
-    gravity: tuple[float, float, float] | None = None
-    mass: float = 1.0
-    length: float = 1.0
-    lag: float = 0.0
-    magnitudes: bool = False
-    compensated: bool = False
-
-    def corrected_model(self, model: pin.Model) -> pin.Model:
-        """The rigid-body model of the arm with these errors corrected."""
-        if replace(self, lag=0.0, magnitudes=False, compensated=False) == DescriptionCorrection():
-            return model
-        changed = model.copy()
-        if self.gravity is not None:
-            changed.gravity.linear = np.array(self.gravity)
-        if self.length != 1.0:
-            for i, placement in enumerate(list(model.jointPlacements)):
-                changed.jointPlacements[i] = pin.SE3(placement.rotation, self.length * placement.translation)
-        for i, inertia in enumerate(list(model.inertias)):
-            lever, moment = self.length * inertia.lever, self.mass * self.length**2 * inertia.inertia
-            changed.inertias[i] = pin.Inertia(self.mass * inertia.mass, lever, moment)
-        return changed
-
-    def as_recorded(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Torques (J, n) and their derivatives (J, n, k) as they would be recorded at times (n,), s."""
-        if self.lag:
-            parts = tuple(_lagged(time, part, self.lag) for part in parts)
-        return with_sign_of_total(parts[0], *parts) if self.magnitudes else parts
-
-
-def with_sign_of_total(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Multiply parts (J, n, ...) of torques `whole` (J, n) by the sign of the torques, as in recorded magnitudes."""
-    sign = np.where(whole < 0.0, -1.0, 1.0)
-    return tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
-
-
-def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
-    """(J, n, ...) values after a first-order lag, exact for straight lines between the times (n,)."""
-    series = np.moveaxis(value, 1, 0)
-    found, _ = first_order_lag(series.reshape(len(time), -1), lag, np.diff(time))
-    return np.moveaxis(found.reshape(series.shape), 0, 1)
-
-
-AS_DESCRIBED = DescriptionCorrection()
-MASSLESS = DescriptionCorrection(mass=0.0)
-"""Correction that removes all masses, so that the model explains no torque."""
-
-
 RecordingHypothesis: TypeAlias = tuple[Correction, DescriptionCorrection]
 """A hypothesis on a recording: its correction, and the correction of the arm's description."""
-PositionReadings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
-"""Corrected readings of positions, each with the name of its channel."""
+Readings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
+"""Corrected readings, each with the name of its channel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,23 +68,21 @@ class SampledArmRun:
     """A recording of an arm at a few moments, which is compared with the arm's model.
 
     Args:
-        model: the model with its effects.
+        effects: the model, and the effects that it may lack.
         run: the recording, without a gap.
-        effects: further effects that the model may lack.
     """
 
-    model: ArmModel
+    effects: MissingEffects
     run: Run
-    effects: tuple[Effect, ...] = field(default=())
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the arm's joints."""
-        return self.model.joints
+    def model(self) -> ArmModel:
+        """The model with its effects."""
+        return self.effects.model
 
-    def is_prismatic(self, joint: str) -> bool:
-        """Whether a joint is prismatic."""
-        return self.model.arm.sliding[joint]
+    def corrected(self, correction: Correction) -> "SampledArmRun":
+        """The recording with a correction."""
+        return replace(self, run=correction.applied_to(self.run))
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
@@ -182,8 +101,12 @@ class SampledArmRun:
         first = self.run.channels[self.channels[0]]
         inside = first.time[samples_inside_motion(first, whole)]
         inside = inside if len(inside) > 1 else first.time
-        return whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
+        found = whole.at(np.linspace(inside[0], inside[-1], ARM_EVALUATION_TIMES))
+        # At rest friction has no direction that the recording tells.
+        known = np.abs(found.direction) >= MIN_CERTAIN_VELOCITY_SIGN
+        return replace(found, direction=np.where(known, found.direction, 0.0))
 
+    @cached_with_first_argument
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
         """(n,) averages of a recorded torque around the moments, N m or N.
 
@@ -209,26 +132,42 @@ class SampledArmRun:
         readings = [correction.reading(f"q.{joint}") for joint in joints]
         source = [joints.index(r.source.removeprefix("q.")) for r in readings]
         factor, offset = (np.array([getattr(r, part) for r in readings]) for part in ("factor", "offset"))
-        q, v, a = (factor * values[:, source] for values in (m.q, m.v, m.a))
-        return Motion(m.time, q + offset, v, a, np.sign(factor) * m.direction[:, source])
+        pace = 1.0 + self._pace(correction)
+        q, v, a = (factor * pace**k * values[:, source] for k, values in enumerate((m.q, m.v, m.a)))
+        return Motion(m.time / pace, q + offset, v, a, np.sign(factor) * m.direction[:, source])
+
+    def _pace(self, correction: Correction) -> float:
+        """Relative error of the rate of the positions' clock."""
+        return correction.reading(f"q.{self.model.arm.joints[0]}").clock_rate_error
 
     @cached_property
     def weights(self) -> np.ndarray:
         """(J,) number of independent samples per recorded sample of each torque."""
-        residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
-        return independent_sample_share(
-            self.measured, residual, NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices]
-        )
+        given = self._readings(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3))
+        residual = given.residual(evidence(given.sums).sizes)
+        return independent_sample_share(self.measured, residual, self._nearly_zero)
+
+    @cached_property
+    def _nearly_zero(self) -> np.ndarray:
+        """(J,) recorded torques that are nearly zero."""
+        limits = self._effort[self.joint_indices]
+        # Where every torque is nearly zero, such as a motor's before its gear, the largest is the measure.
+        largest = float(np.max(np.sqrt(np.mean(self.measured**2, axis=1)) / limits))
+        return np.asarray(min(NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT, largest) * limits)
 
     def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques after a correction, (J,) logarithms of its factors, (J,) indices of its source channels."""
-        readings = [correction.reading(channel) for channel in self.channels]
+        asked = [correction.reading(channel) for channel in self.channels]
+        readings = [
+            r if r.source in self.channels else CorrectedReading(channel)
+            for r, channel in zip(asked, self.channels, strict=True)
+        ]
         sources = np.array([self.channels.index(r.source) for r in readings])
+        own = 1.0 + self._pace(correction)
+        paces = [(1.0 + r.clock_rate_error) / own - 1.0 for r in readings]
         recorded = [
-            self.torque(r.source, r.delay, r.clock_rate_error)
-            if r.delay or r.clock_rate_error
-            else self.measured[source]
-            for r, source in zip(readings, sources, strict=True)
+            self.torque(r.source, r.delay, pace) if r.delay or pace else self.measured[source]
+            for r, source, pace in zip(readings, sources, paces, strict=True)
         ]
         factor, offset = np.array([(r.factor, r.offset) for r in readings]).T
         return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
@@ -236,8 +175,8 @@ class SampledArmRun:
     def described_torques(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
         """(J, n) torques of the model for a motion, with a correction of its description."""
         changed = description.corrected_model(self.model.arm.model)
-        if self._own.effects:
-            found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
+        if self.effects.own.effects:
+            found = self.effects.own.at_states(MotionSamples(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
         return np.asarray(found.T[self.joint_indices]) - (self._weight(motion) if description.compensated else 0.0)
@@ -246,6 +185,11 @@ class SampledArmRun:
         """(J, n) torques that hold the weight of the arm as described."""
         still = np.zeros_like(motion.q)
         return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.joint_indices])
+
+    @cached_property
+    def price_of_positions(self) -> float:
+        """Price in nats of the recorded positions beyond the joints' limits."""
+        return self._beyond(self.motion)
 
     def _beyond(self, motion: Motion) -> float:
         """Price in nats of positions beyond the joints' limits."""
@@ -293,9 +237,7 @@ class SampledArmRun:
         return np.asarray(total - cost - self._too_strong(y))
 
     @cached_with_first_argument
-    def _coarse(
-        self, positions: PositionReadings, description: DescriptionCorrection
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+    def _coarse(self, positions: Readings, description: DescriptionCorrection) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
         m = self.corrected_motion(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_EVALUATION_TIME_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
@@ -309,52 +251,66 @@ class SampledArmRun:
 
     def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT * self._effort[self.joint_indices] * np.exp(log_factor))
+        return np.asarray(self._nearly_zero * np.exp(log_factor))
 
-    def log_evidence(
-        self,
-        correction: Correction,
-        description: DescriptionCorrection = AS_DESCRIBED,
-        weight: np.ndarray | None = None,
-    ) -> Evidence:
-        """Evidence of a hypothesis, with every effect that may be present."""
+    def sums(self, correction: Correction, description: DescriptionCorrection = AS_DESCRIBED) -> ReadingSums:
+        """What the evidence of a hypothesis needs of this recording, with every effect that may be present."""
+        return self._sums(tuple(sorted(correction.readings.items())), description)
+
+    @cached_with_first_argument
+    def _sums(self, readings: Readings, description: DescriptionCorrection) -> ReadingSums:
+        correction = Correction(dict(readings))
+        *_, source = self.corrected_torques(correction)
+        return self._readings(correction, description, self.weights[source]).sums
+
+    def _readings(
+        self, correction: Correction, description: DescriptionCorrection, weight: np.ndarray
+    ) -> ChannelReadings:
+        """Readings and predictions for a hypothesis, with (J,) independent samples per sample."""
         m = self.corrected_motion(correction)
-        y, log_factor, source = self.corrected_torques(correction)
-        weight = self.weights[source] if weight is None else weight
+        y, log_factor, _ = self.corrected_torques(correction)
         if m is self.motion and description == AS_DESCRIBED:
-            f, columns, positive = self._linear_as_described
+            f, columns, sizes = self._linear_as_described
         else:
             samples = MotionSamples(description.corrected_model(self.model.arm.model), m, m.time)
-            f, columns, positive = self._linear(samples, description.mass * description.length)
+            f, columns, sizes = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.as_recorded(m.time, f, columns)
-        found = best_evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+        price = -self._beyond(m) - float(self._too_strong(y))
+
+        def given() -> ChannelReadings:
+            floor = self._min_rms(log_factor)
+            return ChannelReadings(y, f, columns, sizes, weight, log_factor, floor, log_odds=price)
+
         for _ in range(
             SIGN_ESTIMATION_ROUNDS if description.magnitudes else 0
         ):  # the effects also decide the sign of a torque
-            f, columns = with_sign_of_total(f + columns @ found.sizes, f, columns)
-            found = best_evidence(
-                ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor))
-            )
-        return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
+            f, columns = with_sign_of_total(f + columns @ evidence(given().sums).sizes, f, columns)
+        return given()
 
-    def log_evidence_of_no_model(self) -> float:
-        """Log evidence, nats, of a model that explains no torque; a mistake must have more."""
-        return self.log_evidence(Correction(), MASSLESS).value
-
-    def gravity(self, correction: Correction) -> np.ndarray:
-        """(3,) gravity in the base's frame, m/s^2, that fits corrected torques best, with friction and offsets."""
-        m = self.corrected_motion(correction)
-        y, *_ = self.corrected_torques(correction)
+    @cached_property
+    def gravity_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3, 3) and (3,) normal equations of gravity in the base's frame, m/s^2, with friction and offsets."""
+        m, y = self.motion, self.measured
         gap = y - self.described_torques(m, DescriptionCorrection((0.0, 0.0, 0.0)))
         X = np.concatenate([self._per_gravity(m), self._of_drives(m)[:, :, :3]], axis=2)
-        turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(y**2, axis=1), 1e-12)[:, None, None]
+        return self._beside_drives(X, gap)
+
+    @cached_property
+    def inertial_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """(1, 1) and (1,) normal equations of a factor on all inertial torques, with friction and offsets."""
+        m, weight = self.motion, self._weight(self.motion)
+        inertial = self.described_torques(m) - weight
+        X = np.concatenate([inertial[:, :, None], self._of_drives(m)[:, :, :3]], axis=2)
+        return self._beside_drives(X, self.measured - weight)
+
+    def _beside_drives(self, X: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(g, g) and (g,) normal equations of the first of (J, n, g + 3) columns; the last are those of the drives."""
+        turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(self.measured**2, axis=1), 1e-12)[:, None, None]
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
-        onto = np.linalg.solve(G[:, 3:, 3:] + DRIVE_PRIOR_INFORMATION * np.eye(3), G[:, 3:, :3])
-        alone = np.sum(G[:, :3, :3] - G[:, :3, 3:] @ onto, axis=0)
-        return np.linalg.pinv(alone, 1e-6, hermitian=True) @ (
-            np.sum(slope[:, :3], axis=0) - np.einsum("jkg,jk->g", onto, slope[:, 3:])
-        )
+        onto = np.linalg.solve(G[:, -3:, -3:] + DRIVE_PRIOR_INFORMATION * np.eye(3), G[:, -3:, :-3])
+        alone = np.sum(G[:, :-3, :-3] - G[:, :-3, -3:] @ onto, axis=0)
+        return alone, np.sum(slope[:, :-3], axis=0) - np.einsum("jkg,jk->g", onto, slope[:, -3:])
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) derivatives of the torques by gravity."""
@@ -367,47 +323,14 @@ class SampledArmRun:
         held = np.abs(inverse_dynamics(self.model.arm.model, self.motion.q, self.motion.v, self.motion.a)).max(axis=0)
         return np.where(limits < MIN_EFFORT_LIMIT_MEANING_NONE, limits, 2.0 * held + 1e-6)
 
-    @cached_property
-    def _own(self) -> ArmModel:
-        """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only_effects([e.name for e in self.model.effects if not depends_on_past(e)])
+    def _linear(self, stretch: MotionSamples, heavier: float) -> tuple[np.ndarray, np.ndarray, EffectSizes]:
+        """(J, n) torques, (J, n, p) columns times typical sizes, and prior knowledge on the (p,) sizes."""
+        described, columns = self.effects.linear(stretch, heavier)
+        return described[self.joint_indices], columns[self.joint_indices], self.effects.sizes
 
     @cached_property
-    def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
-        """The model with all effects at null; (p,) typical sizes; (p,) bool, True for sizes that are at least 0."""
-        model = self._own.with_fixed_null_effects(
-            [e for e in self.effects if not (e.name in SEPARATELY_HANDLED_EFFECTS or depends_on_past(e))]
-        )
-        size = [p.typical * LARGE_EFFECTS_IN_TYPICAL_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
-        positive = [
-            name not in self._own.parameters and p.lower == p.null == 0.0 for name, p in model.parameters.items()
-        ]
-        return model, np.array(size), np.array(positive, dtype=bool)
-
-    @cached_property
-    def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, EffectSizes]:
         return self._linear(MotionSamples(self.model.arm.model, self.motion, self.motion.time), 1.0)
-
-    def _linear(self, stretch: MotionSamples, heavier: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(J, n) torques, (J, n, p) columns times typical sizes, and (p,) bool, True for sizes that are at least 0."""
-        model, size, positive = self._extended
-        m = stretch.motion
-        torques, derivatives = model.at_states(stretch)
-        described = torques.T[self.joint_indices]
-        # A link changes by shares of its mass and extent, which the description may have wrong.
-        size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
-        own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
-        load = max(1.0, USUAL_PAYLOAD_SHARE_OF_ARM_MASS * heavier * float(self.model.arm.described[:, 0].sum()))
-        carried = load * USUAL_PAYLOAD_DISTANCE_METRES**INERTIAL_POWERS
-        last, none = len(stretch.carried) - 1, np.zeros((len(m.time), len(carried)))
-        of_last = [stretch.by_inertia[j][:, -1] if stretch.carries(j, last) else none for j in self.joint_indices]
-        payload = np.array(of_last) * carried
-        tilt = self._per_gravity(m) * (USUAL_BASE_TILT_RADIANS * float(np.linalg.norm(self.model.gravity())))
-        late = USUAL_TORQUE_DELAY_SECONDS * np.gradient(described, m.time, axis=1)
-        delays = late[:, :, None] * np.eye(len(late))[:, None]
-        columns = np.concatenate([own, payload, tilt, delays], axis=2)
-        of_mass = np.arange(columns.shape[2]) == len(positive)
-        return described, columns, of_mass | np.pad(positive, (0, columns.shape[2] - len(positive)))
 
 
 def _mostly(beyond: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from armdyn.inspection.check import (
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.holds import sticking_spans
 from armdyn.inspection.kinematics import rate_checks, without_inconsistent_rates
+from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.inspection.mistakes import arm_mistakes
 from armdyn.inspection.signals import (
     SIGNAL_CHECKS,
@@ -35,6 +36,7 @@ from armdyn.inspection.signals import (
     wrapped_angle_checks,
 )
 from armdyn.inspection.swing import SampledSwingRun, pendulum_mistakes
+from armdyn.inspection.together import SampledArmRuns, SampledRuns
 from armdyn.model import Model
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
@@ -45,6 +47,8 @@ from armdyn.threads import one_thread
 
 MAX_COMPARED_SECONDS = 60.0
 """Longest part of a recording, s, from its middle, that an inspection compares with the model."""
+MAX_RECORDINGS_COMPARED_TOGETHER = 12
+"""Largest number of recordings of an arm that are compared with the model together, for the memory of their sums."""
 MIN_COMPARED_SAMPLES = 60
 """Least number of samples of every channel for a comparison of a recording with the model."""
 
@@ -71,7 +75,22 @@ def inspect_runs(
     if model is not None:
         runs = [model.with_model_channels(run) for run in runs]
         model = model.adapted_to(runs)
-    found = [check for run in runs for check in checks_of_run(run, model, effects, adding)]
+    each = [(run, *signal_checks(run)) for run in runs]
+    compare = COMPARISONS.get(model.base) if model is not None else None
+    found: list[Check] = []
+    physical: list[Check] = []
+    if compare is not None:
+        moving = {run.name: mended for run, mended, checks in each if mended is not None and _moves(mended, checks)}
+        physical = list(compare(model, [_comparable_piece(run) for run in moving.values()], effects))
+    for run, mended, checks in each:
+        found += checks
+        if mended is None:
+            continue
+        found += [check for check in physical if check.run == run.name] if compare is not None else range_checks(mended)
+        for check in physical:
+            mended = (check.correction or Correction()).applied_to(mended) if check.run == run.name else mended
+        refuses = check_steps if model is None else partial(check_run, model, adding=adding)
+        found += [*rate_checks(mended), *_refused(mended, refuses)]
     beside = CHECKS_OF_OTHER_JOINTS.get(model.base) if model is not None else None
     return Inspection(tuple(runs), sorted_by_severity([*found, *(beside(model, runs) if beside else ())]))
 
@@ -86,31 +105,27 @@ def require_usable(inspection: Inspection) -> None:
         raise WrongRecordingError(inspection)
 
 
-def checks_of_run(
-    run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
-) -> list[Check]:
-    """All checks of one recording, for a model that can have `effects` and is about to get those of `adding`."""
+def signal_checks(run: Run) -> tuple[Run | None, list[Check]]:
+    """The recording with unwrapped angles, None if its time stamps are unusable, and findings on its signals."""
     refused = _refused(run, check_stamps)
     if refused:
-        return refused
+        return None, refused
     turned = list(wrapped_angle_checks(run))
     for check in turned:
         run = (check.correction or Correction()).applied_to(run)
-    found = [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
-    still = any(check.kind == "no_motion" for check in found)
-    mended = run
-    compare = COMPARISONS.get(model.base) if model is not None else None
-    if compare is None:
-        found += range_checks(run)
-    elif run.channels and not still:
-        piece = longest_piece(run, MAX_COMPARED_SECONDS)
-        piece = without_spikes(piece, piece.channels)
-        piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
-        for check in compare(model, without_inconsistent_rates(piece), effects):
-            found.append(replace(check, run=run.name))
-            mended = (check.correction or Correction()).applied_to(mended)
-    refuses = check_steps if model is None else partial(check_run, model, adding=adding)
-    return [*found, *rate_checks(mended), *_refused(mended, refuses)]
+    return run, [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
+
+
+def _moves(run: Run, checks: Iterable[Check]) -> bool:
+    return bool(run.channels) and not any(check.kind == "no_motion" for check in checks)
+
+
+def _comparable_piece(run: Run) -> Run:
+    """The longest sound part of a recording, for a comparison with a model."""
+    piece = longest_piece(run, MAX_COMPARED_SECONDS)
+    piece = without_spikes(piece, piece.channels)
+    piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
+    return without_inconsistent_rates(piece)
 
 
 def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
@@ -123,25 +138,28 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
     return []
 
 
-def _arm_checks(model: ArmModel, run: Run, effects: tuple[Effect, ...]) -> Iterable[Check]:
-    """Findings from comparing a recording with an arm's model; empty where that is not possible."""
+def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...]) -> Iterator[Check]:
+    """Findings from comparing recordings with an arm's model, all together; empty where that is not possible."""
+    missing = MissingEffects(model, tuple(e for e in effects if e.acts_on in model.stages))
+    sampled = [SampledArmRun(missing, run) for run in runs if _has_all(run, model)]
+    for first in range(0, len(sampled), MAX_RECORDINGS_COMPARED_TOGETHER):
+        together = SampledArmRuns(tuple(sampled[first : first + MAX_RECORDINGS_COMPARED_TOGETHER]))
+        yield from physics.mistake_checks(together, arm_mistakes)
+
+
+def _has_all(run: Run, model: ArmModel) -> bool:
+    """Whether a recording has what a comparison with an arm needs; the comparison itself reports what is missing."""
     try:
-        used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)]
+        return not _too_few(run, [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)])
     except InputError:
-        return ()  # the comparison reports what is missing
-    if _too_few(run, used):
-        return ()
-    return physics.mistake_checks(
-        SampledArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes
-    )
+        return False
 
 
-def _pendulum_checks(model: Model, run: Run, _: tuple[Effect, ...]) -> Iterable[Check]:
-    """Findings from comparing a recording with a pendulum's model; empty where that is not possible."""
-    swing = SampledSwingRun(model, run)
-    return (
-        physics.mistake_checks(swing, pendulum_mistakes) if swing.channels and not _too_few(run, swing.channels) else ()
-    )
+def _pendulum_checks(model: Model, runs: Sequence[Run], _: tuple[Effect, ...]) -> Iterator[Check]:
+    """Findings from comparing each recording with a pendulum's model; empty where that is not possible."""
+    for swing in (SampledSwingRun(model, run) for run in runs):
+        if swing.channels and not _too_few(swing.run, swing.channels):
+            yield from physics.mistake_checks(SampledRuns((swing,)), pendulum_mistakes)
 
 
 def _too_few(run: Run, names: Iterable[str]) -> bool:
@@ -171,10 +189,10 @@ def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
             yield Check("joint_left_out", severity, run.name, (f"q.{joint}",), said + more, remedy)
 
 
-COMPARISONS: Mapping[str, Callable[[Any, Run, tuple[Effect, ...]], Iterable[Check]]] = {
+COMPARISONS: Mapping[str, Callable[[Any, Sequence[Run], tuple[Effect, ...]], Iterable[Check]]] = {
     "arm": _arm_checks, "pendulum": _pendulum_checks,
 }  # fmt: skip
-"""Function that compares a recording with a model, by the model's base."""
+"""Function that compares recordings with a model, by the model's base."""
 CHECKS_OF_OTHER_JOINTS: Mapping[str, Callable[[Any, Sequence[Run]], Iterable[Check]]] = {"arm": _joints_beside}
 
 

@@ -1,6 +1,6 @@
 """Compare recorded velocities with derivatives of recorded positions: units, signs, columns and clocks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,8 @@ RATE_CLOCK_SHIFTS_TRIED_SECONDS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
 """Shifts of a rate's clock that are tried, s."""
 MAX_RATE_FILTER_DELAY_SECONDS = 0.06
 """Largest delay of a rate, s, that its own filter may cause."""
+COMMON_FACTOR_RATIO = 1.1
+"""Ratio of the largest to the smallest factor of several rates up to which it is one factor, that of the clock."""
 MIN_EXPLAINED_RATE_RESIDUAL_SHARE = 0.4
 """Least share of the unexplained part of a rate that another position or clock must explain."""
 MAX_UNRELATED_CORRELATION = 0.5
@@ -79,6 +81,11 @@ def rate_checks(run: Run) -> Iterator[Check]:
     """Findings on recorded rates: units, signs, exchanged columns, clocks."""
     found: dict[tuple[CheckKind, str], dict[RateAndSlope, CorrectedReading]] = {}
     pairs, moments = rates_and_slopes(run)
+    factors = [pair.factor for pair in pairs if pair.correlation > MIN_RATE_CORRELATION]
+    common = len(factors) > 1 and not _is_one(factors[0]) and max(factors) < COMMON_FACTOR_RATIO * min(factors)
+    if common and not any(_in_another_unit(pair) for pair in pairs):
+        yield _in_another_time(run, pairs, float(np.median(factors)))
+        return
     for pair in pairs:
         meaning = _elsewhere(run, pair, pairs, moments) or _in_another_unit(pair)
         if meaning is not None:
@@ -103,6 +110,17 @@ def rate_checks(run: Run) -> Iterator[Check]:
             evidence=min(_nats(pair, reading) for pair, reading in readings.items()),
             correction=Correction({pair.rate: reading for pair, reading in readings.items()}),
         )  # fmt: skip
+
+
+def _in_another_time(run: Run, pairs: Sequence[RateAndSlope], factor: float) -> Check:
+    """The finding that all rates are the derivatives of their positions, times one factor."""
+    said = f"all rates are {rounded(factor)} times the derivatives of their positions: the time stamps are "
+    apart = f"{rounded(factor)} times too far apart" if factor > 1.0 else f"{rounded(1.0 / factor)} times too close"
+    return Check(
+        "rate", Severity.SUSPECT, run.name, tuple(name for pair in pairs for name in (pair.rate, pair.position)),
+        f"{said}{apart}, or the rates are in a unit of their own",
+        f"divide 'time' by {rounded(factor)}, or the rates; check the unit of 'time' and the rate of the samples",
+    )  # fmt: skip
 
 
 def without_inconsistent_rates(run: Run) -> Run:

@@ -1,31 +1,31 @@
-"""Find mistakes in a recording: compare the evidence of each possible mistake with that of an unchanged recording."""
+"""Find mistakes in recordings: compare the evidence of each possible mistake with that of no mistake.
 
-from collections.abc import Callable, Iterator, Sequence
+Every hypothesis is judged over all recordings together, with all effects of the catalogue: one of a description over
+all of its recordings, one of a logger over all of its own, one of a single recording beside the others as they stand.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from typing import TypeVar
+from itertools import combinations
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from armdyn.inspection.arm import AS_DESCRIBED, SampledArmRun
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
-from armdyn.inspection.correction import Correction
-from armdyn.inspection.mistakes import Mistake
-from armdyn.inspection.swing import SampledSwingRun
+from armdyn.inspection.description import AS_DESCRIBED
+from armdyn.inspection.hypothesis import MISTAKE_PRICE_NATS, FoundMistake, Hypothesis
+from armdyn.inspection.mistake import Mistake
+from armdyn.inspection.together import AS_IS, SampledRuns
+from armdyn.inspection.zeros import rival_zeros
 
-MISTAKE_PRICE_NATS = 8.0
-"""Log prior odds against each mistake, nats: about one recording in ten has one of about a hundred mistakes."""
-CERTAIN_MISTAKE_NATS = 12.0
-"""Log odds, in nats, over an unchanged recording from which a mistake is certain; recordings without a mistake reach 6,
-see docs/inspect.md."""
 POSSIBLE_MISTAKE_NATS = 8.0
-"""Log odds, in nats, over an unchanged recording from which a mistake is reported as possible."""
+"""Log odds, in nats, over no mistake from which a mistake is reported as possible."""
 MISTAKE_TIE_NATS = 6.0
 """Log odds, in nats, up to which two mistakes explain a recording equally well, so that neither is corrected."""
 MAX_CORRECTED_RESIDUAL_SHARE = 0.35
-"""Largest residual after a mistake's correction, as a share of the channels' mean square. With a larger one the
-description is of another arm, and no mistake is reported."""
+"""Largest residual after a mistake's correction, as a share of a channel's mean square, of half of the channels: others
+may vibrate. With a larger one the description is of another arm, and no mistake is reported."""
 FULLY_EVALUATED_HYPOTHESES, FULLY_EVALUATED_HYPOTHESES_PER_KIND = 8, 3
 """Number of hypotheses that are evaluated fully after a coarse evaluation, and largest number of one kind."""
 MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES = 0.2
@@ -41,91 +41,113 @@ CLOCK_SEARCH_RANGE_IN_FIRST_STEPS = 4.0
 """Range of the search for a clock's error to either side of its start, in first steps."""
 MAX_CLOCK_ERRORS_TRIED = 80
 """Largest number of clock errors that the search for a clock's error tries."""
-ComparedRun = TypeVar("ComparedRun", SampledArmRun, SampledSwingRun)
+SEARCH_WIDTH, MAX_MISTAKES_AT_ONCE = 6, 4
+"""Number of sets of mistakes that the search for several mistakes at once continues, and their largest number."""
+Compared = TypeVar("Compared", bound=SampledRuns[Any])
+MistakesOf = Callable[[Compared], Iterator[Mistake]]
+"""Function that yields the possible mistakes in some recordings."""
+Meaning = tuple[object, ...]
+"""Key of a mistake's correction."""
 
 
-@dataclass(frozen=True, eq=False)
-class FoundMistake:
-    """A mistake that was found in a recording, with its evidence.
-
-    Attributes:
-        mistake: the mistake.
-        log_odds_over_unchanged: log odds of the mistake over an unchanged recording, nats.
-        log_odds_over_next_best: log odds of the mistake over the next best hypothesis, nats.
-        rival: another mistake that explains the recording as well; None without one.
-    """
-
-    mistake: Mistake
-    log_odds_over_unchanged: float
-    log_odds_over_next_best: float
-    rival: Mistake | None = None
-
-    @property
-    def certain(self) -> bool:
-        """Whether the mistake is certain, rather than possible."""
-        return self.log_odds_over_unchanged >= CERTAIN_MISTAKE_NATS
-
-    @property
-    def correction(self) -> Correction | None:
-        """The correction of the recording; None if the mistake or its correction is not certain."""
-        known = self.certain and self.rival is None and self.mistake.correctable
-        return self.mistake.correction if known and self.mistake.correction.readings else None
-
-
-def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[FoundMistake]:
-    """Find mistakes in a recording; each is corrected before the next one is searched."""
-    reported: set[tuple[str, tuple[str, ...]]] = set()
-    for _ in range(MAX_MISTAKES):
-        found = most_probable_mistakes(run, list(mistakes(run)))
-        for one in found:
-            m = one.mistake
-            if (m.kind, m.channels) in reported:
-                return
-            yield one
-            reported.add((m.kind, m.channels))
-            if m.description != AS_DESCRIBED or not one.certain or one.rival is not None:
-                return
-            run = replace(run, run=m.correction.applied_to(run.run))
+def find_mistakes(runs: Compared, mistakes: MistakesOf[Compared]) -> Iterator[FoundMistake]:
+    """Find mistakes in recordings; each is corrected before the next one is searched."""
+    reported: set[tuple[str, tuple[str, ...], int]] = set()
+    left = frozenset(range(len(runs.runs)))
+    for _ in range(MAX_MISTAKES * len(left)):
+        found = most_probable_mistakes(runs, mistakes, left)
         if not found:
             return
+        for one in found:
+            m = one.mistake
+            keys = {(m.kind, m.channels, k) for k in one.runs}
+            if keys & reported:
+                return
+            yield one
+            reported |= keys
+            if one.correction is None:
+                left -= set(one.runs)  # what else is wrong in them cannot be told
+            else:
+                runs = runs.corrected(m.correction, one.runs)
 
 
-def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
-    """The one or two mistakes that explain a recording best; empty if no mistake explains it better."""
-    screened = run.coarse_log_evidence(
-        [(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)]
-    )
-    least, values = float(screened[0]) - MAX_COARSE_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
-    near = _foremost(mistakes, values, least)
+def most_probable_mistakes(
+    runs: Compared, mistakes: MistakesOf[Compared], left: frozenset[int]
+) -> tuple[FoundMistake, ...]:
+    """The mistakes that explain recordings best; empty if none explains them better than no mistake does.
+
+    Args:
+        runs: the recordings.
+        mistakes: function that yields the possible mistakes.
+        left: indices of the recordings in which mistakes are searched.
+    """
+    screened = _screened(runs, mistakes, [which for which in _sets(runs) if left.issuperset(which)])
+    count = len(runs.runs)
+    near = [
+        Hypothesis((offered[i],), which, count)
+        for which, (offered, values) in screened.items()
+        for i in _foremost(offered, values, -MAX_COARSE_DEFICIT_NATS)
+    ]
     if not near:
         return ()
-    as_is = run.log_evidence(Correction(), AS_DESCRIBED)
-    found = _best(run, [(mistakes[i],) for i in near], as_is.value)
-    if found or float(np.median(as_is.share)) < MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES:
-        return found
-    pairs = [
-        (mistakes[i], second)
-        for i in _foremost(mistakes, values, -np.inf)
-        for second in mistakes
-        if mistakes[i].kind != second.kind and mistakes[i].description == AS_DESCRIBED == second.description
-    ]
-    if not pairs:
-        return ()
-    values = run.coarse_log_evidence([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [
-        _price(pair) for pair in pairs
-    ]
-    best = [i for i in np.argsort(values)[::-1][:FULLY_EVALUATED_HYPOTHESES].tolist() if values[i] > least]
-    return _best(run, [pairs[i] for i in best], as_is.value)
+    as_is = runs.evidence(AS_IS, ())
+    found = _best(runs, near, as_is.value)
+    for which, (offered, values) in screened.items():
+        share = [s for s, (k, _) in zip(as_is.share, runs.units, strict=True) if k in which]
+        much = not found and float(np.median(share)) > MIN_RESIDUAL_SHARE_FOR_TWO_MISTAKES
+        # One of several mistakes may be explained by another one that was not made.
+        if much or (found and found.chosen.runs == which and found.chosen.meaning[1] == AS_DESCRIBED):
+            several = _several(runs.only(which), offered, values)
+            near += [replace(h, runs=which, run_count=count) for h in several]
+            found = _best(runs, near, as_is.value)
+            if found:
+                break
+    return _as_found(runs, found) if found else ()
 
 
-def _price(mistakes: Sequence[Mistake]) -> float:
-    """Log prior odds against all these mistakes at once, nats."""
-    return sum(m.prior_odds_nats + MISTAKE_PRICE_NATS for m in mistakes)
+def _sets(runs: Compared) -> list[tuple[int, ...]]:
+    """Sets of recordings that may have a mistake in common: all, those of one logger, and each alone."""
+    every = tuple(range(len(runs.runs)))
+    return list(dict.fromkeys([every, *_loggers(runs), *((k,) for k in every)]))
 
 
-def _corrected(mistakes: Sequence[Mistake]) -> Correction:
-    """The correction of one mistake after the other."""
-    return reduce(Correction.followed_by, (m.correction for m in mistakes), Correction())
+def _loggers(runs: Compared) -> list[tuple[int, ...]]:
+    """Indices of the recordings of each logger, which writes the same channels into all of them."""
+    found: dict[frozenset[str], list[int]] = {}
+    for k, run in enumerate(runs.runs):
+        found.setdefault(frozenset(run.run.channels), []).append(k)
+    return [tuple(which) for which in found.values()]
+
+
+def _screened(
+    runs: Compared, mistakes: MistakesOf[Compared], sets: Sequence[tuple[int, ...]]
+) -> Mapping[tuple[int, ...], tuple[list[Mistake], np.ndarray]]:
+    """For each set of recordings the mistakes that they may have, and (m,) coarse log odds over no mistake, nats."""
+    every, loggers = tuple(range(len(runs.runs))), _loggers(runs)
+
+    def possible(m: Mistake, which: tuple[int, ...]) -> bool:
+        of_all = m.description == AS_DESCRIBED or which == every
+        return of_all or (m.description.of_logger and which in loggers)
+
+    offered = {which: [m for m in mistakes(runs.only(which)) if possible(m, which)] for which in sets}
+    gains: list[dict[Meaning, float]] = []
+    for k, run in enumerate(runs.runs):
+        meanings = {_key(m): (m.correction, m.description) for which in sets if k in which for m in offered[which]}
+        values = run.coarse_log_evidence([AS_IS, *meanings.values()]) if meanings else np.zeros(1)
+        gains.append(dict(zip(meanings, (values[1:] - values[0]).tolist(), strict=True)))
+    return {
+        which: (
+            those,
+            np.array(
+                [sum(gains[k][_key(m)] for k in which) - Hypothesis((m,), which, len(every)).price for m in those]
+            ),
+        )
+        for which, those in offered.items()
+    }
+
+
+def _key(m: Mistake) -> Meaning:
+    return (*sorted(m.correction.readings.items()), m.description)
 
 
 def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> list[int]:
@@ -138,41 +160,131 @@ def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> 
     return near
 
 
-def _best(run: ComparedRun, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> tuple[FoundMistake, ...]:
-    """The best of several sets of mistakes; empty where it does not explain the recording."""
-    if not sets:
-        return ()
-    found = [run.log_evidence(_corrected(mistakes), mistakes[-1].description) for mistakes in sets]
-    values: list[float] = [one.value - _price(mistakes) for one, mistakes in zip(found, sets, strict=True)]
+def _several(runs: Compared, mistakes: Sequence[Mistake], values: np.ndarray) -> list[Hypothesis]:
+    """The most probable sets of several mistakes that all of some recordings have, by their coarse evidence.
+
+    The best sets of each size are continued with every further mistake, even where one mistake alone explains nothing.
+    """
+    which, found = tuple(range(len(runs.runs))), list[tuple[float, Hypothesis]]()
+    alone = [m for m in mistakes if m.description == AS_DESCRIBED and m.correctable and not m.is_effect]
+    value_of = {id(m): value for m, value in zip(mistakes, values, strict=True)}
+    order = np.argsort([-value_of[id(m)] for m in alone])[:SEARCH_WIDTH]
+    best = [Hypothesis((alone[i],), which, len(which)) for i in order]
+    as_is = sum(float(run.coarse_log_evidence([AS_IS])[0]) for run in runs.runs)
+    for _ in range(1, MAX_MISTAKES_AT_ONCE):
+        longer = {
+            frozenset(map(id, (*h.mistakes, m))): replace(h, mistakes=(*h.mistakes, m))
+            for h in best
+            for m in alone
+            if not h.excludes(m)
+        }
+        if not longer:
+            break
+        tried = list(longer.values())
+        total = sum(run.coarse_log_evidence([h.meaning for h in tried]) for run in runs.runs)
+        odds = total - as_is - np.array([h.price for h in tried])
+        order = np.argsort(-odds)[:SEARCH_WIDTH]
+        best = [tried[i] for i in order]
+        found += [(float(odds[i]), tried[i]) for i in order]
+    found.sort(key=lambda pair: -pair[0])
+    return [h for value, h in found[:FULLY_EVALUATED_HYPOTHESES] if value > -MAX_COARSE_DEFICIT_NATS]
+
+
+@dataclass(frozen=True, eq=False)
+class BestHypothesis:
+    """The best of several hypotheses.
+
+    Attributes:
+        chosen: the hypothesis.
+        value: its log evidence less its price, nats.
+        log_odds: log odds over no mistake, or over fewer mistakes, nats.
+        second: log evidence less price of the next best hypothesis, nats.
+        rival: a mistake of that hypothesis, if it explains the recordings as well.
+    """
+
+    chosen: Hypothesis
+    value: float
+    log_odds: float
+    second: float
+    rival: Mistake | None
+
+
+def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> BestHypothesis | None:
+    """The best hypothesis; None where it does not explain the recordings."""
+    found = [runs.evidence(h.meaning, h.runs) for h in hypotheses]
+    values = [one.value - h.price for one, h in zip(found, hypotheses, strict=True)]
     best = int(np.argmax(values))
-    chosen = sets[best]
-    concerned = [k for k, c in enumerate(run.channels) if any(c in m.channels for m in chosen)] or slice(None)
-    explained = float(np.mean(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
-    least = max(as_is, run.log_evidence_of_no_model())
-    of_description = any(m.description.mass != 1.0 or m.description.length != 1.0 for m in chosen)
-    # A description belongs to all its recordings, so a mistake in it must be certain.
-    enough = CERTAIN_MISTAKE_NATS if of_description else POSSIBLE_MISTAKE_NATS
-    if values[best] - least < enough or not explained or any(m.is_effect for m in chosen):
-        return ()
-    same = {m.family for m in chosen}
-    others: list[int] = [k for k, those in enumerate(sets) if {m.family for m in those} != same]
+    chosen, value = hypotheses[best], values[best]
+    fewer = [replace(chosen, mistakes=rest) for rest in combinations(chosen.mistakes, len(chosen.mistakes) - 1) if rest]
+
+    def log_odds(evidence: float, price: float = 0.0) -> float:
+        """Log odds over another hypothesis; all recordings have the model's error in common, and so count as one."""
+        return (found[best].value - evidence) / len(chosen.runs) - (chosen.price - price)
+
+    without = [log_odds(runs.evidence(h.meaning, h.runs).value, h.price) for h in fewer]
+    if without and min(without) < POSSIBLE_MISTAKE_NATS:
+        return _best(runs, [h for h in (*hypotheses, *fewer) if len(h.mistakes) < len(chosen.mistakes)], as_is)
+    concerned = [chosen.concerns(unit) for unit in runs.units]
+    concerned = concerned if any(concerned) else [k in chosen.runs for k, _ in runs.units]
+    explained = float(np.median(found[best].share[concerned])) <= MAX_CORRECTED_RESIDUAL_SHARE
+    if log_odds(as_is) < POSSIBLE_MISTAKE_NATS or not explained or any(m.is_effect for m in chosen.mistakes):
+        return None
+    effects = (
+        log_odds(one.value, h.price)
+        for one, h in zip(found, hypotheses, strict=True)
+        if any(m.is_effect for m in h.mistakes)
+    )
+    odds = min(log_odds(as_is), log_odds(runs.evidence_of_no_model(chosen.runs)), *effects, *without)
+    if odds < POSSIBLE_MISTAKE_NATS:
+        return None
+    # A further mistake beside these is no rival of them.
+    others = [
+        k for k, h in enumerate(hypotheses) if not chosen.families <= h.families and set(h.runs) & set(chosen.runs)
+    ]
     next_best = max(others, key=lambda k: values[k], default=best)
-    lead = values[best] - max([*(values[k] for k in others), as_is])
-    rival = sets[next_best][0] if lead < MISTAKE_TIE_NATS and len(chosen) == 1 and values[next_best] > as_is else None
-    chosen = tuple(_with_fitted_clock(run, chosen, k) for k in range(len(chosen)))
-    return tuple(FoundMistake(m, values[best] - least, lead, rival) for m in chosen)
+    second = max([*(values[k] for k in others), as_is])
+    tied = value - second < MISTAKE_TIE_NATS and len(chosen.mistakes) == 1 and second > as_is
+    rival = hypotheses[next_best].mistakes[0] if tied else None
+    return BestHypothesis(chosen, value, odds, second, rival)
 
 
-def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int) -> Mistake:
+def _as_found(runs: Compared, best: BestHypothesis) -> tuple[FoundMistake, ...]:
+    """The mistakes of the best hypothesis in all recordings that have them, with fitted clocks."""
+    chosen = _extended(runs, best.chosen, best.value)
+    each = [_with_fitted_clock(runs.only(chosen.runs), chosen.mistakes, k) for k in range(len(chosen.mistakes))]
+    # A unit that explains the torques only beside gains is not certain.
+    gains = runs.columns_of_effect("torque_gain")
+    without_gains = runs.evidence(best.chosen.meaning, best.chosen.runs, gains).value - best.chosen.price
+    sure = without_gains - best.second >= MISTAKE_TIE_NATS
+    each = [replace(m, correctable=m.correctable and (sure or m.kind != "torque_unit")) for m in each]
+    lead, rival = (best.value - best.second) / len(best.chosen.runs), best.rival
+    others = rival_zeros(runs, chosen, MISTAKE_TIE_NATS) if rival is None else None
+    if others is not None:
+        lead, rival = min(lead, others.lead), others.as_mistake
+    return tuple(FoundMistake(m, chosen.runs, best.log_odds, lead, rival) for m in each)
+
+
+def _extended(runs: Compared, chosen: Hypothesis, value: float) -> Hypothesis:
+    """The hypothesis for all recordings that it explains better, each by more than a mistake's price."""
+    for k in set(range(chosen.run_count)) - set(chosen.runs) if chosen.meaning[1] == AS_DESCRIBED else ():
+        wider = replace(chosen, runs=tuple(sorted((*chosen.runs, k))))
+        now = runs.evidence(wider.meaning, wider.runs).value - wider.price
+        if now - value > MISTAKE_PRICE_NATS:
+            chosen, value = wider, now
+    return chosen
+
+
+def _with_fitted_clock(runs: Compared, chosen: tuple[Mistake, ...], which: int) -> Mistake:
     """A clock mistake with the shift and rate error that explain best, in place of the nearest ones tried."""
-    m = chosen[which]
+    m, every = chosen[which], tuple(range(len(runs.runs)))
     if not m.clock:
         return m
     (reading, *_) = m.correction.readings.values()
 
     def cost(clock: np.ndarray) -> float:
         tried = m.with_clock(FIRST_CLOCK_SHIFT_STEP_SECONDS * clock[0], FIRST_CLOCK_RATE_ERROR_STEP * clock[1])
-        return -run.log_evidence(_corrected([*chosen[:which], tried, *chosen[which + 1 :]]), AS_DESCRIBED).value
+        fitted = Hypothesis((*chosen[:which], tried, *chosen[which + 1 :]), every, len(every))
+        return -runs.evidence(fitted.meaning, every).value
 
     start = np.array(
         [reading.delay / FIRST_CLOCK_SHIFT_STEP_SECONDS, reading.clock_rate_error / FIRST_CLOCK_RATE_ERROR_STEP]
@@ -191,17 +303,20 @@ def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int
     return m.with_clock(FIRST_CLOCK_SHIFT_STEP_SECONDS * late, FIRST_CLOCK_RATE_ERROR_STEP * pace)
 
 
-def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[Check]:
-    """Findings on mistakes in a recording, from its comparison with the model."""
-    for found in find_mistakes(run, mistakes):
+def mistake_checks(runs: Compared, mistakes: MistakesOf[Compared]) -> Iterator[Check]:
+    """Findings on mistakes in recordings, from their comparison with the model."""
+    for found in find_mistakes(runs, mistakes):
         m, certain = found.mistake, found.certain
         lead = f"{rounded(found.log_odds_over_next_best)} more than anything else"
-        sure = f"{rounded(found.log_odds_over_unchanged)} nats more probable than as it stands, {lead}"
+        sure = f"{rounded(found.log_odds_over_unchanged)} nats more probable than no mistake with every effect, {lead}"
+        sure += f", over {len(found.runs)} recordings together" if len(found.runs) > 1 else ""
         rival = "" if found.rival is None else f", or {found.rival.in_words}: this recording does not tell which"
-        remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.run.source or run.run.name} --fix fixed"
-        remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"
-        yield Check(
-            m.kind, Severity.WRONG if certain else Severity.SUSPECT, run.run.name, m.channels,
-            f"{'' if certain else 'perhaps '}{m.in_words}{rival} ({sure})", m.remedy or remedy,
-            evidence=found.log_odds_over_next_best, correction=found.correction,
-        )  # fmt: skip
+        for k in found.runs:
+            run = runs.runs[k].run
+            remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.source or run.name} --fix fixed"
+            remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"
+            yield Check(
+                m.kind, Severity.WRONG if certain else Severity.SUSPECT, run.name, m.channels,
+                f"{'' if certain else 'perhaps '}{m.in_words}{rival} ({sure})", m.remedy or remedy,
+                evidence=found.log_odds_over_next_best, correction=found.correction,
+            )  # fmt: skip

@@ -18,6 +18,9 @@ from armdyn.smoothing.choice import resolution
 MIN_FINE_STEP_IN_RESOLUTIONS = 3.0
 """Least usual step of a signal, in steps of its resolution, for which repeated values are not those of a coarse
 encoder."""
+MIN_REPEATED_ROW_SHARE, MIN_COMMON_REPETITION_SHARE, MIN_REST_ROWS = 0.05, 0.8, 12
+"""Share of repeated rows from which they are reported; least share of the repetitions of any channel that are those of
+whole rows; number of successive repetitions from which they are a rest."""
 MIN_CLIPPED_SHARE = 0.01
 """Share of samples at the end of the range from which a sensor counts as saturated."""
 MIN_LOST_COUNT_STEP_STDS = 12.0
@@ -137,6 +140,33 @@ def repetition_checks(run: Run) -> Iterator[Check]:
                 f"every value of {name} stands {held} times: it was measured at {rate / held:.3g} Hz and written at "
                 f"{rate:.3g} Hz",
                 f"keep the first of each {held} values of {name}, and empty the other cells",
+            )  # fmt: skip
+
+
+def repeated_row_checks(run: Run) -> Iterator[Check]:
+    """Findings on rows that stand again below themselves: all channels of a clock repeat their values at once.
+
+    A joint at rest repeats them for long; coarse signals repeat theirs one by one as well.
+    """
+    rows: dict[bytes, list[str]] = {}
+    for name, channel in run.channels.items():
+        rows.setdefault(channel.time.tobytes(), []).append(name)
+    for names in rows.values():
+        values = np.column_stack([run.channels[name].value for name in names])
+        if len(names) < 2 or len(values) < MIN_COMPARED_CHANNEL_SAMPLES:
+            continue
+        same = np.diff(values, axis=0) == 0.0
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], same.all(axis=1), [False]]).astype(int)))
+        lengths = np.diff(edges)[::2]
+        again = int(lengths[lengths < MIN_REST_ROWS].sum())
+        rests = int(lengths[lengths >= MIN_REST_ROWS].sum())
+        finest = int(same.sum(axis=0).min()) - rests  # repetitions of the channel that repeats least
+        if again > MIN_REPEATED_ROW_SHARE * (len(same) - rests) and again > MIN_COMMON_REPETITION_SHARE * finest:
+            yield Check(
+                "repeated_samples", Severity.SUSPECT, run.name, tuple(names),
+                f"{again} of {len(values)} rows repeat the row above, all {len(names)} channels at once: they were "
+                "written again, not measured again",
+                "leave the repeated rows out, or record with the sensors' own time stamps",
             )  # fmt: skip
 
 
@@ -321,7 +351,7 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publisher_checks, motion_checks, gap_checks, dropped_sample_checks, stuck_sensor_checks,
-    sticking_joint_checks, repetition_checks, saturation_checks, lost_count_checks, glitch_checks, jitter_checks,
-    stated_noise_checks, unconfirmed_mappings,
+    sticking_joint_checks, repetition_checks, repeated_row_checks, saturation_checks, lost_count_checks, glitch_checks,
+    jitter_checks, stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
 """Functions that check the signals of a recording; a new check is a further function."""

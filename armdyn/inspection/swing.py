@@ -19,21 +19,25 @@ from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import (
     MIN_MODEL_ERROR_SHARE_OF_RMS,
     ChannelReadings,
-    Evidence,
-    best_evidence,
+    EffectSizes,
+    ReadingSums,
+    evidence,
     independent_sample_share,
 )
 from armdyn.inspection.kinematics import local_averages
-from armdyn.inspection.mistakes import (
-    ANGLE_ZERO_OFFSETS_TRIED,
-    LENGTH_UNITS,
-    TRIED_CLOCK_RATE_ERRORS,
+from armdyn.inspection.mistake import (
     TRIED_SENSOR_LAGS_SECONDS,
-    WRONG_ANGLE_UNIT_FACTORS,
     Mistake,
     scaled_channels_mistake,
     shifted_clock_mistakes,
 )
+from armdyn.inspection.mistakes import (
+    ANGLE_ZERO_OFFSETS_TRIED,
+    LENGTH_UNITS,
+    TRIED_CLOCK_RATE_ERRORS,
+    WRONG_ANGLE_UNIT_FACTORS,
+)
+from armdyn.inspection.together import SampledRuns
 from armdyn.model import Model
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.pendulum.start import swing_channel
@@ -89,11 +93,12 @@ class SingleChannelReadings:
     def joined(parts: "Sequence[SingleChannelReadings]", weight: np.ndarray, floor: float) -> ChannelReadings:
         """Join channels that have no effects in common."""
         alone = [[(one is own) * one.columns for one in parts] for own in parts]
+        lower = np.where(np.concatenate([part.positive for part in parts]), 0.0, -np.inf)
         return ChannelReadings(
             np.array([part.measured for part in parts]),
             np.array([part.described for part in parts]),
             np.array([np.hstack(blocks) for blocks in alone]),
-            np.concatenate([part.positive for part in parts]),
+            EffectSizes(np.zeros(len(lower), dtype=int), lower, np.full(len(lower), np.inf)),
             weight,
             np.log(np.abs([part.factor for part in parts])),
             np.array([part.min_rms for part in parts]),
@@ -213,17 +218,26 @@ class SampledSwingRun:
         soon = CORRELATION_LAG_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
-        return independent_sample_share(given.measured, best_evidence(given).residual, given.min_rms, after)
+        residual = given.residual(evidence(given.sums).sizes)
+        return independent_sample_share(given.measured, residual, given.min_rms, after)
+
+    def corrected(self, correction: Correction) -> "SampledSwingRun":
+        """The recording with a correction."""
+        return replace(self, run=correction.applied_to(self.run))
 
     def coarse_log_evidence(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) log evidence of hypotheses, nats; it is exact, because that of a pendulum is computed fast."""
-        return np.array([self.log_evidence(*meaning).value for meaning in meanings])
+        return np.array([evidence(self.sums(*meaning)).value for meaning in meanings])
 
-    def log_evidence(self, correction: Correction, description: object = None) -> Evidence:
-        """Evidence of a hypothesis, with every effect that may be present."""
-        del description
-        found = best_evidence(self._given(correction, self.weights))
-        return replace(found, value=found.value - self._outside(correction))
+    def sums(self, correction: Correction, description: object = None) -> ReadingSums:
+        """What the evidence of a hypothesis needs of this recording, with every effect that may be present."""
+        del description  # the equations of a pendulum are known
+        return self._sums(tuple(sorted(correction.readings.items())))
+
+    @cached_with_first_argument
+    def _sums(self, readings: tuple[tuple[str, CorrectedReading], ...]) -> ReadingSums:
+        correction = Correction(dict(readings))
+        return replace(self._given(correction, self.weights).sums, log_odds=-self._outside(correction))
 
     def _outside(self, correction: Correction) -> float:
         """Price in nats of a force with which no string holds this load."""
@@ -234,10 +248,6 @@ class SampledSwingRun:
         share = mean / (mass * self._known("gravity")[0])
         other = weighed and not WRONG_LOAD_SHARE_OF_WEIGHT < abs(share) < 1.0 / WRONG_LOAD_SHARE_OF_WEIGHT
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
-
-    def log_evidence_of_no_model(self) -> float:
-        """Minus infinity, the log evidence of no model, because the equations of a pendulum are known."""
-        return -np.inf
 
     def _known(self, name: str) -> tuple[float, bool]:
         """SI value of length, mass or gravity, and whether it was measured."""
@@ -317,8 +327,9 @@ class SampledSwingRun:
         )
 
 
-def pendulum_mistakes(run: SampledSwingRun) -> Iterator[Mistake]:
+def pendulum_mistakes(runs: SampledRuns[SampledSwingRun]) -> Iterator[Mistake]:
     """All possible mistakes in a recording of a pendulum."""
+    (run,) = runs.runs  # loads and lengths differ from recording to recording
     has, force = run.run.channels, ("load_force",)
     angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)
     both, shifts = " and ".join(angular), (*TRIED_SENSOR_LAGS_SECONDS, *SWING_CLOCK_SHIFTS_TRIED_SECONDS)

@@ -34,8 +34,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
-from armdyn.inspection.arm import DescriptionCorrection
 from armdyn.inspection.check import Check, Inspection, Severity
+from armdyn.inspection.description import DescriptionCorrection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
@@ -124,9 +124,9 @@ def of_pendulum(kind: int, seed: int) -> Iterator[Answer]:
         yield judged(mistake, sound.run, inspect_runs([mistake.run], pendulum_model(0.35, 0.1)))
 
 
-def sound_runs(robots: list[str], seeds: int) -> Iterator[tuple[str, Model, Run]]:
+def sound_runs(robots: list[str], first: int, seeds: int) -> Iterator[tuple[str, Model, Run]]:
     """Generated recordings without a mistake."""
-    for seed in range(100, 100 + seeds):
+    for seed in range(100 + first, 100 + first + seeds):
         for robot in robots:
             model = arm_model(robot=robot, joints=made.Plant(robot).joints)
             for real in recorded.SOUND:
@@ -169,6 +169,7 @@ def main() -> int:
         description=__doc__, formatter_class=bench.argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--robots", default=",".join(recorded.ROBOTS), help="names, with commas")
     parser.add_argument("--data", type=Path, default=bench.DATA, metavar="DIR", help="folder of the real recordings")
     parser.add_argument("--quick", action="store_true", help="one pendulum and one arm's mistakes, once")
@@ -177,7 +178,7 @@ def main() -> int:
     robots = [name for name in options.robots.split(",") if name]
     robots, seeds = (robots[:1], 1) if options.quick else (robots, options.seeds)
     answers: list[Answer] = []
-    for seed in range(seeds):
+    for seed in range(options.first_seed, options.first_seed + seeds):
         for robot in robots:
             answers += _told(f"{robot} {seed}", of_arm(robot, seed))
         for kind in range(1 if options.quick else len(PENDULUMS)):
@@ -194,7 +195,7 @@ def main() -> int:
         ],
     )  # fmt: skip
     wrong, suspect, sound, costs = 0, 0, 0, []
-    for name, model, run in sound_runs(robots, 1 if options.quick else seeds):
+    for name, model, run in sound_runs(robots, options.first_seed, seeds):
         wrong, suspect, sound = _counted(name, inspect_runs([run], model), wrong, suspect, sound)
     real_wrong, real_suspect, real = 0, 0, 0
     if options.data.is_dir() and not options.quick:

@@ -23,6 +23,13 @@ POSITION_NOISE = {"baxter": 4e-4, "panda": 1e-4, "ur5": 5e-5, "talos_arm": 1e-4}
 PAYLOAD = {"baxter": 2.0, "panda": 2.5, "ur5": 4.0, "talos_arm": 1.5}  # kg
 SOUND = ("as described", "payload", "spring", "gain", "tilt", "friction", "offset")
 Gravity = tuple[float, float, float]
+TORQUE_CONSTANTS = (0.55, 1.8)
+"""Smallest and largest factor of torques whose constants are a guess, one factor for each joint."""
+ELASTIC, VIBRATION, PITCH = 8.0, (0.1, 1.5), (8.0, 25.0)
+"""Of series-elastic drives: how much softer their springs are than gears, and the vibration of torques, whose amplitude
+is a multiple of the typical torque, at a frequency [Hz]."""
+OWNED = ("series elastic", "torque constants", "payload", "spring")
+"""What a robot of `owned` may have, any number of them at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +91,47 @@ def arm(
         for i, j in enumerate(plant.joints)
     }
     return Sound(run.name, robot, run, told)
+
+
+def owned(robot: str, seed: int, *, count: int = 3, duration: float = 12.0, rate: float = 100.0) -> list[Sound]:
+    """`count` sound recordings of one arm, imperfect everywhere, with any of `OWNED` at once."""
+    plant, rng = Plant(robot), np.random.default_rng([seed, ROBOTS.index(robot), 99])
+    real = [name for name in OWNED if rng.random() < 0.5]
+    stamps = np.arange(round(duration * rate)) / rate
+    kinds = rng.choice(list(KINDS), count)
+    motions = [KINDS[kind](rng, room, duration) for kind, room in zip(kinds, plant.rooms(rng), strict=True)]
+    load = np.array([plant.torques(motion.at(stamps[::20]), plant.described, {}) for motion in motions])
+    typical = plant.typical(load)
+    drive = Imperfections.drawn(rng, typical, plant.effort, POSITION_NOISE[robot])
+    links, truth = plant.described.off(rng), list[Hidden]()
+    if "series elastic" in real:
+        drive = replace(drive, compliance=ELASTIC * drive.compliance, smoothing=np.inf, late=0.0)
+    if "payload" in real:
+        size = PAYLOAD[robot] * rng.uniform(0.3, 1.2)
+        truth.append(on_link("payload", plant.joints[-1], Lump(size, (0.03, -0.02, 0.1), 0.004)))
+    if "spring" in real:
+        j, phase = int(np.argmax(typical)), rng.uniform(0.0, 2.0 * np.pi)
+        size = rng.uniform(0.3, 1.0) * typical[j]
+        values = {"sine": float(size * np.sin(phase)), "cosine": float(size * np.cos(phase))}
+        truth.append(Hidden("gravity_spring", plant.joints[j], values))
+    factors = np.ones(len(plant.joints))
+    if "torque constants" in real:
+        factors = np.exp(rng.uniform(*np.log(TORQUE_CONSTANTS), len(plant.joints)))
+    found = []
+    for k, (kind, motion) in enumerate(zip(kinds, motions, strict=True)):
+        world = World(plant, links, drive.drifted(rng), motion, stamps)
+        name = f"{robot} {'+'.join(real) or 'nothing'} {kind} {seed}.{k}"
+        run = world.recorded(truth, rng.standard_normal((3, len(stamps), len(plant.joints))), name)
+        channels = dict(run.channels)
+        for i, joint in enumerate(plant.joints):
+            tau = run.channels[f"tau.{joint}"].value
+            if "series elastic" in real:
+                tone = 2.0 * np.pi * rng.uniform(*PITCH) * stamps + np.cumsum(0.3 * rng.standard_normal(len(stamps)))
+                tau = tau + rng.uniform(*VIBRATION) * typical[i] * np.sin(tone)
+            channels[f"tau.{joint}"] = Channel(stamps, factors[i] * tau, "N m")
+        told = {f"tau.{j}": float(typical[i] / plant.effort[i]) for i, j in enumerate(plant.joints)}
+        found.append(Sound(name, robot, replace(run, channels=channels), told))
+    return found
 
 
 def pendulum(real: str, seed: int, *, driven: bool, channels: Sequence[str], duration: float = 20.0) -> Sound:

@@ -10,7 +10,7 @@ from worlds.drive import Hidden, Lump, on_link
 from worlds.plant import perfect
 
 from armdyn.arm.model import arm_model
-from armdyn.arm.motion import measured_motion
+from armdyn.arm.motion import measured_motion, without_idle_torques
 from armdyn.arm.prepared import samples_inside_motion, samples_with_known_direction
 from armdyn.effects.catalogue import CATALOGUE
 
@@ -46,11 +46,11 @@ def _held(run, joint, begin, end):
     return replace(run, channels={**run.channels, f"q.{joint}": replace(q, value=value)})
 
 
-def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_does():
+def test_rests_are_left_out_of_a_joint_that_moves_however_long_it_rests_but_not_of_one_that_hardly_moves():
     run, joint = generate(None, 1.0, 0), JOINTS.index("right_e0")
     time = run.channels["tau.right_e0"].time
     share = np.linspace(0.0, 1.0, len(time))
-    moves, stands = (measured_motion(_held(run, "right_e0", 0.3, end), JOINTS) for end in (0.6, 0.99))
+    moves, stands = (measured_motion(_held(run, "right_e0", begin, 0.99), JOINTS) for begin in (0.3, 0.02))
     inside = (share > 0.35) & (share < 0.55)
     assert not moves.joints[joint].mostly_rests
     assert np.mean(samples_with_known_direction(moves, joint, time, 10.0)[inside]) < 0.1
@@ -105,3 +105,13 @@ def test_what_is_heavier_than_described_makes_more_noise_of_the_positions(effect
     assert described[most] > 5.0
     assert 0.5 < known[most] < 1.5
     assert known.max() < 1.5
+
+
+def test_a_constant_torque_of_a_resting_joint_is_left_out_but_not_that_of_a_moving_one():
+    run = generate(None, 1.0, 0)
+    tau, q = run.channels["tau.right_e0"], run.channels["q.right_e0"]
+    silent = replace(run, channels={**run.channels, "tau.right_e0": replace(tau, value=np.full(len(tau), 0.5))})
+    assert "tau.right_e0" in without_idle_torques(silent, JOINTS).channels
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(len(q))
+    rests = replace(silent, channels={**silent.channels, "q.right_e0": replace(q, value=0.3 + noise)})
+    assert set(rests.channels) - set(without_idle_torques(rests, JOINTS).channels) == {"tau.right_e0"}
