@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer, wald_distance
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import search_set
+from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore
 from armdyn.identify.uncertainty import uncertainty
 
 MAX_SUCCESSIVE_LINEARISATIONS = 5
@@ -26,24 +28,36 @@ MIN_VALUE_STDS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class LinearPath(EffectPath):
-    """A path from the model as given to a set of effects, for a model that is linear in most parameters."""
+    """A path from the model as given to a set of effects, for a model that is linear in most parameters.
+
+    Attributes:
+        known_fit: the fit of the set, where it has been made already.
+    """
 
     study: LinearStudy
     scorer: LinearScorer
+    known_fit: Fit | None = None
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The fit after the last step."""
+        return continue_fit(self._fitted(self.effects, self.chosen_set)) if self.known_fit is None else self.known_fit
 
     def relinearised(self) -> "LinearPath":
         """The same set, with a scorer that is linearised at its fit."""
+        if self.scorer_fit is self.fit:
+            return self
         around = self.study.scorer(self.fit)
-        return replace(
-            self,
-            scorer=around,
-            chosen_set=around.evaluate(around.split_into_candidates(self.effects)),
-            scorer_fit=self.fit,
-        )
+        chosen = around.evaluate(around.split_into_candidates(self.effects))
+        return replace(self, scorer=around, chosen_set=chosen, scorer_fit=self.fit, known_fit=self.fit)
+
+    def with_set(self, chosen: EffectSetScore) -> "LinearPath":
+        """A path to another set of the scorer."""
+        return replace(self, chosen_set=chosen, known_fit=None)
 
     def with_effects(self, effects: Sequence[Candidate]) -> "LinearPath":
         """A path to another set, of the scorer's candidates."""
-        return replace(self, chosen_set=self.scorer.evaluate(effects))
+        return self.with_set(self.scorer.evaluate(effects))
 
 
 def select_for_arm(
@@ -106,14 +120,16 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
             turned = study.scorer(fit)
             start = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             paths.append(LinearPath(study, turned, search_set(turned, start, say), given.effects, fit))
+    found = _best(paths)
+    if found.scorer.predicts_to_the_noise(found.chosen_set.effects):
+        return found
     say("fitting with every effect")
     wide = around.prior_widths((), 1.0)
     change = around.changed_values(around.best_change(wide, around.training))
     near = study.fit_with_prior_widths(around, wide, study.own(change, around.problem))
     whole = study.scorer(near)
-    return _best(
-        [*paths, LinearPath(study, whole, search_set(whole, whole.evaluate(whole.given), say), given.effects, near)]
-    )
+    chosen = search_set(whole, whole.evaluate(whole.given), say)
+    return _best([found, LinearPath(study, whole, chosen, given.effects, near)])
 
 
 def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
@@ -121,14 +137,15 @@ def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
 
     A parameter that multiplies others, such as a delay of a spring's torque, is visible only with them present.
     """
-    paths = [found]
+    best, seen = found, {frozenset(found.effects)}
     for _ in range(MAX_SUCCESSIVE_LINEARISATIONS):
-        at_end = paths[-1].relinearised()
-        again = replace(at_end, chosen_set=search_set(at_end.scorer, at_end.chosen_set, say))
-        if any(set(again.effects) == set(path.effects) for path in paths):
+        at_end = found.relinearised()
+        found = at_end.with_set(search_set(at_end.scorer, at_end.chosen_set, say))
+        if frozenset(found.effects) in seen:
             break
-        paths.append(again)
-    return _best(paths)
+        seen.add(frozenset(found.effects))
+        best = _best([best, found])
+    return best
 
 
 def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> LinearPath:
@@ -142,15 +159,15 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
     for body in rivals:
         if body in found.chosen_set.effects and body not in found.scorer.given:
             without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
-            again = replace(without, chosen_set=search_set(without.scorer, without.chosen_set, say))
+            again = without.with_set(search_set(without.scorer, without.chosen_set, say))
             if set(again.effects) != set(found.effects):
                 found = _best([found, _to_fixed_point(again, say)])
     return found
 
 
 def _best(paths: Sequence[LinearPath]) -> LinearPath:
-    """The path whose set predicts best at its own optimum, less the price of its complexity."""
-    if len(paths) == 1:
+    """The path whose set predicts best at its own optimum, less the price of its complexity; of tied ones the shortest."""
+    if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]
     ended, errors = [], []
     for path in paths:
@@ -164,7 +181,8 @@ def _best(paths: Sequence[LinearPath]) -> LinearPath:
         else -np.inf
         for one, error in zip(ended, errors, strict=True)
     ]
-    return paths[int(np.argmax(worth))]
+    tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - TIE_NATS]
+    return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))
 
 
 def _without_empty_effects(found: LinearPath) -> LinearPath:

@@ -277,9 +277,7 @@ class LinearScorer(EffectSetScorer):
         A.flat[:: len(c) + 1] += 1.0
         right = w * (slope[c] - G[np.ix_(c, gone)] @ change[gone]) + self._centre[c] / w
         found = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
-        change[c] = np.clip(
-            found, self._lower[c], self._upper[c]
-        )  # rounding must not hide a bound
+        change[c] = np.clip(found, self._lower[c], self._upper[c])  # rounding must not hide a bound
         return change
 
     def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -342,6 +340,12 @@ class LinearScorer(EffectSetScorer):
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
         return np.asarray(-0.5 * np.sum(self._samples * misfit_per_sample(errors / self._variance), axis=-1))
+
+    def predicts_to_the_noise(self, effects: Sequence[Candidate]) -> bool:
+        """Whether the error of predicted runs with a set is only noise, so that no other set can predict better."""
+        errors = self.prediction_errors(self.prior_widths(effects, 0.0))
+        count = self._stages.count.reshape(2, -1)
+        return bool(np.all(errors <= self._noise * np.array([[max_noise_ratio(n) for n in row] for row in count])))
 
     def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         widths = self.prior_widths(effects, 0.0)

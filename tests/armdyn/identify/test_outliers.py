@@ -48,7 +48,7 @@ def test_one_sample_in_a_hundred_neither_hides_friction_nor_moves_a_value():
     for name, parameter in truth.model.parameters.items():
         if parameter.scope == "shared":
             assert abs(found.model.value(name) - parameter.value) < parameter.std
-    assert "Left out as outliers" in found.sentence
+    assert "Left out as outliers" in found.remarks
 
 
 def test_one_sample_in_a_hundred_makes_no_effect_up():
