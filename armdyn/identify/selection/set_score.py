@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from math import lgamma, log
 from typing import ClassVar
 
@@ -165,7 +164,6 @@ class EffectSetScorer(ABC):
         prices = [[self._price(n, counts[n] + on) - self._price(n, counts[n]) for n, on in rise] for rise in rises]
         return whole + np.array([sum(price) for price in prices])
 
-    @cache  # noqa: B019 - a scorer lives as long as its study
     def _price(self, effect: str, on: int) -> float:
         """Evidence, nats, that one effect on so many joints needs."""
         reach = self._reach[effect]
