@@ -44,7 +44,7 @@ def export(
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
-    file = replace(file, model=file.model.without_background()) if named_only else file
+    file = replace(file, model=file.model.with_named_effects_only()) if named_only else file
     check_overwrite(output, force)
     written = write_export(file, output, str(file.model.base_summary), incomplete=incomplete)
     if written.refused and written.missing is not None:

@@ -11,7 +11,7 @@ from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channe
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import LinearScorer, max_noise_ratio
+from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.sums import sums, with_thresholds
 from armdyn.identify.study import Study
 
@@ -98,26 +98,6 @@ class LinearStudy(Study):
             repeated_square(channel, [fit], others) <= MAX_REPEATED_SHARE * error**2
             for channel, error in channel_rmse(given.blocks).items()
         )
-
-    def residual_is_noise(self, fit: Fit) -> bool:
-        """Whether the residual of the training runs is only noise, on average over the channels.
-
-        The noise depends on the fitted model, because a heavier rotor turns noise of a position into more torque.
-        """
-        return self._are_noise([fit])
-
-    def _are_noise(self, fits: Sequence[Fit]) -> bool:
-        left: dict[str, list[np.ndarray]] = {}
-        for one in fits:
-            noise = dict(one.problem.noise)
-            for i, run in enumerate(one.problem.runs):
-                there = one.problem.model.noise(run, one.problem.theta(i, one.values))
-                noise |= {(run.name, channel): std for channel, std in there.items()}
-            for block in one.blocks:
-                left.setdefault(block.channel, []).append(block.misfit / noise[block.run, block.channel])
-        squares = [np.concatenate(parts) ** 2 for parts in left.values()]
-        shares = [max_noise_ratio(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
-        return float(np.mean(shares)) >= 1.0
 
     def scorer(self, at: Fit) -> LinearScorer:
         """Scorer of sets of effects, linearised at a fit; the last few are cached."""

@@ -166,7 +166,7 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
 
 
 def _best(paths: Sequence[LinearPath]) -> LinearPath:
-    """The path whose set predicts best at its own optimum, less the price of its complexity; of tied ones the shortest."""
+    """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values."""
     if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]
     ended, errors = [], []
