@@ -214,7 +214,7 @@ def _background(path: LinearPath, named: SearchStep, say: ProgressCallback) -> l
     study, scorer, effects = path.study, path.scorer, path.chosen_set.effects
     for width in background_widths(scorer, effects):
         widths = scorer.prior_widths(effects, width)
-        distances = scorer.wald_distances(widths, [c for c in effects if c not in scorer.given])
+        distances = scorer.wald_distances(widths, [(c,) for c in effects if c not in scorer.given])
         if min(distances, default=np.inf) <= MIN_VALUE_STDS or sure_unnamed_effects(scorer, effects, width):
             continue
         say(f"fitting {np.count_nonzero(widths)} values")

@@ -46,8 +46,13 @@ MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
 STRETCHES_PER_RUN = 5
 """Number of stretches of a training run that are predicted in turn where no other run can predict it."""
+PIECES_PER_STRETCH = 4
+"""Number of pieces of a stretch, spread over the run: values that show in a part of the motion only, as of a gain and a
+friction that grows with the load, must not be extrapolated from the rest."""
 MIN_INFORMATION_OF_OTHER_RUNS = 0.01
 """Share of the information on a joint's unknowns that the other runs must have, so that they can predict a run."""
+SCORED_REMOVALS = 4
+"""Number of removals from a set, those with the least predicted loss, whose score is computed in each round."""
 MAX_REWEIGHTING_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING_ROW, HELD_OUT_ROW = 0, 1
@@ -148,7 +153,10 @@ class LinearScorer(EffectSetScorer):
         parts, unit, stretch = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            for k, rows in enumerate(np.array_split(np.arange(len(r)), STRETCHES_PER_RUN if s.training[i] else 1)):
+            parts_of_run = STRETCHES_PER_RUN if s.training[i] else 1
+            pieces = np.array_split(np.arange(len(r)), parts_of_run * PIECES_PER_STRETCH)
+            for k in range(parts_of_run):
+                rows = np.concatenate(pieces[k::parts_of_run])
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
                 stretch.append(k)
@@ -453,21 +461,28 @@ class LinearScorer(EffectSetScorer):
         change = self.best_change(self.prior_widths(effects, 0.0), self.training)
         return float(self._misfit(self.mean_squared_errors(change)))
 
-    def wald_distances(self, widths: np.ndarray, effects: Iterable[Candidate]) -> list[float]:
-        """Distance of the values of each effect from nothing, in standard deviations; see `wald_distance`.
+    def wald_distances(self, widths: np.ndarray, parts: Iterable[Sequence[Candidate]]) -> list[float]:
+        """Distance of the values of some effects together from nothing, in standard deviations; see `wald_distance`.
 
         Args:
             widths: (c,) prior widths of the unknowns.
-            effects: the effects.
+            parts: effects, for each distance.
         """
         c, change = np.flatnonzero(widths > 0.0), self.best_change(widths, self.training) - self._null
         covariance = np.zeros((len(widths), len(widths)))
         covariance[np.ix_(c, c)] = np.linalg.inv(
             self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
         )
-        return [
-            wald_distance(change[own], covariance[np.ix_(own, own)]) for own in (self.positions[e] for e in effects)
-        ]
+        return [wald_distance(change[own], covariance[np.ix_(own, own)]) for own in map(self._of, parts)]
+
+    def promising_removals(
+        self, now: EffectSetScore, parts: Sequence[tuple[Candidate, ...]]
+    ) -> list[tuple[Candidate, ...]]:
+        """Parts of a set without which it loses least likelihood, less what their absence saves, the best first."""
+        distances = self.wald_distances(self.prior_widths(now.effects, 0.0), parts)
+        prices = [self.complexity_penalty([c for c in now.effects if c not in part]) for part in parts]
+        losses = {part: 0.5 * d**2 + price for part, d, price in zip(parts, distances, prices, strict=True)}
+        return sorted(parts, key=losses.__getitem__)[:SCORED_REMOVALS]
 
     def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `EffectSetScorer.values`."""

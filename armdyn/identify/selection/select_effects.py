@@ -54,7 +54,8 @@ def eliminate(scorer: EffectSetScorer, now: EffectSetScore) -> EffectSetScore:
     while True:
         free = [c for c in now.effects if c not in scorer.given]
         parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
-        fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in parts)
+        promising = scorer.promising_removals(now, parts)
+        fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in promising)
         best = max(fewer, key=_score, default=now)
         if best is now or best.score < now.score:
             return now

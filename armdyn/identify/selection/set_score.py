@@ -115,6 +115,13 @@ class EffectSetScorer(ABC):
         del now
         return list(effects)
 
+    def promising_removals(
+        self, now: EffectSetScore, parts: Sequence[tuple[Candidate, ...]]
+    ) -> list[tuple[Candidate, ...]]:
+        """Parts of a set whose removal may improve its score."""
+        del now
+        return list(parts)
+
     def effects_on_other_states(
         self, whole: EffectSetScore, rest: Sequence[Candidate], part: Sequence[Candidate]
     ) -> Iterable[tuple[Candidate, ...]]:
