@@ -46,9 +46,6 @@ MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
 STRETCHES_PER_RUN = 5
 """Number of stretches of a training run that are predicted in turn where no other run can predict it."""
-PIECES_PER_STRETCH = 4
-"""Number of pieces of a stretch, spread over the run: values that show in a part of the motion only, as of a gain and a
-friction that grows with the load, must not be extrapolated from the rest."""
 MIN_INFORMATION_OF_OTHER_RUNS = 0.01
 """Share of the information on a joint's unknowns that the other runs must have, so that they can predict a run."""
 SCORED_REMOVALS = 4
@@ -153,10 +150,7 @@ class LinearScorer(EffectSetScorer):
         parts, unit, stretch = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            parts_of_run = STRETCHES_PER_RUN if s.training[i] else 1
-            pieces = np.array_split(np.arange(len(r)), parts_of_run * PIECES_PER_STRETCH)
-            for k in range(parts_of_run):
-                rows = np.concatenate(pieces[k::parts_of_run])
+            for k, rows in enumerate(np.array_split(np.arange(len(r)), STRETCHES_PER_RUN if s.training[i] else 1)):
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
                 stretch.append(k)
@@ -478,7 +472,12 @@ class LinearScorer(EffectSetScorer):
     def promising_removals(
         self, now: EffectSetScore, parts: Sequence[tuple[Candidate, ...]]
     ) -> list[tuple[Candidate, ...]]:
-        """Parts of a set without which it loses least likelihood, less what their absence saves, the best first."""
+        """Parts of a set without which it loses least likelihood, less what their absence saves, the best first.
+
+        They are all parts of a set that relies on a value beyond its bound: any one may be the cause.
+        """
+        if not np.isfinite(now.score):
+            return list(parts)
         distances = self.wald_distances(self.prior_widths(now.effects, 0.0), parts)
         prices = [self.complexity_penalty([c for c in now.effects if c not in part]) for part in parts]
         losses = {part: 0.5 * d**2 + price for part, d, price in zip(parts, distances, prices, strict=True)}

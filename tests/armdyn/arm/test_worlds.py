@@ -75,7 +75,7 @@ def test_what_others_do_as_well_does_not_show() -> None:
     assert generated_arm.showing([world], [Hidden("rotor_inertia", JOINT, {"inertia": 1e-5})]) == ()
 
 
-LONE = pytest.mark.xfail(reason="one run of 12 s is predicted as well by changed links in place of a payload")
+LONE = pytest.mark.xfail(reason="stretches of one run of 12 s are predicted better by a fading friction and a gain")
 
 
 @pytest.mark.parametrize(
