@@ -256,8 +256,11 @@ def model_of_step(study: Study, step: SearchStep) -> Model:
 
 def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
     """The verdict after a repair: explained, or the reason why not."""
-    if not found.last.tests.fails or study.leaves_noise(found.steps[0].fit, found.last.fit):
+    if not found.last.tests.fails:
         return Verdict.EXPLAINED
+    noise = study.leaves_noise(found.steps[0].fit, found.last.fit)
+    if noise is not None:
+        return Verdict.EXPLAINED if noise else Verdict.UNKNOWN_EFFECT
     if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
