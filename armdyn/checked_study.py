@@ -98,7 +98,8 @@ class CheckedStudy:
         known: the model as given, and the effects that it can have.
         study: the fits; if effects are to be chosen, the model's background of small values is left out.
         effects: effects to choose from.
-        inspection: mistakes that were found in the recordings.
+        inspection: mistakes that were found in the training and held-out runs.
+        exam_inspection: mistakes that were found in the exam runs; they change no value, only what their error says.
         trusted: whether to go on where a recording contradicts its declaration.
         declared: the model as its user wrote it, before drives were identified from recordings.
     """
@@ -107,6 +108,7 @@ class CheckedStudy:
     study: Study
     effects: tuple[Effect, ...]
     inspection: Inspection
+    exam_inspection: Inspection
     trusted: bool = False
     declared: Model | None = None
 
@@ -128,7 +130,8 @@ class CheckedStudy:
             model: the model, or its file.
             runs: recordings to fit, or their files.
             held_out: recordings that help to choose effects, but are never fitted.
-            exam: recordings that are used for nothing else: their error is computed at the very end.
+            exam: recordings that are used for nothing else: their error is computed at the very end. No value and no
+                name depends on them, and mistakes in them are reported but stop nothing.
             effects: effects to choose from; None means all that the model can have.
             adding: effects that the model is about to get (see `find_several`), whose values the recordings may state.
             trusted: go on where a recording contradicts its declaration.
@@ -143,13 +146,14 @@ class CheckedStudy:
         training, others, last = (
             [declared.with_model_channels(run) for run in given] for given in (training, others, last)
         )
-        every = [*training, *others, *last]
-        model = declared.adapted_to(every)
+        model = declared.adapted_to(training)
         known = replace(known, file=replace(known.file, model=model))
         coming = find_several(adding, known.catalogue) if adding else ()
-        for run in every:
+        for run in (*training, *others, *last):
             check_run(known.file.model, run, coming)
-        found = known.inspect(every, coming)  # the recorded channels, before a servo's torque is estimated from them
+        # What was recorded is inspected, before a servo's torque is estimated from it. An exam may stop nothing.
+        found = known.inspect([*training, *others], coming)
+        beside = known.inspect(last, coming) if last else Inspection((), ())
         training, others, last = (
             [model.with_estimated_channels(run) for run in given] for given in (training, others, last)
         )
@@ -158,7 +162,7 @@ class CheckedStudy:
         by_hand = declared.excluded_effects - {effect.name for effect in coming}
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.without_background() if chosen else known.file.model
-        return cls(known, Study.of(begun, training, others, chosen, last), chosen, found, trusted, declared)
+        return cls(known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared)
 
     @property
     def set_aside(self) -> tuple[str, ...]:
@@ -187,7 +191,7 @@ class CheckedStudy:
         found = compare(self.study)
         model = with_fitted_values(self.study.model, found)
         self._require_plausible(model)
-        return self._moving(replace(found, left_out=(*found.left_out, *model.open_questions)), model)
+        return self._moving(self._telling(found, model), model)
 
     def diagnose(self, say: Say | None = None) -> Diagnosis:
         """Find which effect the model lacks."""
@@ -242,9 +246,12 @@ class CheckedStudy:
             return found
         return replace(found, rollout=arm.motion_errors(self.study.recordings), drives=arm.drives)
 
-    def _telling(self, found: Comparison) -> Comparison:
-        """A comparison with sentences on what was set aside and which questions are open."""
-        return replace(found, left_out=(*found.left_out, *self.set_aside, *self.study.model.open_questions))
+    def _telling(self, found: Comparison, model: Model | None = None) -> Comparison:
+        """A comparison with sentences on what was set aside, open questions of a model, and mistakes in exam runs."""
+        wrong = self.exam_inspection.wrong
+        doubts = [f"the exam {check.run} says little: {check.sentence.rstrip('.')}" for check in wrong]
+        questions = (self.study.model if model is None else model).open_questions
+        return replace(found, left_out=(*found.left_out, *self.set_aside, *questions, *doubts))
 
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:

@@ -72,15 +72,21 @@ def prediction_bands(study: Study, fit: Fit, covariance: np.ndarray) -> Predicti
     others = _samples(study.held_out_predictions(fit), fit.problem, covariance, error)
     exam = _samples(study.exam_predictions(fit), fit.problem, covariance, error)
     beside = _samples(study.cross_predictions_of_training(fit), fit.problem, covariance, error)
-    judging = [*others, *beside] or training
     shown = [*training, *(others if study.held_out else []), *exam]
     channels = list(dict.fromkeys(one.block.channel for one in training))
-    factor = {channel: _factor([s.ratio for s in judging if s.block.channel == channel]) for channel in channels}
+    # A channel that no other run has, as where a drive was at its limit, is judged by its training runs.
+    judging = {
+        channel: [s for s in (*others, *beside) if s.block.channel == channel]
+        or [s for s in training if s.block.channel == channel]
+        for channel in channels
+    }
+    factor = {channel: _factor([s.ratio for s in judging[channel]]) for channel in channels}
     half_width = {(s.block.run, s.block.channel): factor[s.block.channel] * s.scale for s in shown}
     covered = {}
     for channel in channels:
         apart = [s.ratio for s in exam if s.block.channel == channel]
-        within = [ratio <= factor[channel] for ratio in apart] if apart else _crossed(judging, channel)
+        crossed = [] if apart else _crossed([s.ratio for s in judging[channel]])
+        within = [ratio <= factor[channel] for ratio in apart] or crossed
         covered[channel] = float(np.mean(np.concatenate(within)))
     return PredictionBands(half_width, covered)
 
@@ -112,9 +118,8 @@ def _factor(runs: Sequence[np.ndarray]) -> float:
     return max((float(np.quantile(run, COVERAGE_LEVEL)) for run in known if len(run)), default=1.96)
 
 
-def _crossed(judging: Sequence[_Samples], channel: str) -> list[np.ndarray]:
+def _crossed(parts: list[np.ndarray]) -> list[np.ndarray]:
     """For each sample, whether it is inside a band whose width other runs (or the other half of one run) chose."""
-    parts = [s.ratio for s in judging if s.block.channel == channel]
     if len(parts) == 1:
         parts = np.array_split(parts[0], 2)
     return [part <= _factor([other for other in parts if other is not part]) for part in parts]

@@ -23,8 +23,8 @@ def prepare_runs(
 ) -> tuple[list[Run], list[Run], list[Run]]:
     """Check training, held-out and exam runs and prepare them for a comparison with a model.
 
-    Runs are cut at gaps and, for an arm, filtered to a lower sampling rate. Exam runs do not influence the other two
-    kinds.
+    Runs are cut at gaps and, for an arm, filtered to a lower sampling rate. Held-out and exam runs do not influence
+    training runs, nor exam runs any other.
 
     Returns:
         The prepared training, held-out and exam runs.
@@ -41,7 +41,7 @@ def prepare_runs(
     held_out, exam = ([_of_channels(model, run, runs) for run in given] for given in (held_out, exam))
     named = with_distinct_names([*runs, *held_out])
     parts = [split_at_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
-    beside = list(chain(*parts[: len(named)]))
+    beside = list(chain(*parts[: len(runs)]))
     found = [prepare_parts(model, of_run, beside) for of_run in parts]
     kinds = found[: len(runs)], found[len(runs) : len(named)], found[len(named) :]
     training, others, last = (list(chain(*kind)) for kind in kinds)

@@ -91,7 +91,7 @@ class Study(ABC):
         self.noise = noise_std_by_run_and_channel(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
-        self.recorded = frozenset(name for run in everything for name in run.all_channels)
+        self.recorded = frozenset(name for run in self.runs for name in run.all_channels)
         shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = model.with_fixed_null_effects(self.effects.values())

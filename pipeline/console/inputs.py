@@ -137,7 +137,8 @@ class StudyInputs(ModelAndRunInputs):
         from pipeline.answers import recording_checks_json
 
         def whole() -> dict[str, Any]:
-            return {**answer(), "recording_checks": recording_checks_json(given.inspection.checks)}
+            checks = [*given.inspection.checks, *given.exam_inspection.checks]
+            return {**answer(), "recording_checks": recording_checks_json(checks)}
 
         finish_command(document, whole, self.json_file, self.report, page, written, failed=failed)
 

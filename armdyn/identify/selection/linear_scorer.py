@@ -132,7 +132,7 @@ class LinearScorer(EffectSetScorer):
         self._absent[: len(base)] = 0.0
         self._null = (p.null - sums.values)[C] / t
         measured = [next(r.channels[c].unit for r in p.runs if c in r.channels) for c in sums.channels]
-        noise = [np.average(sums.noise[sums.channel == c] ** 2) for c in range(len(sums.channels))]
+        noise = [np.average(sums.noise[sums.training & (sums.channel == c)] ** 2) for c in range(len(sums.channels))]
         self._noise = np.array(noise)
         self._importance = np.ones(len(measured)) if len(set(measured)) == 1 else 1.0 / self._noise
         self.equations, self._unit, stretch = self._cut()

@@ -271,6 +271,7 @@ def test_what_goes_on_has_no_end():
     assert rest_time(swinging, 2.0 * np.pi / 5.0) == time[-1]
 
 
+@pytest.mark.slow
 def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_one():
     """Of two dry frictions, whose torques differ by a tenth, evidence is sure of one as the camera bends the angle."""
 

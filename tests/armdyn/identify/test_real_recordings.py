@@ -31,6 +31,7 @@ def held_out_total(step):
     return np.sqrt(np.sum([error**2 for error in step.held_out_rmse.values()]))
 
 
+@pytest.mark.slow
 def test_a_free_swing_on_an_axle_has_dry_and_viscous_friction():
     # What needs values of its own in every run, as a swing across the axle does, predicts a further one no better.
     found = repaired(pendulum_model(0.35, 0.1), "freeswing_1khz", ["free_swing_1", "free_swing_2"], ["free_swing_3"])
@@ -51,6 +52,7 @@ def test_a_slide_has_mass_two_frictions_and_an_offset():
     assert held_out_total(found.path[-1]) < 3.79 * CLOSE
 
 
+@pytest.mark.slow
 def test_a_trap_is_not_made_worse():
     training = [f"train_{joint}" for joint in ("all", "j1", "j2", "j3", "j4")]
     found = repaired(arm_model(urdf=RECORDINGS / "arm_gen3/gen3.urdf"), "arm_gen3", training, ["heldout"])

@@ -32,6 +32,7 @@ def test_mistakes_with_a_moving_gripper_are_named_and_its_clock_is_fitted(seed):
             assert reading.clock_rate_error == pytest.approx(-pace, abs=DRIFT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [703])
 def test_mistakes_with_an_arm_are_named(seed):
     robot, case = imperfect_arm.ROBOTS[seed % 3], list(imperfect_arm.CASES)[seed * 7 % len(imperfect_arm.CASES)]

@@ -98,7 +98,11 @@ def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sou
 
 @pytest.mark.parametrize(
     ("driven", "channels"),
-    [(False, ("swing_angle",)), (True, ("swing_angle", "swing_rate")), (True, ("swing_angle", "load_force"))],
+    [
+        (False, ("swing_angle",)),
+        pytest.param(True, ("swing_angle", "swing_rate"), marks=pytest.mark.slow),
+        pytest.param(True, ("swing_angle", "load_force"), marks=pytest.mark.slow),
+    ],
 )
 def test_a_mistake_with_a_pendulum_is_named(driven, channels):
     sound = sound_recordings.pendulum("pivot_coulomb_friction", 3, driven=driven, channels=channels)

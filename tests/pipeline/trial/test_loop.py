@@ -43,7 +43,7 @@ def aware(hidden, found):
 @pytest.mark.parametrize(
     ("effect", "parameter", "size"),
     [
-        ("quadratic_drag", "coefficient", 0.05),
+        pytest.param("quadratic_drag", "coefficient", 0.05, marks=pytest.mark.slow),
         pytest.param("string_creep", "rate", 1e-3, marks=pytest.mark.slow),
     ],
 )
