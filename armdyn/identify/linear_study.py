@@ -92,10 +92,12 @@ class LinearStudy(Study):
             given: fit of the model as given.
             fit: the fit.
         """
-        others = self.held_out_predictions(fit)
-        left = fit.chi2_per_sample <= MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
-        return left and all(
+        # Noise with a longer memory than any sensor's has to be small beside the misfit as given.
+        coloured = fit.chi2_per_sample <= MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
+        others, errors = self.held_out_predictions(fit), channel_rmse(fit.blocks)
+        return all(
             repeated_square(channel, [fit], others) <= MAX_REPEATED_SHARE * error**2
+            and (coloured or errors[channel] ** 2 <= MAX_REPEATED_SHARE * error**2)
             for channel, error in channel_rmse(given.blocks).items()
         )
 

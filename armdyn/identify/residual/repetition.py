@@ -10,15 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.fit import Fit
+from armdyn.linear.correlation import correlation_time
 
 BIN_COUNT = 20
 """Number of bins of a quantity, with as many samples each."""
 STRETCH_COUNT = 10
 """Number of stretches into which a run is cut where there is no other one; every second one is learnt."""
+CHANCE_STDS = 3.0
+"""Standard deviations within which what the bins of the best of some twenty quantities remove is chance."""
 
 
 def repeated_square(channel: str, learnt: Sequence[Fit], others: Sequence[Fit]) -> float:
-    """Mean squared residual of a channel that repeats itself in other samples, in the channel's squared unit.
+    """Mean squared residual of a channel that repeats itself in other samples beyond chance, in its squared unit.
 
     Args:
         channel: the channel of a joint's torque.
@@ -34,7 +37,8 @@ def repeated_square(channel: str, learnt: Sequence[Fit], others: Sequence[Fit]) 
         here, there = here[~odd], here[odd]
     if not (len(here) and len(there)):
         return 0.0
-    return max(_removed(here[:, i], here[:, -1], there[:, i], there[:, -1]) for i in range(len(names)))
+    found = max(_removed(here[:, i], here[:, -1], there[:, i], there[:, -1]) for i in range(len(names)))
+    return max(found - _removed_by_chance(here[:, -1], there[:, -1]), 0.0)
 
 
 def _samples(channel: str, fits: Sequence[Fit]) -> tuple[list[str], np.ndarray]:
@@ -62,3 +66,15 @@ def _removed(x: np.ndarray, residual: np.ndarray, other: np.ndarray, left: np.nd
     count = np.bincount(place, minlength=len(edges) + 1)
     mean = np.bincount(place, weights=residual, minlength=len(edges) + 1) / np.maximum(count, 1)
     return max(float(np.mean(left**2) - np.mean((left - mean[np.digitize(other, edges)]) ** 2)), 0.0)
+
+
+def _removed_by_chance(residual: np.ndarray, left: np.ndarray) -> float:
+    """Mean square that bins with noise (n,) may remove of noise (m,): `CHANCE_STDS` deviations above the expectation.
+
+    With B bins and n', m' independent samples, the share removed has the expectation -B / n' and the variance
+    4 B / (n' m') + 2 B / n'^2.
+    """
+    time = correlation_time([residual - residual.mean()], len(residual) // 4)
+    n, m = len(residual) / time, len(left) / time
+    share = CHANCE_STDS * np.sqrt(4.0 * BIN_COUNT / (n * m) + 2.0 * BIN_COUNT / n**2) - BIN_COUNT / n
+    return float(max(share, 0.0) * np.mean(left**2))
