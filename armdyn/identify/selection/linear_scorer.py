@@ -438,16 +438,24 @@ class LinearScorer(EffectSetScorer):
         return self.evaluate((*now.effects, *min(options, key=lambda one: self._misfit_with((*now.effects, *one)))))
 
     def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
-        """Effects on single joints that each remove `MIN_LEADING_SHARE` of the squared error, added one by one."""
-        given, error, found, left = now.misfit, now.misfit, list[Candidate](), list(effects)
+        """Effects on single joints that each remove `MIN_LEADING_SHARE` of the squared error, added one by one.
+
+        The order is that of backward elimination, the last one first: an effect that imitates two others removes most
+        where it is added alone, but hardly anything beside them.
+        """
+        order, left = list[Candidate](), list(effects)
         while left:
-            errors = {one: self._misfit_with((*now.effects, *found, one)) for one in left}
-            best = min(left, key=errors.__getitem__)
-            if error - errors[best] < MIN_LEADING_SHARE * given:
+            distances = self.wald_distances(self.prior_widths((*now.effects, *left), 0.0), [(c,) for c in left])
+            cheap = [c for _, c in sorted(zip(distances, left, strict=True), key=lambda one: one[0])[:SCORED_REMOVALS]]
+            errors = {c: self._misfit_with((*now.effects, *(other for other in left if other is not c))) for c in cheap}
+            order.append(min(cheap, key=errors.__getitem__))
+            left.remove(order[-1])
+        found, error = list[Candidate](), now.misfit
+        for one in reversed(order):
+            before, error = error, self._misfit_with((*now.effects, *found, one))
+            if before - error < MIN_LEADING_SHARE * now.misfit:
                 break
-            error = errors[best]
-            found.append(best)
-            left.remove(best)
+            found.append(one)
         return [one for one in effects if one in found]
 
     def _misfit_with(self, effects: Iterable[Candidate]) -> float:
