@@ -309,4 +309,6 @@ def _once(kept: dict[Hashable, np.ndarray], key: Hashable, make: Callable[[], np
 
 def _reduced(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
     """Reduce (n, a, b) columns to (N, a, b)."""
-    return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
+    size = int(np.prod(columns.shape[1:]))  # may be 0: no -1 in a shape then
+    reduced = reduce(columns.reshape(len(columns), size))
+    return reduced.reshape(len(reduced), *columns.shape[1:])
