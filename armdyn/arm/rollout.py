@@ -107,6 +107,21 @@ class SimulationWindow:
     q: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class SimulatedWindow:
+    """Simulated motion of a window.
+
+    Attributes:
+        edges: (n + 1,) times, s, at equal distances.
+        q: (n + 1, nj) positions.
+        v: (n + 1, nj) velocities.
+    """
+
+    edges: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+
+
 @cached_with_first_argument
 def simulation_windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[SimulationWindow, ...]:
     """Parts of a recording of `length` s each, or the whole recording for infinite `length`, with start states."""
@@ -146,11 +161,19 @@ def simulated_positions(
         longest: longest step of the simulation, s.
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
-    step = min(longest, _stiff_step(model, theta, own))
+    found = simulate_window(model, theta, window, own, longest)
+    return np.column_stack([np.interp(window.time, found.edges, found.q[:, j]) for j in range(found.q.shape[1])])
+
+
+def simulate_window(
+    model: ArmModel, theta: np.ndarray, window: SimulationWindow, servos: Sequence[Servo | None], longest: float
+) -> SimulatedWindow:
+    """Simulate a window from its first state; see `simulated_positions`."""
+    step = min(longest, _stiff_step(model, theta, servos))
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
-    q, _ = simulate_arm(model, theta, window.start, _drives(model, theta, window.run, own, edges), step)
-    return np.column_stack([np.interp(window.time, edges, q[:, j]) for j in range(q.shape[1])])
+    q, v = simulate_arm(model, theta, window.start, drive_inputs(model, theta, window.run, servos, edges), step)
+    return SimulatedWindow(edges, q, v)
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
@@ -163,7 +186,7 @@ def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | Non
     )
 
 
-def _drives(
+def drive_inputs(
     model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
 ) -> DriveInputs:
     """Inputs of a simulation over the (n,) steps between `edges`, s."""

@@ -4,8 +4,7 @@ Which effects are missing is found by linear least squares on the torques that f
 friction found in this way is too small by a quarter to a half, because samples of a sticking joint are left out. So the
 values of the effects, the gains and the delays are finally fitted by least squares to the positions of a closed-loop
 simulation. The windows of the simulation grow from short pieces of the measured motion to whole recordings (multiple
-shooting first: Bock 1983), because over a whole recording with a wrong start the gradient is useless. The motion of a
-joint depends on its own values; values that act through the links affect the motion of every joint.
+shooting first: Bock 1983), because over a whole recording with a wrong start the gradient is useless.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,12 +16,16 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
 from armdyn.arm.rollout import (
     MAX_COARSE_ROLLOUT_STEP_SECONDS,
     MAX_ROLLOUT_STEP_SECONDS,
+    SimulationWindow,
     can_simulate_motion,
+    drive_inputs,
     encoder_step,
     has_all_position_commands,
+    simulate_window,
     simulated_positions,
     simulation_windows,
 )
@@ -39,17 +42,16 @@ MAX_LAST_WINDOW_FIT_STEPS, MAX_EARLIER_WINDOW_FIT_STEPS = 30, 6
 which only lead near its solution."""
 MIN_LIKELIHOOD_GAIN_PER_STEP_NATS = 0.1
 """Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
-DIFFERENCE_STEP_TYPICAL_SIZES = 0.02
-"""Change of a value in a difference quotient, as a share of its typical size; smaller changes are lost in the steps of
-friction."""
+SLOPE_STEP_SECONDS = 0.004
+"""Usual step of the integration of derivatives, s; they need less accuracy than the motion itself."""
+INPUT_DIFFERENCE = 1e-3
+"""Change of the logarithm of a drive's gain, and of a delay, s, by which the drives' inputs are differentiated."""
 TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
 """Typical change of the logarithm of a drive's gain, and of its delay, s."""
 MAX_DRIVE_DELAY_SECONDS = 0.2
 """Largest delay of a drive, s; known drives are well below."""
 WINDOW_START_PRIOR_STD_FACTOR = 3.0
 """Prior standard deviation of a window's start state, in standard deviations of the smoothed measured motion."""
-WINDOW_START_DIFFERENCE_STEPS = (1e-3, 1e-2)
-"""Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
 INDEPENDENT_ERROR_STRETCH_SECONDS = 2.0
 """Length of a stretch of a recording, s, whose errors are independent of the next one's: servos react far faster."""
 CLOSED_LOOP_ROBUST_ERROR_RATIO, OPEN_LOOP_ROBUST_ERROR_RATIO = 0.5, 20.0
@@ -60,8 +62,8 @@ encoder's step always count with their square: otherwise they would shift torque
 MIN_POSITION_ERROR_AUTOCORRELATION = 0.05
 """Autocorrelation below which the sum for the correlation time of the position errors ends."""
 
-LINK_EFFECTS = ("payload", "link_inertia")
-"""Effects that change a link, and thus the torques of every joint between the link and the base."""
+EFFECTS_ON_INPUTS = ("torque_delay", "command_delay")
+"""Effects that change what reaches a drive, and when, instead of a torque."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,6 @@ class _Unknown:
     Attributes:
         name: name of the parameter, or of the drive group for a gain or delay.
         of: ``"parameter"``, ``"gain"`` or ``"delay"``.
-        joints: indices of the joints whose motion depends on it.
         typical: typical size.
         lower: lower bound.
         upper: upper bound.
@@ -80,11 +81,15 @@ class _Unknown:
 
     name: str
     of: str
-    joints: tuple[int, ...]
     typical: float
     lower: float
     upper: float
     prior: tuple[float, float]
+
+    @property
+    def acts_through_inputs(self) -> bool:
+        """Whether it changes the inputs of the drives."""
+        return self.of != "parameter" or self.name.partition(".")[0] in EFFECTS_ON_INPUTS
 
 
 def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
@@ -119,29 +124,23 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
 
 
 def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
-    found, count = [], len(model.arm.joints)
+    found = []
     held = model.background.names if model.background is not None else ()
     for name, p in model.parameters.items():
-        links = p.joint == "" or p.effect in LINK_EFFECTS
-        if p.effect == "torque_gain" or not (p.fitted or (name in held and not links)):
+        if p.effect == "torque_gain" or not (p.fitted or name in held):
             continue
-        joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
         mean, spread = (0.0, np.inf) if p.prior is None else (p.prior.mean, p.prior.std)
         if name in held and model.background is not None:
             mean, spread = p.value, max(model.background.width, 1e-6) * p.typical
-        found.append(_Unknown(name, "parameter", joints, p.typical, p.lower, p.upper, (mean, spread)))
+        found.append(_Unknown(name, "parameter", p.typical, p.lower, p.upper, (mean, spread)))
     for name, servo in model.drives.items():
-        joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
         if servo.determined and (gain is None or gain.std is not None):
-            found.append(_Unknown(name, "gain", joints, TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
+            found.append(_Unknown(name, "gain", TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
-            found.append(
-                _Unknown(
-                    name, "delay", joints, TYPICAL_DRIVE_CHANGE["delay"], 0.0, MAX_DRIVE_DELAY_SECONDS, (0.0, np.inf)
-                )
-            )
+            free, largest = (0.0, np.inf), MAX_DRIVE_DELAY_SECONDS
+            found.append(_Unknown(name, "delay", TYPICAL_DRIVE_CHANGE["delay"], 0.0, largest, free))
     return found
 
 
@@ -215,7 +214,6 @@ class _Descent:
         )
         joints = model.arm.joints
         self._windows = [w for run in runs for w in simulation_windows(run, joints, length)]
-        self._groups = _apart(unknowns)
         ends = np.cumsum([len(w.time) for w in self._windows]).tolist()
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
@@ -228,14 +226,21 @@ class _Descent:
         """(N, nj) position errors at (u,) values and (w, 2 nj) deviations of start states from the measured ones."""
         model = _with(self._model, self._unknowns, values)
         servos = [model.servo(joint) for joint in model.arm.joints]
-        theta, n = model.theta(), len(servos)
-        begun = [
+        theta = model.theta()
+        with np.errstate(all="ignore"):
+            moved = [
+                simulated_positions(model, theta, window, servos, self._longest) - window.q
+                for window in self._begun(starts)
+            ]
+        return np.clip(np.nan_to_num(np.vstack(moved), nan=100.0), -100.0, 100.0)
+
+    def _begun(self, starts: np.ndarray) -> list[SimulationWindow]:
+        """The windows, from start states that deviate by (w, 2 nj) from the measured ones."""
+        n = starts.shape[1] // 2
+        return [
             replace(w, start=(w.start[0] + s[:n], w.start[1] + s[n:]))
             for w, s in zip(self._windows, starts, strict=True)
         ]
-        with np.errstate(all="ignore"):
-            parts = [simulated_positions(model, theta, window, servos, self._longest) - window.q for window in begun]
-        return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Minimise the cost: (u,) values, and their (u,) standard deviations, which are 0 on a bound.
@@ -257,7 +262,7 @@ class _Descent:
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
             cost = _Cost(size, mean, weight, held)
             now = before = cost.of(errors, values, starts)
-            slopes, of_starts = self._slopes(values, starts, errors, typical)
+            slopes, of_starts = self._slopes(values, starts)
             share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
             H, own, inner = self._eliminated(slopes, of_starts, share, held)
             of_priors = [-np.einsum("snj,nj->s", of_starts[:, rows], (share * errors)[rows]) - held[w] * starts[w]
@@ -284,7 +289,7 @@ class _Descent:
         pulls = np.einsum("unj,nj->un", own, share * errors)
         begun = np.array([-B @ inverse @ k for (inverse, B), k in zip(inner, held * starts, strict=True)]).T
         free = (values > lower) & (values < upper)
-        return values, self._deviations(H + np.diag(weight), pulls, begun, free, typical)
+        return values, self._deviations(H + np.diag(weight), pulls, begun, free, typical, weight / independent)
 
     def _eliminated(
         self, slopes: np.ndarray, of_starts: np.ndarray, share: np.ndarray, held: np.ndarray
@@ -301,11 +306,18 @@ class _Descent:
         return H, own, inner
 
     def _deviations(
-        self, H: np.ndarray, pulls: np.ndarray, begun: np.ndarray, free: np.ndarray, typical: np.ndarray
+        self,
+        H: np.ndarray,
+        pulls: np.ndarray,
+        begun: np.ndarray,
+        free: np.ndarray,
+        typical: np.ndarray,
+        of_priors: np.ndarray,
     ) -> np.ndarray:
         """(u,) standard deviations of the free values from Hessian H, else 0.
 
-        Scores are (u, N) of the samples and (u, w) of the states in which windows begin.
+        Scores are (u, N) of the samples and (u, w) of the states in which windows begin; those of the priors have the
+        (u,) variances `of_priors`, so that a value which only its prior determines is as uncertain as the prior.
         """
         times = [w.time - w.begin for w in self._windows]
         first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_ERROR_STRETCH_SECONDS, prepend=-1.0))
@@ -314,7 +326,7 @@ class _Descent:
         scaled = H * np.outer(typical, typical)
         inverse = np.linalg.pinv(scaled[np.ix_(free, free)], hermitian=True)
         found, count = np.zeros(len(free)), sums.shape[1]
-        middle = sums @ sums.T * count / max(count - 1, 1)
+        middle = sums @ sums.T * count / max(count - 1, 1) + np.diag(of_priors[free] * typical[free] ** 2)
         found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
         for i, unknown in enumerate(self._unknowns):
             gain = self._model.drives[unknown.name].gain if unknown.of == "gain" else None
@@ -324,42 +336,40 @@ class _Descent:
                 found[others] = np.hypot(found[others], follow * typical[others] * gain.std / gain.value / typical[i])
         return found
 
-    def _slopes(
-        self, values: np.ndarray, starts: np.ndarray, errors: np.ndarray, typical: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Difference quotients: (u, N, nj) with respect to the values, (2 nj, N, nj) with respect to the start states.
+    def _slopes(self, values: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(u, N, nj) derivatives of the errors by the values, and (2 nj, N, nj) by the start states."""
+        model = _with(self._model, self._unknowns, values)
+        joints, theta = model.arm.joints, model.theta()
+        servos = [model.servo(joint) for joint in joints]
+        through_inputs = [i for i, unknown in enumerate(self._unknowns) if unknown.acts_through_inputs]
+        shifted = [self._shifted(i, values) for i in through_inputs]
+        found = []
+        with np.errstate(all="ignore"):
+            for window in self._begun(starts):
+                moved = simulate_window(model, theta, window, servos, self._longest)
+                every = max(1, round(SLOPE_STEP_SECONDS / float(moved.edges[1] - moved.edges[0])))
+                edges, q, v = (part[::every] for part in (moved.edges, moved.q, moved.v))
+                if len(edges) < 2:  # a window of a single step
+                    edges, q, v, every = moved.edges, moved.q, moved.v, 1
+                here, *others = (
+                    drive_inputs(one, one.theta(), window.run, [one.servo(joint) for joint in joints], edges)
+                    for one in (model, *shifted)
+                )
+                slopes = motion_slopes(model, theta, (q, v), here, others, float(edges[1] - edges[0]))
+                found.append(interpolate_rows(slopes, edges, window.time))
+        derivatives = np.moveaxis(np.clip(np.nan_to_num(np.vstack(found)), -1e9, 1e9), 2, 0)
+        of_inputs = dict(zip(through_inputs, derivatives[len(theta) :] / INPUT_DIFFERENCE, strict=False))
+        of_values = [
+            of_inputs[i] if i in of_inputs else derivatives[model.names.index(unknown.name)]
+            for i, unknown in enumerate(self._unknowns)
+        ]
+        return np.array(of_values).reshape(-1, *derivatives.shape[1:]), derivatives[len(theta) + len(shifted) :]
 
-        Several values are changed in one simulation where no joint's motion depends on two of them.
-        """
-        slopes = np.zeros((len(values), *errors.shape))
-        for group in self._groups:
-            changed = values.copy()
-            steps = DIFFERENCE_STEP_TYPICAL_SIZES * typical[group]
-            steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
-            changed[group] += steps
-            found = self._errors(changed, starts) - errors
-            for i, step in zip(group, steps.tolist(), strict=True):
-                own = list(self._unknowns[i].joints)
-                slopes[i][:, own] = found[:, own] / step
-        of_starts = np.zeros((starts.shape[1], *errors.shape))
-        for k in range(starts.shape[1]):
-            moved = starts.copy()
-            moved[:, k] += WINDOW_START_DIFFERENCE_STEPS[k >= errors.shape[1]]
-            of_starts[k] = (self._errors(values, moved) - errors) / WINDOW_START_DIFFERENCE_STEPS[k >= errors.shape[1]]
-        return slopes, of_starts
-
-
-def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
-    """Groups of unknowns, no two of which move the same joint."""
-    groups: list[tuple[set[int], list[int]]] = []
-    for i, unknown in enumerate(unknowns):
-        free = next((g for g in groups if not g[0] & set(unknown.joints)), None)
-        if free is None:
-            groups.append((set(unknown.joints), [i]))
-        else:
-            free[0].update(unknown.joints)
-            free[1].append(i)
-    return [members for _, members in groups]
+    def _shifted(self, unknown: int, values: np.ndarray) -> ArmModel:
+        """The model with one unknown larger by `INPUT_DIFFERENCE`."""
+        changed = values.copy()
+        changed[unknown] += INPUT_DIFFERENCE
+        return _with(self._model, self._unknowns, changed)
 
 
 def _correlation_time(errors: np.ndarray) -> float:

@@ -198,7 +198,7 @@ def test_a_command_that_acts_later_on_one_joint_is_found_to_first_order_and_ends
     found = CheckedStudy.of(model, runs[:1], runs[1:]).add([find("command_delay")])
     for joint in JOINTS:
         assert found.model.value(f"command_delay.time[{joint}]") == pytest.approx(0.006, abs=5e-4)
-    assert max(r.rms for r in found.after.rollout) < 1e-3
+    assert max(r.rms for r in found.after.rollout) < 1.5e-3  # the encoder's step
 
 
 def test_what_is_looked_for_of_a_kind_of_drives_is_no_joints_own_unless_it_is_asked_for(arm, plain):
