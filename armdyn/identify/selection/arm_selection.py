@@ -157,6 +157,10 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
     bodies = [c for c in candidates if c.joints and model.changes_link(c.names)]
     rivals = [c for c in bodies if any(other.joints == c.joints and other is not c for other in bodies)]
     for body in rivals:
+        for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
+            if body in found.chosen_set.effects:
+                others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
+                found = _best([found, found.with_effects([*others, simpler]).relinearised()])
         if body in found.chosen_set.effects and body not in found.scorer.given:
             without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
             again = without.with_set(search_set(without.scorer, without.chosen_set, say))

@@ -440,23 +440,26 @@ class LinearScorer(EffectSetScorer):
     def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
         """Effects on single joints that each remove `MIN_LEADING_SHARE` of the squared error, added one by one.
 
-        The order is that of backward elimination, the last one first: an effect that imitates two others removes most
-        where it is added alone, but hardly anything beside them.
+        They are added in the order of backward elimination by the error that each value removes, as in an F test, the
+        last one first: an effect that imitates two others explains most where it is added alone, but is hardly needed
+        beside them.
         """
-        order, left = list[Candidate](), list(effects)
+        order, left, error = list[Candidate](), list(effects), self._misfit_with((*now.effects, *effects))
         while left:
             distances = self.wald_distances(self.prior_widths((*now.effects, *left), 0.0), [(c,) for c in left])
             cheap = [c for _, c in sorted(zip(distances, left, strict=True), key=lambda one: one[0])[:SCORED_REMOVALS]]
             errors = {c: self._misfit_with((*now.effects, *(other for other in left if other is not c))) for c in cheap}
-            order.append(min(cheap, key=errors.__getitem__))
-            left.remove(order[-1])
+            gone = min(cheap, key=lambda c: (errors[c] - error) / len(c.names))
+            error = errors[gone]
+            order.insert(0, gone)
+            left.remove(gone)
         found, error = list[Candidate](), now.misfit
-        for one in reversed(order):
+        for one in order:
             before, error = error, self._misfit_with((*now.effects, *found, one))
             if before - error < MIN_LEADING_SHARE * now.misfit:
                 break
             found.append(one)
-        return [one for one in effects if one in found]
+        return found
 
     def _misfit_with(self, effects: Iterable[Candidate]) -> float:
         """Squared error of a set, see `EffectSetScore.misfit`, without its score."""

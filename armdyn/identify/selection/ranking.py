@@ -39,13 +39,15 @@ def order_by_gain(
     now, found = scorer.evaluate(fixed_effects), list[EffectAddition]()
     wanted = [c for c in effects if c not in fixed_effects]
     leading = scorer.leading_effects(now, wanted)
-    for part in (leading, [c for c in wanted if c not in leading]):
-        left = group_joints_by_effect(part)
-        while left:
-            now = scorer.set_with_next_reported_effect(now, left)
-            first = next(own for own in left if set(own) <= set(now.effects))
-            found.append(EffectAddition(group_by_effect(first)[0], now))
-            left.remove(first)
+    left = group_joints_by_effect([c for c in wanted if c not in leading])
+    for first in group_joints_by_effect(leading):
+        now = scorer.evaluate((*now.effects, *first))
+        found.append(EffectAddition(group_by_effect(first)[0], now))
+    while left:
+        now = scorer.set_with_next_reported_effect(now, left)
+        first = next(own for own in left if set(own) <= set(now.effects))
+        found.append(EffectAddition(group_by_effect(first)[0], now))
+        left.remove(first)
     return found
 
 

@@ -111,9 +111,9 @@ class EffectSetScorer(ABC):
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
     def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
-        """Those of some effects that a report adds to a set first, on the joints where they explain much."""
-        del now
-        return list(effects)
+        """Those of some effects that a report adds to a set first, in this order; by default none."""
+        del now, effects
+        return []
 
     def promising_removals(
         self, now: EffectSetScore, parts: Sequence[tuple[Candidate, ...]]
