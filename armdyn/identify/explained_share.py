@@ -1,8 +1,7 @@
 """The share of the error that a change of the model explains, as all texts and numbers of armdyn define it.
 
-It is the share of the squared error above the noise that the change removes, measured on runs that were not fitted but
-helped to choose, where there are any, else on the training runs. No exam counts, so that the order of names does not
-depend on one:
+It is the share of the squared error above the noise that the change removes, measured on runs that were not fitted
+where there are any, else on the training runs:
 
     share = 1 - sum_c w_c max(e_c'^2 - s_c^2, 0) / sum_c w_c max(e_c^2 - s_c^2, 0),
 
@@ -64,9 +63,9 @@ class RepairStep:
         *_, found = self.errors.values()
         return {channel: error for channel, error in found.items() if channel in scale.units}
 
-    def errors_without_exam(self, scale: "ChannelScale") -> dict[str, float]:
-        """Errors as in `independent_errors`, as if there were no exam."""
-        return replace(self, exam_rmse={}).independent_errors(scale)
+    def without_exam(self) -> "RepairStep":
+        """The step as if there were no exam."""
+        return replace(self, exam_rmse={})
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def explained_share(before: RepairStep, after: RepairStep, scale: ChannelScale) 
         after: errors of the changed model.
         scale: units and noise of the channels.
     """
-    return explained_error_share(before.errors_without_exam(scale), after.errors_without_exam(scale), scale)
+    return explained_error_share(before.independent_errors(scale), after.independent_errors(scale), scale)
 
 
 def explained_error_share(before: Mapping[str, float], after: Mapping[str, float], scale: ChannelScale) -> float:

@@ -126,25 +126,35 @@ class NamedEffect:
 def named_effects(steps: Sequence[RepairStep], scale: ChannelScale) -> list[NamedEffect]:
     """The effects that a repair added, that with the largest share of the misfit first.
 
-    The share of a step that adds several effects together counts for its first one.
+    The share of a step that adds several effects together counts for its first one. The order does not depend on an
+    exam, although the shares are measured on it where there is one.
 
     Args:
         steps: steps of the repair; the first is the model as given.
         scale: units and noise of the channels.
     """
-    joints, shares = dict[str, list[str]](), dict[str, float]()
-    for before, step in pairwise(steps):
-        rise = explained_share(steps[0], step, scale) - explained_share(steps[0], before, scale)
-        for i, name in enumerate(() if step.values else step.added):
+    joints, shares = dict[str, list[str]](), _shares(steps, scale)
+    for step in steps:
+        for name in () if step.values else step.added:
             # The joints of a step that added several effects are listed together.
             own = step.joints if len(step.added) == 1 else ()
             joints.setdefault(name, []).extend(joint for joint in own if joint not in joints.get(name, []))
-            shares[name] = shares.get(name, 0.0) + (rise if i == 0 else 0.0)
-    order = sorted(joints, key=lambda name: -shares[name])
+    chosen = _shares([step.without_exam() for step in steps], scale)
+    order = sorted(joints, key=lambda name: -chosen[name])
     return [
         NamedEffect(name, tuple(joints[name]), shares[name], place < MAX_NAMED_EFFECTS)
         for place, name in enumerate(order)
     ]
+
+
+def _shares(steps: Sequence[RepairStep], scale: ChannelScale) -> dict[str, float]:
+    """Share of the misfit that the steps with each effect remove, by its name."""
+    shares = dict[str, float]()
+    for before, step in pairwise(steps):
+        rise = explained_share(steps[0], step, scale) - explained_share(steps[0], before, scale)
+        for i, name in enumerate(() if step.values else step.added):
+            shares[name] = shares.get(name, 0.0) + (rise if i == 0 else 0.0)
+    return shares
 
 
 def _found(

@@ -14,8 +14,8 @@ from worlds import hobby_arm, imperfect_arm
 from armdyn.run import Run, read_run, write_run_csv
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-OF_EXAM = ["exam", "exam_rmse", "coverage", "covered", "rollout", "recording_checks", "left_out", "sentence", "remarks"]
-"""Entries that say something of the exam."""
+OF_EXAM = ["exam", "exam_rmse", "coverage", "covered", "rollout", "recording_checks", "left_out", "sentence", "remarks", "share", "explained"]
+"""Entries that say something of the exam; shares are measured on it."""
 
 
 def servo(folder: Path) -> tuple[list[str], list[Path]]:
