@@ -14,7 +14,19 @@ from worlds import hobby_arm, imperfect_arm
 from armdyn.run import Run, read_run, write_run_csv
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-OF_EXAM = ["exam", "exam_rmse", "coverage", "covered", "rollout", "recording_checks", "left_out", "sentence", "remarks", "share", "explained"]
+OF_EXAM = [
+    "exam",
+    "exam_rmse",
+    "coverage",
+    "covered",
+    "rollout",
+    "recording_checks",
+    "left_out",
+    "sentence",
+    "remarks",
+    "share",
+    "explained",
+]
 """Entries that say something of the exam; shares are measured on it."""
 
 
