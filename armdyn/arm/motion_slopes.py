@@ -17,16 +17,14 @@ velocity, so that dq and dv are continuous there.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
-from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs
+from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, model_without_values
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect
@@ -81,13 +79,22 @@ def motion_slopes(
     by_input, asked_by_input = rest[3 : 3 + len(INPUTS)], rest[3 + len(INPUTS) :]
     forces = np.zeros((count, n, size + len(others)))
     forces[:, :, :size] = of_links @ by_links + of_gravity @ _gravity_slopes(model, theta) + of_theta
-    asked_more = np.zeros_like(forces)
-    for i, other in enumerate(others):
-        changes = [there - here for here, there in zip(_inputs(drives), _inputs(other), strict=True)]
-        for slopes, found_by in ((forces, by_input), (asked_more, asked_by_input)):
-            slopes[:, :, size + i] = sum(by[:, :, 0] * change for by, change in zip(found_by, changes, strict=True))
-    integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more) if np.any(by_total) else None
+    forces[:, :, size:] = _through_inputs(by_input, drives, others)
+    integral = None
+    if np.any(by_total):
+        asked_more = np.zeros_like(forces)
+        asked_more[:, :, size:] = _through_inputs(asked_by_input, drives, others)
+        integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more)
     return _integrated(by_q, by_v, by_a, forces, sticks, step, integral)
+
+
+def _through_inputs(by_input: Sequence[np.ndarray], drives: DriveInputs, others: Sequence[DriveInputs]) -> np.ndarray:
+    """(n, nj, m) changes of a torque under m other inputs, by its (n, nj, 1) derivatives by each of `INPUTS`."""
+    found = np.zeros((*drives.given.shape, len(others)))
+    for i, other in enumerate(others):
+        for by, here, there in zip(by_input, _inputs(drives), _inputs(other), strict=True):
+            found[:, :, i] += by[:, :, 0] * (there - here)
+    return found
 
 
 def _gravity_slopes(model: ArmModel, theta: np.ndarray) -> np.ndarray:
@@ -172,12 +179,9 @@ def _compiled(
     arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
 ) -> PreallocatedFunction:
     """``(signals, values) -> derivatives`` of rho for `SAMPLES_PER_CALL` samples, each a column, row-major."""
-    nameless: Any = dict.fromkeys(names)  # values are inputs of the function
-    one = _derivatives(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
+    one = _derivatives(model_without_values(arm, servo_joints, effects, names))
     name = f"slopes_{len(arm.joints)}"
-    whole = one.map(SAMPLES_PER_CALL)
-    s, p = ca.MX.sym("s", one.size1_in(0), SAMPLES_PER_CALL), ca.MX.sym("p", one.size1_in(1))
-    function = ca.Function(name, [s, p], whole(s, ca.repmat(p, 1, SAMPLES_PER_CALL)))
+    function = one.map(name, "serial", SAMPLES_PER_CALL, [1], [])  # the values are the same for all samples
     return PreallocatedFunction(compile_functions(name, {name: function})[name])
 
 

@@ -125,14 +125,21 @@ def _compiled(
     arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
 ) -> PreallocatedFunction:
     """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
-    nameless: Any = dict.fromkeys(names)  # values are inputs of the function
-    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
+    step = _step(model_without_values(arm, servo_joints, effects, names))
     name = f"arm_{len(arm.joints)}_steps"
     block = step.mapaccum(name, ARM_STEPS_PER_CALL)
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)
     p = ca.MX.sym("p", step.size1_in(2))
     whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, ARM_STEPS_PER_CALL))])
     return PreallocatedFunction(compile_functions(name, {name: whole})[name])
+
+
+def model_without_values(
+    arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
+) -> ArmModel:
+    """A model with drives on some joints, for functions whose inputs are its values and those of the drives."""
+    nameless: Any = dict.fromkeys(names)
+    return ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))})
 
 
 def _step(model: ArmModel) -> ca.Function:

@@ -347,10 +347,9 @@ class _Descent:
         with np.errstate(all="ignore"):
             for window in self._begun(starts):
                 moved = simulate_window(model, theta, window, servos, self._longest)
-                every = max(1, round(SLOPE_STEP_SECONDS / float(moved.edges[1] - moved.edges[0])))
+                usual = round(SLOPE_STEP_SECONDS / float(moved.edges[1] - moved.edges[0]))
+                every = max(1, min(usual, len(moved.edges) - 1))
                 edges, q, v = (part[::every] for part in (moved.edges, moved.q, moved.v))
-                if len(edges) < 2:  # a window of a single step
-                    edges, q, v, every = moved.edges, moved.q, moved.v, 1
                 here, *others = (
                     drive_inputs(one, one.theta(), window.run, [one.servo(joint) for joint in joints], edges)
                     for one in (model, *shifted)
@@ -358,12 +357,13 @@ class _Descent:
                 slopes = motion_slopes(model, theta, (q, v), here, others, float(edges[1] - edges[0]))
                 found.append(interpolate_rows(slopes, edges, window.time))
         derivatives = np.moveaxis(np.clip(np.nan_to_num(np.vstack(found)), -1e9, 1e9), 2, 0)
-        of_inputs = dict(zip(through_inputs, derivatives[len(theta) :] / INPUT_DIFFERENCE, strict=False))
+        of_shifted, of_starts = np.split(derivatives[len(theta) :], [len(shifted)])
+        of_inputs = dict(zip(through_inputs, of_shifted / INPUT_DIFFERENCE, strict=True))
         of_values = [
             of_inputs[i] if i in of_inputs else derivatives[model.names.index(unknown.name)]
             for i, unknown in enumerate(self._unknowns)
         ]
-        return np.array(of_values).reshape(-1, *derivatives.shape[1:]), derivatives[len(theta) + len(shifted) :]
+        return np.array(of_values).reshape(-1, *derivatives.shape[1:]), of_starts
 
     def _shifted(self, unknown: int, values: np.ndarray) -> ArmModel:
         """The model with one unknown larger by `INPUT_DIFFERENCE`."""
