@@ -24,13 +24,13 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
-from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, model_without_values
+from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect
 
 INPUTS = ("given", "q_cmd", "v_cmd", "limit", "on", "gain", "damping")
-"""Inputs of a drive that may differ, see `DriveInputs`."""
+"""Inputs of a drive that may differ, in the order of those of `drive_law`; see `DriveInputs`."""
 GRAVITY_DIFFERENCE = 1e-5
 """Change of an effect on the base in a difference quotient of gravity, in typical sizes."""
 SAMPLES_PER_CALL = 100
@@ -189,10 +189,9 @@ def _derivatives(model: ArmModel) -> ca.Function:
     n, size = len(model.arm.joints), len(model.names)
     q, v, a, way, volts, total = (ca.SX.sym(name, n) for name in ("q", "v", "a", "way", "volts", "total"))
     inputs = [ca.SX.sym(name, n) for name in INPUTS]
-    given, q_cmd, v_cmd, limit, on, gain, damping = inputs
+    v_cmd, on = inputs[INPUTS.index("v_cmd")], inputs[INPUTS.index("on")]
     links, gravity, theta = ca.SX.sym("links", 10 * n), ca.SX.sym("gravity", 3), ca.SX.sym("theta", size)
-    wanted = gain * (q_cmd - q) + damping * (v_cmd - v)
-    asked = given + on * ca.fmax(-limit, ca.fmin(limit, wanted))
+    _, asked = drive_law(inputs, q, v)
     told = [DriveCommands(asked[i], ca.SX(0), total[i], v_cmd[i], volts[i]) for i in range(n)]
     load = rigid_torques(model.arm.model, ca.vertsplit(links, 10), gravity, q, v, a)
     live = ca.if_else(on > 0, 1, 0)

@@ -13,6 +13,7 @@ Newton's method for such functions (Hintermüller, Ito & Kunisch, SIAM J. Optim.
 joint at rest stays exactly at rest.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -134,6 +135,19 @@ def _compiled(
     return PreallocatedFunction(compile_functions(name, {name: whole})[name])
 
 
+def drive_law(inputs: Sequence[Expression], q: Expression, v: Expression) -> tuple[Expression, Expression]:
+    """(n,) torques of drives before limit and feed-forward, and with them; see `DriveInputs`.
+
+    Args:
+        inputs: given, q_cmd, v_cmd, limit, on, gain and damping, (n,) each.
+        q: (n,) positions.
+        v: (n,) velocities.
+    """
+    given, q_cmd, v_cmd, limit, on, gain, damping = inputs
+    wanted = gain * (q_cmd - q) + damping * (v_cmd - v)
+    return wanted, given + on * ca.fmax(-limit, ca.fmin(limit, wanted))
+
+
 def model_without_values(
     arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
 ) -> ArmModel:
@@ -174,9 +188,8 @@ def _step(model: ArmModel) -> ca.Function:
     )
     loads = ca.Function("loads", [qs, vs, p], [mass, bias])
     M, b = loads(qm, vm, p)
-    wanted = gain * (q_cmd - qm) + damping * (v_cmd - vm)
+    wanted, asked = drive_law((given, q_cmd, v_cmd, limit, on, gain, damping), qm, vm)
     within = on * (ca.fabs(wanted) < limit)
-    asked = given + on * ca.fmax(-limit, ca.fmin(limit, wanted))
     live = ca.if_else(on > 0, 1, 0)
     M, b, more, free, up, down, own, sensor_gain, offset = parts(
         qm, vm, b + M @ last, live, asked, total, v_cmd, volts, p
