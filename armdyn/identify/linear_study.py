@@ -1,6 +1,7 @@
 """Fits of a model whose predictions are linear in most parameters, such as an arm's."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -33,6 +34,14 @@ class LinearStudy(Study):
     @cached_property
     def _scorers(self) -> dict[Fit, LinearScorer]:
         return {}
+
+    def with_values_held(self, names: Collection[str]) -> "LinearStudy":
+        """A study in which some values of absent effects stay at null, whatever effects are chosen."""
+        study = copy(self)
+        left = [c.without_parameters(names) for c in self.candidates]
+        study.candidates = tuple(c for c in left if c.names)
+        del study.__dict__["_scorers"]
+        return study
 
     def _fit_as_given(self) -> Fit:
         wanted = self.problem.fitted & self.problem.mask_of_unknowns(self.model.names)

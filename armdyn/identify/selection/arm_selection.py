@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import Fit, channel_rmse, continue_fit
+from armdyn.identify.fit import Fit, channel_rmse, continue_fit, fit
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.selection.background import background_widths, sure_unnamed_effects
 from armdyn.identify.selection.candidate import Candidate
@@ -86,6 +86,7 @@ def select_for_arm(
         if _best([found, other]) is found:
             break
         found = other
+    found = _with_unsure_values_held(found)
     steps = [given, *found.with_indistinguishable_effects(found.steps(say))]
     return around, [*steps, *_background(found, steps[-1], say)]
 
@@ -208,6 +209,27 @@ def empty_effects(study: LinearStudy, fit: Fit, effects: Sequence[Candidate]) ->
         c: wald_distance((fit.values - problem.null)[own], covariance[np.ix_(own, own)]) for c, own in values.items()
     }
     return [c for c, size in sizes.items() if size <= MIN_VALUE_STDS]
+
+
+def _with_unsure_values_held(found: LinearPath) -> LinearPath:
+    """The path with some values of effects at null, if the runs are sure of an effect but of none of its values.
+
+    A link's ten values have many combinations with nearly the same torques. Those of which the runs are least sure are
+    held one by one, and the others adapt, until the runs are sure of one: backward elimination (Draper & Smith, Applied
+    Regression Analysis, §15), by which base parameters of an arm are made as well (Gautier, J. Robot. Syst. 8, 1991).
+    """
+    scorer, effects = found.scorer, found.chosen_set.effects
+    width = next(iter(background_widths(scorer, effects)), 0.0)
+    held = scorer.unsure_values(effects, width, MIN_VALUE_STDS)
+    if not held:
+        return found
+    study, gone = found.study.with_values_held(held), found.study.problem.mask_of_unknowns(held)
+    values = np.where(gone, study.problem.null, found.fit.values)
+    again = fit(study.problem, found.fit.free & ~gone, values, weighted=found.fit.weighted)
+    around = study.scorer(again)
+    chosen = around.evaluate(around.split_into_candidates(found.effects))
+    given = tuple(c.without_parameters(held) for c in found.given_effects)
+    return LinearPath(study, around, chosen, given, again, again)
 
 
 def _background(path: LinearPath, named: SearchStep, say: ProgressCallback) -> list[SearchStep]:

@@ -473,12 +473,39 @@ class LinearScorer(EffectSetScorer):
             widths: (c,) prior widths of the unknowns.
             parts: effects, for each distance.
         """
+        change, covariance = self._fitted_change(widths)
+        return [wald_distance(change[own], covariance[np.ix_(own, own)]) for own in map(self._of, parts)]
+
+    def _fitted_change(self, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) change of the unknowns from null in a fit with (c,) prior widths, and (c, c) its covariance."""
         c, change = np.flatnonzero(widths > 0.0), self.best_change(widths, self.training) - self._null
         covariance = np.zeros((len(widths), len(widths)))
         covariance[np.ix_(c, c)] = np.linalg.inv(
             self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
         )
-        return [wald_distance(change[own], covariance[np.ix_(own, own)]) for own in map(self._of, parts)]
+        return change, covariance
+
+    def unsure_values(self, effects: Iterable[Candidate], width: float, least: float) -> list[str]:
+        """Names of values of a set that have to stay at null, so that every effect has a value of which runs are sure.
+
+        Args:
+            effects: effects of the set.
+            width: prior width of all other effects.
+            least: size of a sure value in its standard deviations.
+        """
+        change, covariance = self._fitted_change(self.prior_widths(effects, width))
+        held = list[int]()
+        for one in effects:
+            left = [] if one in self.given else [k for k in self.positions[one].tolist() if covariance[k, k] > 0.0]
+            while len(left) > 1:
+                distances = np.abs(change[left]) / np.sqrt(np.diag(covariance)[left])
+                if distances.max() > least:
+                    break
+                k = left.pop(int(distances.argmin()))
+                gain = covariance[:, k] / covariance[k, k]
+                change, covariance = change - gain * change[k], covariance - np.outer(gain, covariance[k])
+                held.append(k)
+        return [self.problem.columns[self.columns[k]].parameter.name for k in held]
 
     def promising_removals(
         self, now: EffectSetScore, parts: Sequence[tuple[Candidate, ...]]
