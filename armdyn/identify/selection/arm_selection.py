@@ -154,8 +154,7 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
 
     From a link that is changed much, a load with the same influence is not visible, since sums are at its optimum.
     """
-    model, candidates = found.study.problem.model, found.scorer.searched_effects
-    bodies = [c for c in candidates if c.joints and model.changes_link(c.names)]
+    bodies = _bodies(found)
     rivals = [c for c in bodies if any(other.joints == c.joints and other is not c for other in bodies)]
     for body in rivals:
         for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
@@ -168,6 +167,12 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
             if set(again.effects) != set(found.effects):
                 found = _best([found, _to_fixed_point(again, say)])
     return found
+
+
+def _bodies(found: LinearPath) -> list[Candidate]:
+    """Candidates that change a link: loads and inertias of links."""
+    model = found.study.problem.model
+    return [c for c in found.scorer.searched_effects if c.joints and model.changes_link(c.names)]
 
 
 def _best(paths: Sequence[LinearPath]) -> LinearPath:
@@ -218,8 +223,15 @@ def _with_unsure_values_held(found: LinearPath) -> LinearPath:
     held one by one, and the others adapt, until the runs are sure of one: backward elimination (Draper & Smith, Applied
     Regression Analysis, §15), by which base parameters of an arm are made as well (Gautier, J. Robot. Syst. 8, 1991).
     """
+    width = next(iter(background_widths(found.scorer, found.chosen_set.effects)), 0.0)
+    unsure = found.scorer.effects_without_sure_value(found.chosen_set.effects, width, MIN_VALUE_STDS)
+    bodies = _bodies(found)
+    for load in [c for c in unsure if c in bodies]:
+        # A load of no mass that has a place would lose its torque with any of its values.
+        for body in (c for c in bodies if c.joints == load.joints and len(c.names) > len(load.names)):
+            others = [c for c in found.chosen_set.effects if c is not load]
+            found = found.with_effects([*others, body]).relinearised()
     scorer, effects = found.scorer, found.chosen_set.effects
-    width = next(iter(background_widths(scorer, effects)), 0.0)
     held = scorer.unsure_values(effects, width, MIN_VALUE_STDS)
     if not held:
         return found

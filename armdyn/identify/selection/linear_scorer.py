@@ -485,8 +485,16 @@ class LinearScorer(EffectSetScorer):
         )
         return change, covariance
 
-    def unsure_values(self, effects: Iterable[Candidate], width: float, least: float) -> list[str]:
-        """Names of values of a set that have to stay at null, so that every effect has a value of which runs are sure.
+    def effects_without_sure_value(
+        self, effects: Iterable[Candidate], width: float, least: float
+    ) -> list[Candidate]:
+        """Those of a set's effects of which no value alone is sure; for the arguments see `unsure_values`."""
+        change, covariance = self._fitted_change(self.prior_widths(effects, width))
+        size = np.abs(change) / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        return [c for c in effects if c not in self.given and np.all(size[self.positions[c]] <= least)]
+
+    def unsure_values(self, effects: Sequence[Candidate], width: float, least: float) -> list[str]:
+        """Names of the values that have to stay at null, so that the runs are sure of a value of every effect of a set.
 
         Args:
             effects: effects of the set.
@@ -495,11 +503,11 @@ class LinearScorer(EffectSetScorer):
         """
         change, covariance = self._fitted_change(self.prior_widths(effects, width))
         held = list[int]()
-        for one in effects:
-            left = [] if one in self.given else [k for k in self.positions[one].tolist() if covariance[k, k] > 0.0]
+        for one in self.effects_without_sure_value(effects, width, least):
+            left = [k for k in self.positions[one].tolist() if covariance[k, k] > 0.0]
             while len(left) > 1:
                 distances = np.abs(change[left]) / np.sqrt(np.diag(covariance)[left])
-                if distances.max() > least:
+                if distances.min() > least:
                     break
                 k = left.pop(int(distances.argmin()))
                 gain = covariance[:, k] / covariance[k, k]
