@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.explained_share import ChannelScale, explained_error_share
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channel_rmse, fit, identifiable
+from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channel_rmse, continue_fit, fit, identifiable
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
@@ -48,7 +48,16 @@ class LinearStudy(Study):
         free = identifiable(self.problem, wanted, self.problem.start_values())
         found = fit(self.problem, free, self.problem.start_values())
         again = identifiable(self.problem, wanted, found.values)
-        return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
+        found = found if np.array_equal(again, free) else fit(self.problem, again, found.values)
+        return self._with_model_error(found) if self.present and np.any(found.free) else found
+
+    def _with_model_error(self, found: Fit) -> Fit:
+        """The fit of the same unknowns in which the model's own error counts as it does in fits of added effects."""
+        scorer = self.scorer(found)
+        free = transfer_mask(found.free, self.problem, scorer.problem)[scorer.columns]
+        return continue_fit(
+            self.fit_with_prior_widths(scorer, scorer.prior_widths(scorer.given, 0.0) * free, found.values)
+        )
 
     def fit_base_with_effects(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
         """Fit the base model with some effects and no others.
