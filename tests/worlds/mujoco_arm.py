@@ -170,7 +170,10 @@ def _drawn(
 
 
 def _unknown(
-    rng: np.random.Generator, plant: mujoco.MjModel, bodies: mujoco.MjModel, joints: tuple[str, ...],
+    rng: np.random.Generator,
+    plant: mujoco.MjModel,
+    bodies: mujoco.MjModel,
+    joints: tuple[str, ...],
     paths: Sequence[Path],
 ) -> Unknown:
     """A force on one joint, as large as half of what is hidden there, or all of it."""
@@ -186,7 +189,11 @@ def _unknown(
 
 
 def _shown(
-    hidden: tuple[Hidden, ...], exact: str, description: str, joints: tuple[str, ...], logs: tuple[Log, ...],
+    hidden: tuple[Hidden, ...],
+    exact: str,
+    description: str,
+    joints: tuple[str, ...],
+    logs: tuple[Log, ...],
     offset: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """(n, nj) errors of the model as described, N m, and by hidden effect the (nj,) root mean square of its torque."""

@@ -485,9 +485,7 @@ class LinearScorer(EffectSetScorer):
         )
         return change, covariance
 
-    def effects_without_sure_value(
-        self, effects: Iterable[Candidate], width: float, least: float
-    ) -> list[Candidate]:
+    def effects_without_sure_value(self, effects: Iterable[Candidate], width: float, least: float) -> list[Candidate]:
         """Those of a set's effects of which no value alone is sure; for the arguments see `unsure_values`."""
         change, covariance = self._fitted_change(self.prior_widths(effects, width))
         size = np.abs(change) / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
@@ -495,6 +493,8 @@ class LinearScorer(EffectSetScorer):
 
     def unsure_values(self, effects: Sequence[Candidate], width: float, least: float) -> list[str]:
         """Names of the values that have to stay at null, so that the runs are sure of a value of every effect of a set.
+
+        They are all values of an effect, if none is sure with the others at null.
 
         Args:
             effects: effects of the set.
@@ -505,7 +505,7 @@ class LinearScorer(EffectSetScorer):
         held = list[int]()
         for one in self.effects_without_sure_value(effects, width, least):
             left = [k for k in self.positions[one].tolist() if covariance[k, k] > 0.0]
-            while len(left) > 1:
+            while left:
                 distances = np.abs(change[left]) / np.sqrt(np.diag(covariance)[left])
                 if distances.min() > least:
                     break

@@ -85,8 +85,6 @@ def test_what_is_left_without_a_shape_is_coloured_noise_unless_it_is_far_above_a
     block = ResidualBlock(
         "a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3, np.zeros(0, bool)
     )
-    study = Plain(
-        ignored_chi2=0.0, chi2_by_stated_noise=lambda _blocks: (0.0, 0), leaves_noise=lambda *_: None
-    )
+    study = Plain(ignored_chi2=0.0, chi2_by_stated_noise=lambda _blocks: (0.0, 0), leaves_noise=lambda *_: None)
     step = Plain(tests=Plain(fails=True), fit=Plain(blocks=(block,), chi2_per_sample=level**2))
     assert decide_verdict(study, Search((step,)), Plain(significant=False)) is verdict
