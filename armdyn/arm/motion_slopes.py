@@ -44,10 +44,11 @@ def motion_slopes(
     drives: DriveInputs,
     others: Sequence[DriveInputs],
     step: float,
+    wanted: Sequence[int] | None = None,
 ) -> np.ndarray:
-    """(n + 1, nj, p + m + 2 nj) derivatives of n + 1 simulated positions.
+    """(n + 1, nj, k + m + 2 nj) derivatives of n + 1 simulated positions.
 
-    They are those by the p parameters, the changes of the motion under m other inputs of the drives, to first order in
+    They are those by the k wanted parameters, the changes of the motion under m other inputs of the drives, to first order in
     their difference, and the derivatives by the start positions and start velocities.
 
     Args:
@@ -57,8 +58,10 @@ def motion_slopes(
         drives: the drives over the n steps.
         others: slightly different inputs of the drives, such as those with another gain or delay.
         step: length of a step, s.
+        wanted: indices of the k parameters; None means all.
     """
-    (q, v), n, size = motion, len(model.arm.joints), len(theta)
+    columns = np.arange(len(theta)) if wanted is None else np.array(wanted, dtype=int)
+    (q, v), n, size = motion, len(model.arm.joints), len(columns)
     count = len(q) - 1
     middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     sticks = v[1:] == 0.0
@@ -68,7 +71,7 @@ def motion_slopes(
     total = (np.cumsum(asked, axis=0) - asked) * step
     volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
     signals = np.hstack([*middle, np.diff(v, axis=0) / step, way, volts, total, *_inputs(drives)])
-    links, by_links = model.arm.described.copy(), np.zeros((10 * n, size))
+    links, by_links = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
     for i, (change, derivatives) in model.changed_links(theta).items():
         links[i] += change
         by_links[10 * i : 10 * (i + 1)] = derivatives
@@ -78,7 +81,8 @@ def motion_slopes(
     by_total, asked_by_q, asked_by_v = (part[:, :, 0] for part in rest[:3])
     by_input, asked_by_input = rest[3 : 3 + len(INPUTS)], rest[3 + len(INPUTS) :]
     forces = np.zeros((count, n, size + len(others)))
-    forces[:, :, :size] = of_links @ by_links + of_gravity @ _gravity_slopes(model, theta) + of_theta
+    by_gravity = _gravity_slopes(model, theta)[:, columns]
+    forces[:, :, :size] = of_links @ by_links[:, columns] + of_gravity @ by_gravity + of_theta[:, :, columns]
     forces[:, :, size:] = _through_inputs(by_input, drives, others)
     integral = None
     if np.any(by_total):

@@ -12,9 +12,10 @@ from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channe
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.linear_scorer import INDEPENDENT_MODEL_ERROR_SAMPLES, LinearScorer
 from armdyn.identify.selection.sums import sums, with_thresholds
 from armdyn.identify.study import Study
+from armdyn.identify.uncertainty import model_error_dominates
 
 MAX_REPEATED_SHARE = 0.01
 """Largest share of a joint's squared error, for the model as given, that may repeat itself in what a model leaves, and
@@ -30,6 +31,11 @@ class LinearStudy(Study):
 
     later_ties = False
     sums_predict = True
+
+    @property
+    def _independent_errors(self) -> float:
+        """Number of independent samples of the model's own error in one channel."""
+        return INDEPENDENT_MODEL_ERROR_SAMPLES
 
     @cached_property
     def _scorers(self) -> dict[Fit, LinearScorer]:
@@ -49,7 +55,8 @@ class LinearStudy(Study):
         found = fit(self.problem, free, self.problem.start_values())
         again = identifiable(self.problem, wanted, found.values)
         found = found if np.array_equal(again, free) else fit(self.problem, again, found.values)
-        return self._with_model_error(found) if self.present and np.any(found.free) else found
+        far = bool(self.present) and bool(np.any(found.free)) and model_error_dominates(self, found)
+        return self._with_model_error(found) if far else found
 
     def _with_model_error(self, found: Fit) -> Fit:
         """The fit of the same unknowns in which the model's own error counts as it does in fits of added effects."""
@@ -145,4 +152,4 @@ class LinearStudy(Study):
         absent = [c for c in atoms if not np.any(free & everything.mask_of_unknowns(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
-        return LinearScorer(around, always, atoms, own, self.catalogue_size)
+        return LinearScorer(around, always, atoms, own, self.catalogue_size, self._independent_errors)

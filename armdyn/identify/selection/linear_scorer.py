@@ -93,6 +93,7 @@ class LinearScorer(EffectSetScorer):
         candidates: all effects that a set may contain, each on one joint.
         given: effects that the model has already; see `EffectSetScorer`.
         catalogue_size: see `EffectSetScorer`.
+        independent_errors: number of independent samples of the model's own error in one channel.
 
     Attributes:
         columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
@@ -112,9 +113,10 @@ class LinearScorer(EffectSetScorer):
         candidates: Sequence[Candidate],
         given: Sequence[Candidate] = (),
         catalogue_size: int = 0,
+        independent_errors: float = INDEPENDENT_MODEL_ERROR_SAMPLES,
     ) -> None:
         super().__init__(sums.problem, candidates, given, catalogue_size)
-        p, self.sums = sums.problem, sums
+        p, self.sums, self._independent_errors = sums.problem, sums, independent_errors
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
         of_effects = p.mask_of_unknowns([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)
@@ -201,7 +203,7 @@ class LinearScorer(EffectSetScorer):
         m = np.clip(1.0 - MAX_RESIDUAL_TO_NOISE_VARIANCE * noise / self._variance, 0.0, 1.0)
         count = np.array([self._counted(k) for k in (TRAINING_ROW, HELD_OUT_ROW)])
         with np.errstate(divide="ignore"):
-            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / INDEPENDENT_MODEL_ERROR_SAMPLES)
+            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / self._independent_errors)
         return self._variance, np.where(count > 0.0, samples, 0.0)
 
     def _counted(self, stage: int) -> np.ndarray:
