@@ -9,6 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+from armdyn.arm.motion_model import MotionModel
+from armdyn.arm.rollout import has_all_position_commands
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
@@ -17,6 +22,7 @@ from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion_fit import fit_to_motion
+from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
@@ -33,6 +39,11 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
+ROLES = ("training", "held_out", "exam")
+EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
+"""Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
+EFFECTS_LIKE_WEIGHT = ("payload", "gravity_spring")
+"""Effects whose torque is like that of an arm's weight."""
 Say: TypeAlias = Callable[[str], None]
 
 
@@ -102,6 +113,7 @@ class CheckedStudy:
         exam_inspection: mistakes that were found in the exam runs; they change no value, only what their error says.
         trusted: whether to go on where a recording contradicts its declaration.
         declared: the model as its user wrote it, before drives were identified from recordings.
+        judged_by_motion: whether recordings contain positions and their commands but no torques.
     """
 
     known: ModelWithCatalogue
@@ -111,6 +123,7 @@ class CheckedStudy:
     exam_inspection: Inspection
     trusted: bool = False
     declared: Model | None = None
+    judged_by_motion: bool = False
 
     @classmethod
     def of(
@@ -154,6 +167,7 @@ class CheckedStudy:
         # What was recorded is inspected, before a servo's torque is estimated from it. An exam may stop nothing.
         found = known.inspect([*training, *others], coming)
         beside = known.inspect(last, coming) if last else Inspection((), ())
+        commanded = predicts_motion(model, training)
         training, others, last = (
             [model.with_estimated_channels(run) for run in given] for given in (training, others, last)
         )
@@ -162,7 +176,9 @@ class CheckedStudy:
         by_hand = declared.excluded_effects - {effect.name for effect in coming}
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.without_background() if chosen else known.file.model
-        return cls(known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared)
+        return cls(
+            known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared, commanded
+        )
 
     @property
     def set_aside(self) -> tuple[str, ...]:
@@ -205,6 +221,8 @@ class CheckedStudy:
         Where recordings contain commands, the values are then fitted to the simulated motion. If an effect has the
         value zero there, such as a dead band that imitated a wrong delay, the repair is repeated without it.
         """
+        if self.judged_by_motion:
+            return self._repair_motion(say)
         found = repair(self.study, say)
         self._require_plausible(found.model)
         moved = self._moved(found)
@@ -224,6 +242,31 @@ class CheckedStudy:
         """Find a formula for the force that the model lacks."""
         return discover(self.study, say)
 
+    def _repair_motion(self, say: Say | None) -> Repair:
+        """A repair by the simulated motion; see `MotionModel`."""
+        arm, declared = self.study.model.arm_model_or_none(), self.declared
+        assert isinstance(arm, ArmModel)
+        assert isinstance(declared, ArmModel)
+        runs = {role: [run for run, own in self.study.recordings if own == role] for role in ROLES}
+        unseen = set(EFFECTS_UNSEEN_BY_MOTION)
+        if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
+            unseen.update(EFFECTS_LIKE_WEIGHT)  # only the weight of known masses tells a gain
+        effects = [effect for effect in self.effects if effect.name not in unseen]
+        study = MotionStudy(
+            MotionModel.of(arm, declared.drives),
+            runs["training"],
+            runs["held_out"],
+            effects,
+            runs["exam"],
+            self.study.asked,
+            self.study.catalogue_size,
+        )
+        found = repair(study, say)
+        model, alone = (as_torque_model(m) for m in (found.model, found.model_without_background))
+        self._require_plausible(model)
+        after = self._moving(self._telling(found.after, model), model)
+        return unless_lost(replace(found, model=model, model_without_background=alone, after=after))
+
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
@@ -236,7 +279,7 @@ class CheckedStudy:
                 if n in model.names
             }
             after = replace(after, parameters={**after.parameters, **values})
-        return replace(found, model=model, after=self._moving(after, model))
+        return unless_lost(replace(found, model=model, after=self._moving(after, model)))
 
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
@@ -256,6 +299,45 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
+
+
+def as_torque_model(model: Model) -> ArmModel:
+    """The model of torques with the values of a model of the motion."""
+    assert isinstance(model, MotionModel)
+    return model.of_torques()
+
+
+def unless_lost(found: Repair) -> Repair:
+    """A repair, with the verdict lost if its simulated motion is worse than that of joints at their commands.
+
+    Exam runs do not count.
+    """
+    errors = [e for e in found.after.rollout if e.role != "exam" and e.position_is_command is not None]
+    for role in ("held_out", "training"):
+        own = [e for e in errors if e.role == role]
+        away = next((e for e in own if e.rms is None), None)
+        ours, told = (
+            float(np.sqrt(np.mean([size**2 for size in sizes]))) if sizes and away is None else 0.0
+            for sizes in ([e.rms or 0.0 for e in own], [e.position_is_command[0] for e in own if e.position_is_command])
+        )
+        if away is None and ours <= told:
+            continue
+        where = "held-out" if role == "held_out" else "training"
+        how = f"the simulated motion of {where} runs is off by {ours:.3g} rad, joints at their commands by {told:.3g}"
+        if away is not None:
+            how = f"the simulated {away.joint} runs away in {away.run}"
+        advice = "state the drive's gain and limit, leave out runs with collisions, or record slower motions"
+        return replace(found, verdict=Verdict.LOST, sentence=f"lost: {how}. So no value here says anything: {advice}.")
+    return found
+
+
+def predicts_motion(model: Model, runs: Sequence[Run]) -> bool:
+    """Whether the runs contain positions and position commands of every joint of an arm, and no torque."""
+    arm = model.arm_model_or_none()
+    return arm is not None and all(
+        has_all_position_commands(arm, run) and not any(f"tau.{joint}" in run.channels for joint in arm.joints)
+        for run in runs
+    )
 
 
 def effects_zero_in_simulation(found: Repair) -> frozenset[str]:

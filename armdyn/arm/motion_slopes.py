@@ -33,6 +33,8 @@ INPUTS = ("given", "q_cmd", "v_cmd", "limit", "on", "gain", "damping")
 """Inputs of a drive that may differ, in the order of those of `drive_law`; see `DriveInputs`."""
 GRAVITY_DIFFERENCE = 1e-5
 """Change of an effect on the base in a difference quotient of gravity, in typical sizes."""
+MAX_STATE = 1e4
+"""Position or velocity, rad or m, per s, beyond which a simulation has run away."""
 SAMPLES_PER_CALL = 100
 """Number of samples of a motion in one call of a compiled function."""
 
@@ -48,8 +50,9 @@ def motion_slopes(
 ) -> np.ndarray:
     """(n + 1, nj, k + m + 2 nj) derivatives of n + 1 simulated positions.
 
-    They are those by the k wanted parameters, the changes of the motion under m other inputs of the drives, to first order in
-    their difference, and the derivatives by the start positions and start velocities.
+    They are those by the k wanted parameters, the changes of the motion under m other inputs of the drives, to first
+    order in their difference, and the derivatives by the start positions and start velocities. Where a simulation has
+    run away, they no longer change.
 
     Args:
         model: the arm with its effects.
@@ -64,7 +67,11 @@ def motion_slopes(
     (q, v), n, size = motion, len(model.arm.joints), len(columns)
     count = len(q) - 1
     middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
-    sticks = v[1:] == 0.0
+    away = ~(np.abs(np.hstack([q[1:], v[1:]])).max(axis=1) < MAX_STATE)
+    if away.any():
+        q, v = (np.where(np.abs(part) < MAX_STATE, part, 0.0) for part in (q, v))
+        middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
+    sticks = (v[1:] == 0.0) | away[:, None]
     way = np.sign(v[1:])
     wanted = drives.gain * (drives.q_cmd - middle[0]) + drives.damping * (drives.v_cmd - middle[1])
     asked = drives.given + drives.on * np.clip(wanted, -drives.limit, drives.limit)

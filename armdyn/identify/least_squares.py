@@ -98,9 +98,10 @@ def descend(
             if sufficient_decrease(at, after, trial - values):
                 break
             damping = max(10.0 * damping, 1e-3)
-            if damping > 1e9:
-                return DescentResult(values, at, evaluations, Outcome.STALLED)
             step, _ = newton_step(at, free, damping)
+            # A step that promises less than one of the length `tolerance` is worth no further evaluation.
+            if -float(at.gradient @ step) < tolerance**2 or damping > 1e9:
+                return DescentResult(values, at, evaluations, Outcome.STALLED)
         gross = 2.0 * after.cost > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after

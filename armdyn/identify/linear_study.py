@@ -13,7 +13,7 @@ from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import INDEPENDENT_MODEL_ERROR_SAMPLES, LinearScorer
-from armdyn.identify.selection.sums import sums, with_thresholds
+from armdyn.identify.selection.sums import INDIRECT_UNKNOWN_FIT_STEPS, sums, with_thresholds
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import model_error_dominates
 
@@ -22,6 +22,8 @@ MAX_REPEATED_SHARE = 0.01
 is said but does not count as a missing effect."""
 MAX_ADDED_EFFECT_FIT_STEPS = 8
 """Largest number of steps of a fit with added effects."""
+FIT_TOLERANCE_STDS = 0.02
+"""Length of a step, in standard deviations, below which such a fit has converged."""
 CACHED_SCORERS = 3
 """Number of scorers that are cached, the most recently used ones."""
 
@@ -29,11 +31,13 @@ CACHED_SCORERS = 3
 class LinearStudy(Study):
     """Fits a model whose predictions are linear in most parameters, with any effects, to runs; see `Study`."""
 
+    most_steps, tolerance = MAX_ADDED_EFFECT_FIT_STEPS, FIT_TOLERANCE_STDS
+    indirect_steps = INDIRECT_UNKNOWN_FIT_STEPS
     later_ties = False
     sums_predict = True
 
     @property
-    def _independent_errors(self) -> float:
+    def independent_errors(self) -> float:
         """Number of independent samples of the model's own error in one channel."""
         return INDEPENDENT_MODEL_ERROR_SAMPLES
 
@@ -46,7 +50,7 @@ class LinearStudy(Study):
         study = copy(self)
         left = [c.without_parameters(names) for c in self.candidates]
         study.candidates = tuple(c for c in left if c.names)
-        del study.__dict__["_scorers"]
+        study.__dict__.pop("_scorers", None)
         return study
 
     def _fit_as_given(self) -> Fit:
@@ -93,7 +97,9 @@ class LinearStudy(Study):
         std[scorer.columns[moving]] = widths[moving] * scorer.typical[moving]
         std = transfer_values(std, scorer.problem, self.problem, missing=0.0)
         weighted = self.problem.with_weights(scorer.effective_noise, np.where(std > 0.0, std, np.inf))
-        return fit(self.problem, std > 0.0, values, most_steps=MAX_ADDED_EFFECT_FIT_STEPS, weighted=weighted)
+        return fit(
+            self.problem, std > 0.0, values, most_steps=self.most_steps, tolerance=self.tolerance, weighted=weighted
+        )
 
     def with_thresholds(self, at: Fit) -> Fit:
         """A copy of a fit with the likeliest value of every threshold of absent effects; predictions do not change."""
@@ -150,6 +156,6 @@ class LinearStudy(Study):
         present &= ~everything.mask_of_unknowns([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.split_by_joint())]
         absent = [c for c in atoms if not np.any(free & everything.mask_of_unknowns(c.names))]
-        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
+        around = sums(everything, {run.name for run in self.runs}, values, absent, free, self.indirect_steps)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
-        return LinearScorer(around, always, atoms, own, self.catalogue_size, self._independent_errors)
+        return LinearScorer(around, always, atoms, own, self.catalogue_size, self.independent_errors)

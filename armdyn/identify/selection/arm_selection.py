@@ -83,7 +83,7 @@ def select_for_arm(
     while unnamed := _sure_unnamed_effects(found):
         other = found.with_effects((*found.chosen_set.effects, *unnamed))
         other = _without_empty_effects(_to_fixed_point(other, say))
-        if _best([found, other]) is found:
+        if best_path([found, other]) is found:
             break
         found = other
     found = _with_unsure_values_held(found)
@@ -121,7 +121,7 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
             turned = study.scorer(fit)
             start = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             paths.append(LinearPath(study, turned, search_set(turned, start, say), given.effects, fit))
-    found = _best(paths)
+    found = best_path(paths)
     if found.scorer.predicts_to_the_noise(found.chosen_set.effects):
         return found
     say("fitting with every effect")
@@ -130,7 +130,7 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
     near = study.fit_with_prior_widths(around, wide, study.own(change, around.problem))
     whole = study.scorer(near)
     chosen = search_set(whole, whole.evaluate(whole.given), say)
-    return _best([found, LinearPath(study, whole, chosen, given.effects, near)])
+    return best_path([found, LinearPath(study, whole, chosen, given.effects, near)])
 
 
 def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
@@ -145,7 +145,7 @@ def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
         if frozenset(found.effects) in seen:
             break
         seen.add(frozenset(found.effects))
-        best = _best([best, found])
+        best = best_path([best, found])
     return best
 
 
@@ -160,12 +160,12 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
         for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
             if body in found.chosen_set.effects:
                 others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
-                found = _best([found, found.with_effects([*others, simpler]).relinearised()])
+                found = best_path([found, found.with_effects([*others, simpler]).relinearised()])
         if body in found.chosen_set.effects and body not in found.scorer.given:
             without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
             again = without.with_set(search_set(without.scorer, without.chosen_set, say))
             if set(again.effects) != set(found.effects):
-                found = _best([found, _to_fixed_point(again, say)])
+                found = best_path([found, _to_fixed_point(again, say)])
     return found
 
 
@@ -175,7 +175,7 @@ def _bodies(found: LinearPath) -> list[Candidate]:
     return [c for c in found.scorer.searched_effects if c.joints and model.changes_link(c.names)]
 
 
-def _best(paths: Sequence[LinearPath]) -> LinearPath:
+def best_path(paths: Sequence[LinearPath]) -> LinearPath:
     """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values."""
     if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]

@@ -25,6 +25,7 @@ from math import log, sqrt
 
 import numpy as np
 
+from armdyn.identify.fit import Fit
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore, EffectSetScorer
 from armdyn.identify.selection.sums import Sums
@@ -340,6 +341,16 @@ class LinearScorer(EffectSetScorer):
     def log_likelihood(self, errors: np.ndarray) -> float:
         """Log likelihood of (2, c) mean squared errors of training and held-out runs, by channel."""
         return float(self._log_likelihoods(errors).sum())
+
+    def gain(self, before: Fit, after: Fit) -> float:
+        """Gain of log likelihood, nats, of the training runs from one fit to another one."""
+        found = []
+        for fit in (before, after):
+            errors = np.zeros((2, len(self._noise)))
+            for block in fit.blocks:
+                errors[TRAINING_ROW, self.sums.channels.index(block.channel)] += float(block.misfit @ block.misfit)
+            found.append(self._log_likelihoods(errors / np.maximum(self._counted(TRAINING_ROW), 1.0))[TRAINING_ROW])
+        return float(found[1] - found[0])
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""

@@ -7,9 +7,11 @@ from functools import singledispatch
 from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.linear_study import LinearStudy
+from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
 from armdyn.identify.selection.arm_selection import select_for_arm
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.motion_selection import select_for_motion
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
 from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
@@ -97,6 +99,12 @@ def select_effects(study: Study, given: SearchStep, say: ProgressCallback) -> Se
 def _(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Search:
     scorer, steps = select_for_arm(study, given, say)
     return _searched(steps, scorer, study.scorer(Search(tuple(steps)).named.fit))
+
+
+@select_effects.register
+def _(study: MotionStudy, given: SearchStep, say: ProgressCallback) -> Search:
+    found, steps = select_for_motion(study, given, say)
+    return _searched(steps, found.scorer, found.scorer)
 
 
 @select_effects.register

@@ -118,7 +118,12 @@ class Sums:
 
 
 def sums(
-    problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
+    problem: Problem,
+    training: Collection[str],
+    values: np.ndarray,
+    absent: Sequence[Candidate],
+    free: np.ndarray,
+    indirect_steps: int = INDIRECT_UNKNOWN_FIT_STEPS,
 ) -> Sums:
     """Linearise a model at a point and compute its sums over the samples of every channel in every run.
 
@@ -128,11 +133,13 @@ def sums(
         values: (P,) values of all unknowns at the point.
         absent: effects at their null values, some of whose unknowns may act only through another one of the effect.
         free: (P,) bool, unknowns that were fitted; they are adapted when an absent effect is optimised.
+        indirect_steps: number of steps of the fits of unknowns that act only through another one.
     """
     values, placed = with_thresholds(problem, training, values, absent, free)
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
-    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free, placed)
+    fitted = [block for block in here if block.run in training]
+    values, acting = _settled(problem, fitted, values, driver, free, placed, indirect_steps)
     blocks = here
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
@@ -305,6 +312,7 @@ def _settled(
     driver: np.ndarray,
     free: np.ndarray,
     placed: np.ndarray,
+    steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Point of the expansion for unknowns that act through another, and (P,) values for their derivatives.
 
@@ -319,6 +327,7 @@ def _settled(
         driver: (P,) see `Sums.driver`.
         free: (P,) bool, unknowns that adapt.
         placed: (P,) bool, thresholds that were looked for; they stay, since a step may leave the range of the runs.
+        steps: number of steps of the fits.
     """
     width, there_already = _width(problem), np.flatnonzero(free)
     latent = np.flatnonzero(driver != np.arange(len(values)))
@@ -331,7 +340,7 @@ def _settled(
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
     every = np.flatnonzero(wanted)
-    for _ in range(INDIRECT_UNKNOWN_FIT_STEPS if groups else 0):
+    for _ in range(steps if groups else 0):
         there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
         gram, slope = _products([there[h.run, h.channel] for h in here], every, [h.residual for h in here])
         for d, others in groups.items():

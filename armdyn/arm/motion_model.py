@@ -1,0 +1,226 @@
+"""The model of an arm whose position servos follow their commands: it predicts the motion instead of torques.
+
+A servo does not measure its torque, so effects are chosen by what is measured: positions. The closed loop of drives,
+effects and rigid bodies is simulated over whole recordings from their first state.
+"""
+
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+
+from armdyn.arm.drives import Servo, gain_unit
+from armdyn.arm.model import ArmModel
+from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
+from armdyn.arm.rollout import (
+    SimulatedWindow,
+    SimulationWindow,
+    drive_inputs,
+    has_all_position_commands,
+    simulate_window,
+    simulation_windows,
+)
+from armdyn.model import Prediction, prediction_from_channels
+from armdyn.parameter import Parameter, Prior
+from armdyn.run import Channel, Run
+
+SIMULATION_STEP_SECONDS, SLOPE_STEP_SECONDS = 0.004, 0.008
+"""Longest step of the simulations by which effects are chosen, and usual step of their derivatives, s."""
+INPUT_DIFFERENCE = {"gain": 1e-3, "delay": 1e-3}
+"""Change of the logarithm of a gain, and of a delay, s, by which the drives' inputs are differentiated."""
+TYPICAL_GAIN_SHARE, TYPICAL_DELAY_SECONDS, MAX_DELAY_SECONDS = 0.1, 0.005, 0.2
+"""Typical change of a drive's gain, as a share of it, and of its delay, and the largest delay."""
+MAX_POSITION_CHANGE = 10.0
+"""Change of a position, rad or m, by a typical change of a parameter, beyond which it is that of an unstable motion."""
+LOST_POSITION = 50.0
+"""Position, rad or m, at which a simulation that runs away is held."""
+
+
+@dataclass(frozen=True, repr=False)
+class MotionModel(ArmModel):
+    """Model of the motion of an arm whose joints all have position servos, with effects.
+
+    Gain and delay of each kind of drives are parameters, called ``"<kind>.gain"`` and ``"<kind>.delay"``.
+
+    Attributes:
+        differentiated: names of the effects by whose parameters predictions are differentiated; None means all.
+    """
+
+    differentiated: frozenset[str] | None = None
+
+    @classmethod
+    def of(cls, model: ArmModel, stated: Mapping[str, Servo]) -> Self:
+        """The motion of an arm.
+
+        Args:
+            model: the arm, whose drives have a gain and a delay from which fits start.
+            stated: the drives as their user declared them: what is known there is a prior, or not fitted.
+        """
+        own = dict[str, Parameter]()
+        for name, servo in model.drives.items():
+            assert servo.gain is not None
+            given, unit = stated[name].gain, gain_unit(servo.law, model.arm.sliding[servo.joints[0]])
+            known = None if given is None or given.std is None else Prior(given.value, given.std)
+            own[f"{name}.gain"] = Parameter(
+                f"{name}.gain", unit, servo.gain.value, TYPICAL_GAIN_SHARE * servo.gain.value, servo.gain.value,
+                lower=1e-3 * servo.gain.value, prior=known, fitted=given is None or given.std is not None,
+            )  # fmt: skip
+            delay = servo.delay or 0.0
+            own[f"{name}.delay"] = Parameter(
+                f"{name}.delay", "s", delay, TYPICAL_DELAY_SECONDS, delay, lower=0.0,
+                upper=max(MAX_DELAY_SECONDS, delay), fitted=stated[name].delay is None,
+            )  # fmt: skip
+        parameters = MappingProxyType({**own, **model.parameters})
+        return cls(model.effects, parameters, model.arm, model.drives, background=model.background)
+
+    def arm_at(self, theta: np.ndarray) -> ArmModel:
+        """The arm with the values and drives at (p,) parameters `theta`."""
+        values = dict(zip(self.names, theta.tolist(), strict=True))
+        drives = {
+            name: replace(
+                servo,
+                gain=replace(servo.gain, value=values[f"{name}.gain"]),
+                delay=values[f"{name}.delay"],
+            )
+            for name, servo in self.drives.items()
+            if servo.gain is not None
+        }
+        kept = {n: replace(p, value=values[n]) for n, p in self.parameters.items() if p.effect}
+        return ArmModel(self.effects, MappingProxyType(kept), self.arm, MappingProxyType(drives))
+
+    def of_torques(self) -> ArmModel:
+        """The arm with the values, drives and uncertainties of this model, which predicts torques."""
+        drives = dict(self.arm_at(self.theta()).drives)
+        for name, servo in drives.items():
+            assert servo.gain is not None
+            std = self.parameters[f"{name}.gain"].std
+            known = replace(servo.gain, std=servo.gain.std if std is None else std)
+            drives[name] = replace(servo, gain=known)
+        kept = MappingProxyType({n: p for n, p in self.parameters.items() if p.effect})
+        return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), background=self.background)
+
+    def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+        """The same model, so that all sets of effects share one compiled simulator, with fewer derivatives."""
+        del runs
+        return replace(self, differentiated=frozenset(needed))
+
+    def predicted_channels(self, run: Run) -> tuple[str, ...]:
+        """Names of the positions of joints that move, if the run has a command of every joint."""
+        names = [f"q.{joint}" for joint in self.arm.joints] if has_all_position_commands(self, run) else []
+        return tuple(name for name in names if np.ptp(run.channels[name].value) > 0.0)
+
+    def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
+        """The run with the positions of all joints at the stamps at which the simulation is compared with them."""
+        del beside
+        (window,) = simulation_windows(run, self.arm.joints, np.inf)
+        if all(len(run.channels[f"q.{joint}"]) == len(window.time) for joint in self.arm.joints):
+            return run
+        cut = {
+            name: Channel(window.time, window.q[:, j], run.channels[name].unit)
+            for j, name in enumerate(f"q.{joint}" for joint in self.arm.joints)
+        }
+        return replace(run, channels={**run.channels, **cut})
+
+    def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
+        """Nothing: the noise of positions does not depend on the parameters."""
+        del run, theta
+        return {}
+
+    def force_channels(self, run: Run) -> Mapping[str, str]:
+        """Nothing: a position's residual is no force."""
+        del run
+        return {}
+
+    def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+        """(n,) simulated positions by channel."""
+        window = _window(run, self.arm.joints)
+        found = self._simulated(run, theta)
+        return {
+            f"q.{joint}": _held(np.interp(window.time, found.edges, found.q[:, j])) for j, joint in self._moving(run)
+        }
+
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """Simulate the positions of a run, with their derivatives by the parameters; see `motion_slopes`."""
+        arm, window = self.arm_at(theta), _window(run, self.arm.joints)
+        own, places = self._wanted, self._of_drives
+        others = [self._drive_parameter(theta, i) for i in places]
+        with np.errstate(all="ignore"):
+            found = self._simulated(run, theta)
+            usual = round(SLOPE_STEP_SECONDS / float(found.edges[1] - found.edges[0]))
+            every = max(1, min(usual, len(found.edges) - 1))
+            edges, q, v = (part[::every] for part in (found.edges, found.q, found.v))
+            here, *there = (
+                drive_inputs(one, one.theta(), run, [one.servo(j) for j in one.arm.joints], edges)
+                for one in (arm, *(changed for changed, _ in others))
+            )
+            step, wanted = float(edges[1] - edges[0]), [arm.names.index(self.names[i]) for i in own]
+            slopes = motion_slopes(arm, arm.theta(), (q, v), here, there, step, wanted)
+            slopes = interpolate_rows(slopes[:, :, : len(own) + len(there)], edges, window.time)
+        by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
+        by[:, :, own] = slopes[:, :, : len(own)]
+        by[:, :, places] = slopes[:, :, len(own) :] / np.array([change for _, change in others])
+        most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
+        by = np.clip(np.nan_to_num(by), -most, most)
+        return prediction_from_channels(
+            [
+                (f"q.{joint}", window.time, _held(np.interp(window.time, found.edges, found.q[:, j])), by[:, j])
+                for j, joint in self._moving(run)
+            ]
+        )
+
+    @np.errstate(all="ignore")
+    def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:
+        """The simulated motion of a run; the last one of each run is kept, as its derivatives are asked for next."""
+        key = (self.names, self.arm, tuple(self.drives.values()), theta.tobytes())
+        known: tuple[Hashable, SimulatedWindow] | None = run.__dict__.get("_simulated")
+        if known is None or known[0] != key:
+            arm = self.arm_at(theta)
+            servos = [arm.servo(joint) for joint in arm.arm.joints]
+            window = _window(run, self.arm.joints)
+            known = key, simulate_window(arm, arm.theta(), window, servos, SIMULATION_STEP_SECONDS)
+            run.__dict__["_simulated"] = known
+        return known[1]
+
+    @property
+    def _wanted(self) -> list[int]:
+        """Indices of the parameters of effects by which predictions are differentiated, but for `_of_drives`."""
+        wanted, drives = self.differentiated, set(self._of_drives)
+        return [
+            i
+            for i, p in enumerate(self.parameters.values())
+            if i not in drives and (wanted is None or p.effect in wanted)
+        ]
+
+    @property
+    def _of_drives(self) -> list[int]:
+        """Indices of the parameters that act through the drives' inputs."""
+        names = self.names
+        return [
+            i for i, name in enumerate(names) if not self.parameters[name].effect or name.startswith("command_delay.")
+        ]
+
+    def _drive_parameter(self, theta: np.ndarray, i: int) -> tuple[ArmModel, float]:
+        """The arm with one parameter changed slightly, and the change."""
+        change = INPUT_DIFFERENCE["delay"]
+        if self.names[i].endswith(".gain"):
+            change = INPUT_DIFFERENCE["gain"] * theta[i]
+        moved = theta.copy()
+        moved[i] += change
+        return self.arm_at(moved), change
+
+    def _moving(self, run: Run) -> list[tuple[int, str]]:
+        """Indices and names of the joints that are predicted."""
+        return [(j, joint) for j, joint in enumerate(self.arm.joints) if f"q.{joint}" in self.predicted_channels(run)]
+
+
+def _held(positions: np.ndarray) -> np.ndarray:
+    """Positions within `LOST_POSITION`, also where a simulation ran away."""
+    return np.clip(np.nan_to_num(positions, nan=LOST_POSITION), -LOST_POSITION, LOST_POSITION)
+
+
+def _window(run: Run, joints: tuple[str, ...]) -> SimulationWindow:
+    """The whole run with the stamps of its positions, of which a smoothed motion may lack the first and the last."""
+    (window,) = simulation_windows(run, joints, np.inf)
+    return replace(window, time=run.channels[f"q.{joints[0]}"].time)

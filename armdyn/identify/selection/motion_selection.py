@@ -1,0 +1,121 @@
+"""Choose the effects of an arm whose servos do not measure their torque, by its simulated motion.
+
+The simulated motion is far from linear: without friction a servo arm swings about its commands. So the search begins
+where the frictions of all joints have usual sizes, adds or removes one effect at a time, as sums of derivatives at the
+last fit foretell, and keeps a change only if the set predicts better at its own fit.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from armdyn.identify.fit import Fit, fit
+from armdyn.identify.motion_study import MotionStudy
+from armdyn.identify.selection.arm_selection import LinearPath, best_path
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.path import ProgressCallback, SearchStep
+from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect
+
+DRY, GEARED = (
+    ("joint_viscous_friction", "joint_coulomb_friction"),
+    (
+        "joint_viscous_friction",
+        "joint_load_friction",
+        "rotor_inertia",
+    ),
+)
+STARTS = ((DRY, 1.0), (DRY, 3.0), (GEARED, 3.0))
+"""Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
+geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
+with which an arm swings: from 0.1 typical sizes, four of ten choices of recordings of an SO-101 end in a local minimum.
+"""
+MAX_START_FIT_STEPS = 5
+"""Largest number of steps of the fit with which a search begins."""
+SCORED_ADDITIONS = 8
+"""Number of additions to a set, those with the largest predicted scores, whose score is computed in each round."""
+
+
+def select_for_motion(
+    study: MotionStudy, given: SearchStep, say: ProgressCallback
+) -> tuple[LinearPath, list[SearchStep]]:
+    """Choose the effects with which the simulated motion of an arm is that of the recordings.
+
+    Args:
+        study: runs and catalogue, with a model that predicts positions.
+        given: the fit of the model as given.
+        say: called with a text on the progress.
+
+    Returns:
+        The path to the chosen set, and the steps, each with effects in the order in which they were chosen.
+    """
+    found = _best_start(study, given, say)
+    chosen = [found]
+    while better := next((path for path in _changed(found, say) if best_path([found, path]) is path), None):
+        found = better
+        chosen.append(found)
+    return found, [given, *_steps(chosen, given, say)]
+
+
+def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
+    """The path to the best of the sets with which a search begins."""
+    problem, found = study.problem, list[tuple[Fit, list[Candidate]]]()
+    weighted = study.coarsely_weighted(given.fit)
+    for names, size in STARTS:
+        usual = [c for c in study.candidates if c.effect in names]
+        say(f"fitting the motion with {', '.join(names)}")
+        own = problem.mask_of_unknowns([name for c in usual for name in c.names])
+        begun = np.where(own, problem.null + size * problem.typical, problem.start_values())
+        near = fit(
+            problem, given.fit.free | own, begun, most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance,
+            weighted=weighted,
+        )  # fmt: skip
+        found.append((near, usual))
+    near, usual = min(found, key=lambda one: one[0].chi2)
+    scorer = study.scorer(near)
+    chosen = scorer.evaluate(scorer.split_into_candidates([*study.present, *usual]))
+    return LinearPath(study, scorer, chosen, given.effects, near, near)
+
+
+def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
+    """Fitted paths to sets with fewer effects or more, those that are foretold to be the best first."""
+    scorer, now = found.scorer, found.chosen_set
+    free = [c for c in now.effects if c not in scorer.given]
+    parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
+    fewer = [
+        scorer.evaluate([c for c in now.effects if c not in part]) for part in scorer.promising_removals(now, parts)
+    ]
+    left = [c for c in scorer.searched_effects if c not in now.effects]
+    options = [(c,) for c in left] + [own for own in group_joints_by_effect(left) if len(own) > 1]
+    likely = np.argsort(-scorer.approximate_addition_scores(now, options))[:SCORED_ADDITIONS]
+    more = [scorer.evaluate((*now.effects, *options[i])) for i in likely]
+    best = max([*fewer, *more], key=lambda one: one.score)
+    promising = [eliminate(scorer, best), best, max(fewer, key=lambda one: one.score, default=now)]
+    for one in dict.fromkeys(one for one in promising if one.score > now.score):
+        change = ", ".join(sorted(c.label for c in set(one.effects) ^ set(now.effects)))
+        say(f"fitting the motion {'with' if len(one.effects) > len(now.effects) else 'without'} {change}")
+        path = found.with_set(one)
+        if set(path.fit.at_bound) - set(found.fit.at_bound):
+            continue
+        if scorer.gain(found.fit, path.fit) + scorer.complexity_penalty(now.effects) > scorer.complexity_penalty(
+            one.effects
+        ):
+            yield path.relinearised()
+
+
+def _steps(chosen: Sequence[LinearPath], given: SearchStep, say: ProgressCallback) -> Iterator[SearchStep]:
+    """The steps to the last of the chosen sets, each with what stayed of the effects that were chosen next."""
+    last, effects = chosen[-1], given.effects
+    study, there = last.study, [c for path in chosen for c in path.chosen_set.effects]
+    stayed = [c for c in dict.fromkeys(there) if c in last.chosen_set.effects and c not in last.scorer.given]
+    groups = group_joints_by_effect(stayed)
+    for i, own in enumerate(groups):
+        added = group_by_effect(own)[0]
+        effects = (*study.present, *group_by_effect([*(c for c in effects if c not in study.present), added]))
+        say(f"{i} of {len(groups)} steps fitted, now {added.name_in_sentence}")
+        whole = i == len(groups) - 1
+        values = last.fit.values
+        if not whole:
+            gone = study.problem.mask_of_unknowns([name for c in groups[i + 1 :] for one in c for name in one.names])
+            values = np.where(gone, study.problem.null, values)
+        at = last.fit if whole else study.fit_base_with_effects(effects, last.fit, values)
+        yield SearchStep((added,), (), effects, at, study.tests(at, effects) if whole else given.tests)
