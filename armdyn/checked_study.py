@@ -247,7 +247,7 @@ class CheckedStudy:
         arm, declared = self.study.model.arm_model_or_none(), self.declared
         assert isinstance(arm, ArmModel)
         assert isinstance(declared, ArmModel)
-        runs = {role: [run for run, own in self.study.recordings if own == role] for role in ROLES}
+        runs = {role: [without_torques(run) for run, own in self.study.recordings if own == role] for role in ROLES}
         unseen = set(EFFECTS_UNSEEN_BY_MOTION)
         if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
             unseen.update(EFFECTS_LIKE_WEIGHT)  # only the weight of known masses tells a gain
@@ -264,7 +264,8 @@ class CheckedStudy:
         found = repair(study, say)
         model, alone = (as_torque_model(m) for m in (found.model, found.model_without_background))
         self._require_plausible(model)
-        after = self._moving(self._telling(found.after, model), model)
+        own = {name: p for name, p in found.after.parameters.items() if name in model.names}
+        after = self._moving(self._telling(replace(found.after, parameters=own), model), model)
         return unless_lost(replace(found, model=model, model_without_background=alone, after=after))
 
     def _moved(self, found: Repair) -> Repair:
@@ -299,6 +300,11 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
+
+
+def without_torques(run: Run) -> Run:
+    """The run without the torques that were estimated from its commands."""
+    return replace(run, channels={name: c for name, c in run.channels.items() if not name.startswith("tau.")})
 
 
 def as_torque_model(model: Model) -> ArmModel:

@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
@@ -94,10 +95,16 @@ class MotionModel(ArmModel):
         """The arm with the values, drives and uncertainties of this model, which predicts torques."""
         drives = dict(self.arm_at(self.theta()).drives)
         for name, servo in drives.items():
-            assert servo.gain is not None
-            std = self.parameters[f"{name}.gain"].std
-            known = replace(servo.gain, std=servo.gain.std if std is None else std)
-            drives[name] = replace(servo, gain=known)
+            std, read = self.parameters[f"{name}.gain"].std, self.drives[name]
+            if servo.gain is None or read.gain is None or std is None:
+                continue
+            # A load that nobody knows looks like another gain, in the motion as well.
+            known = read.gain.std or 0.0
+            alone = known if read.unloaded is None else read.unloaded
+            loads = max(known**2 - alone**2, 0.0) ** 0.5 * servo.gain.value / read.gain.value
+            whole = float(np.hypot(std, loads))
+            sure = std < MAX_IDENTIFIED_GAIN_RELATIVE_STD * servo.gain.value
+            drives[name] = replace(servo, gain=replace(servo.gain, std=whole), unloaded=std, determined=sure)
         kept = MappingProxyType({n: p for n, p in self.parameters.items() if p.effect})
         return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), background=self.background)
 
@@ -206,6 +213,8 @@ class MotionModel(ArmModel):
         change = INPUT_DIFFERENCE["delay"]
         if self.names[i].endswith(".gain"):
             change = INPUT_DIFFERENCE["gain"] * theta[i]
+        if theta[i] + change > self.parameters[self.names[i]].upper:
+            change = -change
         moved = theta.copy()
         moved[i] += change
         return self.arm_at(moved), change
