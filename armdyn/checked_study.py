@@ -39,7 +39,6 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
-ROLES = ("training", "held_out", "exam")
 EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
 EFFECTS_LIKE_WEIGHT = ("payload", "gravity_spring")
@@ -113,7 +112,8 @@ class CheckedStudy:
         exam_inspection: mistakes that were found in the exam runs; they change no value, only what their error says.
         trusted: whether to go on where a recording contradicts its declaration.
         declared: the model as its user wrote it, before drives were identified from recordings.
-        judged_by_motion: whether recordings contain positions and their commands but no torques.
+        commanded: training, held-out and exam runs as they were recorded, if they contain positions and their commands
+            but no torques, so that effects are chosen by motion; else None.
     """
 
     known: ModelWithCatalogue
@@ -123,7 +123,7 @@ class CheckedStudy:
     exam_inspection: Inspection
     trusted: bool = False
     declared: Model | None = None
-    judged_by_motion: bool = False
+    commanded: tuple[Sequence[Run], Sequence[Run], Sequence[Run]] | None = None
 
     @classmethod
     def of(
@@ -167,7 +167,7 @@ class CheckedStudy:
         # What was recorded is inspected, before a servo's torque is estimated from it. An exam may stop nothing.
         found = known.inspect([*training, *others], coming)
         beside = known.inspect(last, coming) if last else Inspection((), ())
-        commanded = predicts_motion(model, training)
+        told = (training, others, last) if predicts_motion(model, training) else None
         training, others, last = (
             [model.with_estimated_channels(run) for run in given] for given in (training, others, last)
         )
@@ -177,7 +177,7 @@ class CheckedStudy:
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.without_background() if chosen else known.file.model
         return cls(
-            known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared, commanded
+            known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared, told
         )
 
     @property
@@ -221,8 +221,8 @@ class CheckedStudy:
         Where recordings contain commands, the values are then fitted to the simulated motion. If an effect has the
         value zero there, such as a dead band that imitated a wrong delay, the repair is repeated without it.
         """
-        if self.judged_by_motion:
-            return self._repair_motion(say)
+        if self.commanded is not None:
+            return self._repair_motion(say, *self.commanded)
         found = repair(self.study, say)
         self._require_plausible(found.model)
         moved = self._moved(found)
@@ -242,31 +242,25 @@ class CheckedStudy:
         """Find a formula for the force that the model lacks."""
         return discover(self.study, say)
 
-    def _repair_motion(self, say: Say | None) -> Repair:
+    def _repair_motion(
+        self, say: Say | None, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run]
+    ) -> Repair:
         """A repair by the simulated motion; see `MotionModel`."""
         arm, declared = self.study.model.arm_model_or_none(), self.declared
         assert isinstance(arm, ArmModel)
         assert isinstance(declared, ArmModel)
-        runs = {role: [without_torques(run) for run, own in self.study.recordings if own == role] for role in ROLES}
         unseen = set(EFFECTS_UNSEEN_BY_MOTION)
         if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
             unseen.update(EFFECTS_LIKE_WEIGHT)  # only the weight of known masses tells a gain
         effects = [effect for effect in self.effects if effect.name not in unseen]
-        study = MotionStudy(
-            MotionModel.of(arm, declared.drives),
-            runs["training"],
-            runs["held_out"],
-            effects,
-            runs["exam"],
-            self.study.asked,
-            self.study.catalogue_size,
-        )
+        model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
+        study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
         found = repair(study, say)
-        model, alone = (as_torque_model(m) for m in (found.model, found.model_without_background))
-        self._require_plausible(model)
-        own = {name: p for name, p in found.after.parameters.items() if name in model.names}
-        after = self._moving(self._telling(replace(found.after, parameters=own), model), model)
-        return unless_lost(replace(found, model=model, model_without_background=alone, after=after))
+        whole, alone = (as_torque_model(m) for m in (found.model, found.model_without_background))
+        self._require_plausible(whole)
+        own = {name: p for name, p in found.after.parameters.items() if name in whole.names}
+        after = self._moving(self._telling(replace(found.after, parameters=own), whole), whole)
+        return unless_lost(replace(found, model=whole, model_without_background=alone, after=after))
 
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
@@ -300,11 +294,6 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
-
-
-def without_torques(run: Run) -> Run:
-    """The run without the torques that were estimated from its commands."""
-    return replace(run, channels={name: c for name, c in run.channels.items() if not name.startswith("tau.")})
 
 
 def as_torque_model(model: Model) -> ArmModel:
