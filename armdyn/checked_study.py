@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from armdyn.arm.model import ArmModel
 from armdyn.arm.motion_model import MotionModel
 from armdyn.arm.rollout import has_all_position_commands
 from armdyn.discovery.discover import discover
@@ -246,9 +245,9 @@ class CheckedStudy:
         self, say: Say | None, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run]
     ) -> Repair:
         """A repair by the simulated motion; see `MotionModel`."""
-        arm, declared = self.study.model.arm_model_or_none(), self.declared
-        assert isinstance(arm, ArmModel)
-        assert isinstance(declared, ArmModel)
+        arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
+        assert arm is not None
+        assert declared is not None
         unseen = set(EFFECTS_UNSEEN_BY_MOTION)
         if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
             unseen.update(EFFECTS_LIKE_WEIGHT)  # only the weight of known masses tells a gain
@@ -256,7 +255,9 @@ class CheckedStudy:
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
         found = repair(study, say)
-        whole, alone = (as_torque_model(m) for m in (found.model, found.model_without_background))
+        whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
+        assert whole is not None
+        assert alone is not None
         self._require_plausible(whole)
         own = {name: p for name, p in found.after.parameters.items() if name in whole.names}
         after = self._moving(self._telling(replace(found.after, parameters=own), whole), whole)
@@ -294,12 +295,6 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
-
-
-def as_torque_model(model: Model) -> ArmModel:
-    """The model of torques with the values of a model of the motion."""
-    assert isinstance(model, MotionModel)
-    return model.of_torques()
 
 
 def unless_lost(found: Repair) -> Repair:

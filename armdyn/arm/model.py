@@ -69,7 +69,7 @@ class ArmModel(Model):
         """Names of the stages on which effects may act."""
         return ("joint", "drive") if self.drives else ("joint",)
 
-    def arm_model_or_none(self) -> Self:
+    def arm_model_or_none(self) -> "ArmModel":
         """This model itself."""
         return self
 

@@ -91,7 +91,7 @@ class MotionModel(ArmModel):
         kept = {n: replace(p, value=values[n]) for n, p in self.parameters.items() if p.effect}
         return ArmModel(self.effects, MappingProxyType(kept), self.arm, MappingProxyType(drives))
 
-    def of_torques(self) -> ArmModel:
+    def arm_model_or_none(self) -> ArmModel:
         """The arm with the values, drives and uncertainties of this model, which predicts torques."""
         drives = dict(self.arm_at(self.theta()).drives)
         for name, servo in drives.items():

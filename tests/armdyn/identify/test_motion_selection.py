@@ -1,0 +1,93 @@
+"""Servo arms that record positions and commands only: effects are chosen by the simulated motion. Truth is MuJoCo's."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from worlds import hobby_arm
+
+from armdyn.arm import motion_model
+from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.motion_model import MotionModel
+from armdyn.checked_study import CheckedStudy, unless_lost
+from armdyn.effects.catalogue import find
+from armdyn.identify.repair import Repair
+from armdyn.identify.sentence import Verdict
+from armdyn.recording.gaps import run_until
+from armdyn.run import Run
+
+SECONDS = 15.0
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmModel, list[Run]]:
+    folder: Path = tmp_path_factory.mktemp("hobby")
+    file = folder / "arm.urdf"
+    file.write_text(hobby_arm.urdf_text())
+    runs = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hobby_arm, "SECONDS", SECONDS)
+        for seed in range(3):
+            q, told = hobby_arm.recorded(file, seed)
+            columns = {f"q.{j}": q[:, i] for i, j in enumerate(hobby_arm.JOINTS)}
+            columns |= {f"q_cmd.{j}": told[:, i] for i, j in enumerate(hobby_arm.JOINTS)}
+            time = np.arange(len(q)) / hobby_arm.FPS
+            runs.append(Run.from_arrays(time, columns, name=f"motion_{seed}", joints=None))
+    drives = {"servo": {"joints": list(hobby_arm.JOINTS), "law": "position", "limit": "3.35 N m"}}
+    return arm_model(file).with_drives(drives), runs
+
+
+@pytest.fixture(scope="module")
+def repaired(recorded) -> Repair:
+    model, runs = recorded
+    return CheckedStudy.of(model, runs[:2], runs[2:]).repair()
+
+
+def test_names_and_values_are_those_that_mujoco_simulated(repaired):
+    assert {effect.name for effect in repaired.model.effects} == {name.partition(".")[0] for name in hobby_arm.HIDDEN}
+    for name, true in hobby_arm.HIDDEN.items():
+        for joint in hobby_arm.JOINTS:
+            assert repaired.model.value(f"{name}[{joint}]") == pytest.approx(true, rel=0.1)
+    servo = repaired.model.drives["servo"]
+    assert servo.gain.value == pytest.approx(hobby_arm.GAIN, rel=0.02)
+    assert servo.delay == pytest.approx(hobby_arm.DELAY, abs=2e-3)
+
+
+def test_the_motion_is_as_far_off_as_the_encoder_reads_and_the_error_falls(repaired):
+    encoder = 2.0 * np.pi / 4096
+    assert all(e.rms < encoder for e in repaired.after.rollout)
+    errors = [np.linalg.norm(list(step.held_out_rmse.values())) for step in repaired.path]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_a_motion_that_runs_away_or_is_worse_than_its_commands_is_lost(repaired):
+    assert repaired.verdict is not Verdict.LOST
+    for wrong, word in ((None, "runs away"), (1.0, "at their commands")):
+        first, *others = repaired.after.rollout
+        lost = unless_lost(
+            replace(repaired, after=replace(repaired.after, rollout=(replace(first, rms=wrong), *others)))
+        )
+        assert lost.verdict is Verdict.LOST
+        assert word in lost.sentence
+    of_exam = tuple(replace(e, role="exam", rms=None) for e in repaired.after.rollout)
+    assert unless_lost(replace(repaired, after=replace(repaired.after, rollout=of_exam))).verdict is repaired.verdict
+
+
+def test_derivatives_are_those_of_differences(recorded, monkeypatch):
+    model, runs = recorded
+    monkeypatch.setattr(motion_model, "SIMULATION_STEP_SECONDS", 0.002)
+    monkeypatch.setattr(motion_model, "SLOPE_STEP_SECONDS", 0.002)
+    adapted = model.adapted_to(runs[:1])
+    for effect in ("joint_viscous_friction", "rotor_inertia", "torque_offset", "command_delay"):
+        adapted = adapted.with_effect(find(effect))
+    sizes = {"joint_viscous_friction.coefficient": 0.3, "rotor_inertia.inertia": 0.012, "command_delay.time": 0.01}
+    values = {f"{name}[{joint}]": size for name, size in sizes.items() for joint in hobby_arm.JOINTS}
+    moving = MotionModel.of(adapted.with_values(values), model.drives)
+    run, theta = moving.prepare_run(run_until(runs[0], 5.0)), moving.theta()
+    found = moving.predict(run, theta)
+    for i, p in enumerate(moving.parameters.values()):
+        step = 1e-4 if p.unit == "s" else 1e-3 * p.typical
+        there, here = (moving.predict(run, theta + side * step * np.eye(len(theta))[i]).values for side in (1.0, -1.0))
+        numeric = (there - here) / (2.0 * step)
+        assert np.linalg.norm(found.sensitivities[:, i] - numeric) < 0.02 * np.linalg.norm(numeric)
