@@ -6,6 +6,7 @@ inspected before an effect is named or a value is reported, and impossible fitte
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -18,6 +19,7 @@ from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
+from armdyn.errors import ArmdynError
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion_fit import fit_to_motion
@@ -38,6 +40,8 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
+EQUAL_MOTION = 1.02
+"""Ratio of two errors of the simulated motion up to which they are equal."""
 EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
 EFFECTS_LIKE_WEIGHT = ("payload", "gravity_spring")
@@ -217,11 +221,30 @@ class CheckedStudy:
     def repair(self, say: Say | None = None) -> Repair:
         """Find the effects that the model lacks and add them, until the remaining error is noise or no effect helps.
 
-        Where recordings contain commands, the values are then fitted to the simulated motion. If an effect has the
-        value zero there, such as a dead band that imitated a wrong delay, the repair is repeated without it.
+        Where recordings contain commands but no torques, effects are chosen twice: by the torques that follow from the
+        drives' laws, and by the motion. Of the two models, that with the better motion is the answer.
+
+        Raises:
+            ArmdynError: neither way gives a possible model.
         """
-        if self.commanded is not None:
-            return self._repair_motion(say, *self.commanded)
+        if self.commanded is None:
+            return self._repair_torques(say)
+        found, refusal = list[Repair](), None
+        for way in (self._repair_torques, partial(self._repair_motion, *self.commanded)):
+            try:
+                found.append(way(say))
+            except ArmdynError as error:
+                refusal = refusal or error
+        if refusal is not None and not found:
+            raise refusal
+        return with_better_motion(found)
+
+    def _repair_torques(self, say: Say | None) -> Repair:
+        """A repair by torques, whose values are then fitted to the motion, where recordings contain commands.
+
+        If an effect has the value zero there, such as a dead band that imitated a wrong delay, the repair is repeated
+        without it.
+        """
         found = repair(self.study, say)
         self._require_plausible(found.model)
         moved = self._moved(found)
@@ -229,7 +252,7 @@ class CheckedStudy:
         if not absent:
             return moved
         left = tuple(effect for effect in self.effects if effect.name not in absent)
-        return replace(self, study=self.study.with_other_catalogue(left), effects=left).repair(say)
+        return replace(self, study=self.study.with_other_catalogue(left), effects=left)._repair_torques(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add effects to the model, one after the other, whether or not the recordings need them, and refit it."""
@@ -242,7 +265,7 @@ class CheckedStudy:
         return discover(self.study, say)
 
     def _repair_motion(
-        self, say: Say | None, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run]
+        self, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run], say: Say | None
     ) -> Repair:
         """A repair by the simulated motion; see `MotionModel`."""
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
@@ -295,6 +318,24 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
+
+
+def with_better_motion(found: Sequence[Repair]) -> Repair:
+    """The repair whose simulated motion is nearest to the held-out runs, or to the training runs where there are none.
+
+    Of two that are equally near, the one with fewer values.
+    """
+
+    def error(one: Repair) -> float:
+        errors = [e for e in one.after.rollout if e.role == "held_out"] or [
+            e for e in one.after.rollout if e.role == "training"
+        ]
+        known = [np.inf if e.rms is None else e.rms for e in errors]
+        return float(np.sqrt(np.mean(np.square(known)))) if known and one.verdict is not Verdict.LOST else np.inf
+
+    errors = [error(one) for one in found]
+    near = [one for one, size in zip(found, errors, strict=True) if size <= EQUAL_MOTION * min(errors)]
+    return min(near, key=lambda one: len(one.model.names))
 
 
 def unless_lost(found: Repair) -> Repair:
