@@ -220,8 +220,8 @@ def _with_unsure_values_held(found: LinearPath) -> LinearPath:
     """The path with some values of effects at null, if the runs are sure of an effect but of none of its values.
 
     A link's ten values have many combinations with nearly the same torques. Those of which the runs are least sure are
-    held one by one, and the others adapt, until the runs are sure of one: backward elimination (Draper & Smith, Applied
-    Regression Analysis, §15), by which base parameters of an arm are made as well (Gautier, J. Robot. Syst. 8, 1991).
+    held one by one, and the others adapt, until the runs are sure of all others: backward elimination (Draper & Smith,
+    Applied Regression Analysis, §15), as base parameters of an arm are made (Gautier, J. Robot. Syst. 8, 1991).
     """
     width = next(iter(background_widths(found.scorer, found.chosen_set.effects)), 0.0)
     unsure = found.scorer.effects_without_sure_value(found.chosen_set.effects, width, MIN_VALUE_STDS)
