@@ -65,6 +65,7 @@ def test_a_driven_swing_is_that_of_the_particle_in_space(hidden: dict[str, float
         assert found.tension == pytest.approx(truth["tension"], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_truth_reaches_the_noise_and_half_the_truth_does_not() -> None:
     clear = world(2, "fits")
     records, (noise,) = clear.records["run"], clear.noise.values()

@@ -80,7 +80,10 @@ LONE = pytest.mark.xfail(reason="stretches of one run of 12 s are predicted bett
 
 @pytest.mark.parametrize(
     ("rate", "count"),
-    [pytest.param(100.0, 1, marks=LONE), *(pytest.param(r, 6, marks=pytest.mark.slow) for r in (100.0, 500.0))],
+    [
+        pytest.param(100.0, 1, marks=[LONE, pytest.mark.slow]),
+        *(pytest.param(r, 6, marks=pytest.mark.slow) for r in (100.0, 500.0)),
+    ],
 )
 def test_a_creeping_wrist_behind_a_low_pass_is_told_whole(rate: float, count: int) -> None:
     # A gain and a friction that grows with the load hide each other; a fading friction hides behind an asymmetric one.

@@ -207,7 +207,9 @@ def test_fits_of_the_truth_reach_the_noise(amplitude, seconds, hidden):
     [
         ({}, set()),
         ({"coulomb": 0.15}, {"pivot_coulomb_friction"}),
-        ({"coulomb": 0.1, "quadratic": 0.02}, {"pivot_coulomb_friction", "quadratic_drag"}),
+        pytest.param(
+            {"coulomb": 0.1, "quadratic": 0.02}, {"pivot_coulomb_friction", "quadratic_drag"}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_the_right_frictions_are_named_in_a_decay(hidden, named):

@@ -10,14 +10,14 @@ from worlds import hobby_arm
 from armdyn.arm import motion_model
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion_model import MotionModel
-from armdyn.checked_study import CheckedStudy, unless_lost
+from armdyn.checked_study import CheckedStudy, unless_lost, with_better_motion
 from armdyn.effects.catalogue import find
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.recording.gaps import run_until
 from armdyn.run import Run
 
-SECONDS = 15.0
+SECONDS = 12.0
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmModel, list[R
     runs = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hobby_arm, "SECONDS", SECONDS)
-        for seed in range(3):
+        for seed in range(2):
             q, told = hobby_arm.recorded(file, seed)
             columns = {f"q.{j}": q[:, i] for i, j in enumerate(hobby_arm.JOINTS)}
             columns |= {f"q_cmd.{j}": told[:, i] for i, j in enumerate(hobby_arm.JOINTS)}
@@ -41,7 +41,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmModel, list[R
 @pytest.fixture(scope="module")
 def repaired(recorded) -> Repair:
     model, runs = recorded
-    return CheckedStudy.of(model, runs[:2], runs[2:]).repair()
+    study = CheckedStudy.of(model, runs[:1], runs[1:])
+    return study._repair_motion(*study.commanded, None)
 
 
 def test_names_and_values_are_those_that_mujoco_simulated(repaired):
@@ -72,6 +73,18 @@ def test_a_motion_that_runs_away_or_is_worse_than_its_commands_is_lost(repaired)
         assert word in lost.sentence
     of_exam = tuple(replace(e, role="exam", rms=None) for e in repaired.after.rollout)
     assert unless_lost(replace(repaired, after=replace(repaired.after, rollout=of_exam))).verdict is repaired.verdict
+
+
+def test_the_better_motion_is_the_answer_and_of_equal_ones_that_with_fewer_values(repaired):
+    def off(factor: float) -> Repair:
+        errors = tuple(replace(e, rms=factor * e.rms) for e in repaired.after.rollout)
+        return replace(repaired, after=replace(repaired.after, rollout=errors))
+
+    larger = replace(off(1.0), model=repaired.model.with_effect(find("torque_offset")))
+    worse, better = off(1.5), off(0.9)
+    assert with_better_motion([worse, better, larger]) is better
+    assert with_better_motion([larger, off(1.01)]) is not larger
+    assert with_better_motion([replace(better, verdict=Verdict.LOST), worse]) is worse
 
 
 def test_derivatives_are_those_of_differences(recorded, monkeypatch):

@@ -15,7 +15,9 @@ from armdyn.run import Channel
 CLOCK, DRIFT = 0.03, 2e-3  # s, and share: to which a clock is fitted
 
 
-@pytest.mark.parametrize("seed", [6010, 6015], ids=["driven, an encoder", "driven, a load cell alone"])
+@pytest.mark.parametrize(
+    "seed", [6010, pytest.param(6015, marks=pytest.mark.slow)], ids=["driven, an encoder", "driven, a load cell alone"]
+)
 def test_mistakes_with_a_moving_gripper_are_named_and_its_clock_is_fitted(seed):
     world = imperfect_pendulum.world(seed, "names")
     run, model = world.runs[0], pendulum_model(*world.guess)

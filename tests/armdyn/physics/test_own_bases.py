@@ -193,6 +193,7 @@ def test_what_a_state_of_first_order_lacks_is_named_and_is_no_acceleration(heate
     assert not {"acceleration", "speed"} & set(found.sentence.split())
 
 
+@pytest.mark.slow
 def test_a_state_that_the_runs_cannot_tell_from_the_one_named_is_said():
     def run(seed):
         flow = pushed(seed)
