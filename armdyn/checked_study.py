@@ -44,8 +44,8 @@ EQUAL_MOTION = 1.02
 """Ratio of two errors of the simulated motion up to which they are equal."""
 EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
-EFFECTS_LIKE_WEIGHT = ("payload", "gravity_spring")
-"""Effects whose torque is like that of an arm's weight."""
+EFFECTS_LIKE_WEIGHT = ("payload",)
+"""Effects whose torque is like that of an arm's weight, on all joints at once: of these a gain cannot be told."""
 Say: TypeAlias = Callable[[str], None]
 
 
