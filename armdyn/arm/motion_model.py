@@ -14,11 +14,10 @@ import numpy as np
 from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
-from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
+from armdyn.arm.motion_slopes import INPUT_DIFFERENCE, window_slopes
 from armdyn.arm.rollout import (
     SimulatedWindow,
     SimulationWindow,
-    drive_inputs,
     has_all_position_commands,
     simulate_window,
     simulation_windows,
@@ -29,8 +28,6 @@ from armdyn.run import Channel, Run
 
 SIMULATION_STEP_SECONDS, SLOPE_STEP_SECONDS = 0.004, 0.008
 """Longest step of the simulations by which effects are chosen, and usual step of their derivatives, s."""
-INPUT_DIFFERENCE = {"gain": 1e-3, "delay": 1e-3}
-"""Change of the logarithm of a gain, and of a delay, s, by which the drives' inputs are differentiated."""
 TYPICAL_GAIN_SHARE, TYPICAL_DELAY_SECONDS, MAX_DELAY_SECONDS = 0.1, 0.005, 0.2
 """Typical change of a drive's gain, as a share of it, and of its delay, and the largest delay."""
 MAX_POSITION_CHANGE = 10.0
@@ -155,19 +152,11 @@ class MotionModel(ArmModel):
         others = [self._drive_parameter(theta, i) for i in places]
         with np.errstate(all="ignore"):
             found = self._simulated(run, theta)
-            usual = round(SLOPE_STEP_SECONDS / float(found.edges[1] - found.edges[0]))
-            every = max(1, min(usual, len(found.edges) - 1))
-            edges, q, v = (part[::every] for part in (found.edges, found.q, found.v))
-            here, *there = (
-                drive_inputs(one, one.theta(), run, [one.servo(j) for j in one.arm.joints], edges)
-                for one in (arm, *(changed for changed, _ in others))
-            )
-            step, wanted = float(edges[1] - edges[0]), [arm.names.index(self.names[i]) for i in own]
-            slopes = motion_slopes(arm, arm.theta(), (q, v), here, there, step, wanted)
-            slopes = interpolate_rows(slopes[:, :, : len(own) + len(there)], edges, window.time)
+            wanted, changed = [arm.names.index(self.names[i]) for i in own], [model for model, _ in others]
+            slopes = window_slopes(arm, changed, window, found, SLOPE_STEP_SECONDS, wanted)
         by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
         by[:, :, own] = slopes[:, :, : len(own)]
-        by[:, :, places] = slopes[:, :, len(own) :] / np.array([change for _, change in others])
+        by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
         return prediction_from_channels(
@@ -210,9 +199,7 @@ class MotionModel(ArmModel):
 
     def _drive_parameter(self, theta: np.ndarray, i: int) -> tuple[ArmModel, float]:
         """The arm with one parameter changed slightly, and the change."""
-        change = INPUT_DIFFERENCE["delay"]
-        if self.names[i].endswith(".gain"):
-            change = INPUT_DIFFERENCE["gain"] * theta[i]
+        change = INPUT_DIFFERENCE * (theta[i] if self.names[i].endswith(".gain") else 1.0)
         if theta[i] + change > self.parameters[self.names[i]].upper:
             change = -change
         moved = theta.copy()

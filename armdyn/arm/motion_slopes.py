@@ -24,6 +24,7 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
+from armdyn.arm.rollout import SimulatedWindow, SimulationWindow, drive_inputs
 from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
@@ -33,6 +34,8 @@ INPUTS = ("given", "q_cmd", "v_cmd", "limit", "on", "gain", "damping")
 """Inputs of a drive that may differ, in the order of those of `drive_law`; see `DriveInputs`."""
 GRAVITY_DIFFERENCE = 1e-5
 """Change of an effect on the base in a difference quotient of gravity, in typical sizes."""
+INPUT_DIFFERENCE = 1e-3
+"""Change of the logarithm of a drive's gain, and of a delay, s, by which the drives' inputs are differentiated."""
 MAX_STATE = 1e4
 """Position or velocity, rad or m, per s, beyond which a simulation has run away."""
 SAMPLES_PER_CALL = 100
@@ -73,8 +76,8 @@ def motion_slopes(
         middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     sticks = (v[1:] == 0.0) | away[:, None]
     way = np.sign(v[1:])
-    wanted = drives.gain * (drives.q_cmd - middle[0]) + drives.damping * (drives.v_cmd - middle[1])
-    asked = drives.given + drives.on * np.clip(wanted, -drives.limit, drives.limit)
+    law = drives.gain * (drives.q_cmd - middle[0]) + drives.damping * (drives.v_cmd - middle[1])
+    asked = drives.given + drives.on * np.clip(law, -drives.limit, drives.limit)
     total = (np.cumsum(asked, axis=0) - asked) * step
     volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
     signals = np.hstack([*middle, np.diff(v, axis=0) / step, way, volts, total, *_inputs(drives)])
@@ -215,6 +218,34 @@ def _derivatives(model: ArmModel) -> ca.Function:
     rows = [ca.densify(ca.vec(part.T)) for part in outputs]
     signals = ca.vertcat(q, v, a, way, volts, total, *inputs)
     return ca.Function("slopes", [signals, ca.vertcat(links, gravity, theta)], rows)
+
+
+def window_slopes(
+    model: ArmModel,
+    others: Sequence[ArmModel],
+    window: SimulationWindow,
+    moved: SimulatedWindow,
+    usual_step: float,
+    wanted: Sequence[int] | None = None,
+) -> np.ndarray:
+    """(n, nj, k + m + 2 nj) derivatives of the simulated positions at the stamps of a window; see `motion_slopes`.
+
+    Args:
+        model: the arm with its effects.
+        others: the same arm with slightly different drives or delays of commands.
+        window: the window.
+        moved: its simulated motion.
+        usual_step: usual step of the integration, s; not shorter than that of the simulation.
+        wanted: indices of the k parameters; None means all.
+    """
+    every = max(1, min(round(usual_step / float(moved.edges[1] - moved.edges[0])), len(moved.edges) - 1))
+    edges, q, v = (part[::every] for part in (moved.edges, moved.q, moved.v))
+    here, *there = (
+        drive_inputs(one, one.theta(), window.run, [one.servo(joint) for joint in one.arm.joints], edges)
+        for one in (model, *others)
+    )
+    slopes = motion_slopes(model, model.theta(), (q, v), here, there, float(edges[1] - edges[0]), wanted)
+    return interpolate_rows(slopes, edges, window.time)
 
 
 def interpolate_rows(values: np.ndarray, edges: np.ndarray, time: np.ndarray) -> np.ndarray:

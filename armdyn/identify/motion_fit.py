@@ -16,13 +16,13 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
+from armdyn.arm.motion_model import MAX_DELAY_SECONDS, TYPICAL_DELAY_SECONDS, TYPICAL_GAIN_SHARE
+from armdyn.arm.motion_slopes import INPUT_DIFFERENCE, window_slopes
 from armdyn.arm.rollout import (
     MAX_COARSE_ROLLOUT_STEP_SECONDS,
     MAX_ROLLOUT_STEP_SECONDS,
     SimulationWindow,
     can_simulate_motion,
-    drive_inputs,
     encoder_step,
     has_all_position_commands,
     simulate_window,
@@ -44,12 +44,6 @@ MIN_LIKELIHOOD_GAIN_PER_STEP_NATS = 0.1
 """Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
 SLOPE_STEP_SECONDS = 0.004
 """Usual step of the integration of derivatives, s; they need less accuracy than the motion itself."""
-INPUT_DIFFERENCE = 1e-3
-"""Change of the logarithm of a drive's gain, and of a delay, s, by which the drives' inputs are differentiated."""
-TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
-"""Typical change of the logarithm of a drive's gain, and of its delay, s."""
-MAX_DRIVE_DELAY_SECONDS = 0.2
-"""Largest delay of a drive, s; known drives are well below."""
 WINDOW_START_PRIOR_STD_FACTOR = 3.0
 """Prior standard deviation of a window's start state, in standard deviations of the smoothed measured motion."""
 INDEPENDENT_ERROR_STRETCH_SECONDS = 2.0
@@ -137,10 +131,10 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
         if servo.determined and (gain is None or gain.std is not None):
-            found.append(_Unknown(name, "gain", TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
+            found.append(_Unknown(name, "gain", TYPICAL_GAIN_SHARE, -np.inf, np.inf, known))
         if given[name].delay is None:
-            free, largest = (0.0, np.inf), MAX_DRIVE_DELAY_SECONDS
-            found.append(_Unknown(name, "delay", TYPICAL_DRIVE_CHANGE["delay"], 0.0, largest, free))
+            free, largest = (0.0, np.inf), MAX_DELAY_SECONDS
+            found.append(_Unknown(name, "delay", TYPICAL_DELAY_SECONDS, 0.0, largest, free))
     return found
 
 
@@ -347,15 +341,7 @@ class _Descent:
         with np.errstate(all="ignore"):
             for window in self._begun(starts):
                 moved = simulate_window(model, theta, window, servos, self._longest)
-                usual = round(SLOPE_STEP_SECONDS / float(moved.edges[1] - moved.edges[0]))
-                every = max(1, min(usual, len(moved.edges) - 1))
-                edges, q, v = (part[::every] for part in (moved.edges, moved.q, moved.v))
-                here, *others = (
-                    drive_inputs(one, one.theta(), window.run, [one.servo(joint) for joint in joints], edges)
-                    for one in (model, *shifted)
-                )
-                slopes = motion_slopes(model, theta, (q, v), here, others, float(edges[1] - edges[0]))
-                found.append(interpolate_rows(slopes, edges, window.time))
+                found.append(window_slopes(model, shifted, window, moved, SLOPE_STEP_SECONDS))
         derivatives = np.moveaxis(np.clip(np.nan_to_num(np.vstack(found)), -1e9, 1e9), 2, 0)
         of_shifted, of_starts = np.split(derivatives[len(theta) :], [len(shifted)])
         of_inputs = dict(zip(through_inputs, of_shifted / INPUT_DIFFERENCE, strict=True))

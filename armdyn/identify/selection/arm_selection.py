@@ -228,9 +228,10 @@ def _with_unsure_values_held(found: LinearPath) -> LinearPath:
     bodies = _bodies(found)
     for load in [c for c in unsure if c in bodies]:
         # A load of no mass that has a place would lose its torque with any of its values.
-        for body in (c for c in bodies if c.joints == load.joints and len(c.names) > len(load.names)):
+        rivals = [c for c in bodies if c.joints == load.joints and len(c.names) > len(load.names)]
+        if rivals:
             others = [c for c in found.chosen_set.effects if c is not load]
-            found = found.with_effects([*others, body]).relinearised()
+            found = found.with_effects([*others, rivals[0]]).relinearised()
     scorer, effects = found.scorer, found.chosen_set.effects
     held = scorer.unsure_values(effects, width, MIN_VALUE_STDS)
     if not held:

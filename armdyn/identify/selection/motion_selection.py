@@ -14,16 +14,10 @@ from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
-from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect
+from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
 
-DRY, GEARED = (
-    ("joint_viscous_friction", "joint_coulomb_friction"),
-    (
-        "joint_viscous_friction",
-        "joint_load_friction",
-        "rotor_inertia",
-    ),
-)
+DRY = ("joint_viscous_friction", "joint_coulomb_friction")
+GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
 STARTS = ((DRY, 1.0), (DRY, 3.0), (GEARED, 3.0))
 """Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
@@ -80,12 +74,10 @@ def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
     """Fitted paths to sets with fewer effects or more, those that are foretold to be the best first."""
     scorer, now = found.scorer, found.chosen_set
     free = [c for c in now.effects if c not in scorer.given]
-    parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
-    fewer = [
-        scorer.evaluate([c for c in now.effects if c not in part]) for part in scorer.promising_removals(now, parts)
-    ]
+    removals = scorer.promising_removals(now, singles_and_groups(free))
+    fewer = [scorer.evaluate([c for c in now.effects if c not in part]) for part in removals]
     left = [c for c in scorer.searched_effects if c not in now.effects]
-    options = [(c,) for c in left] + [own for own in group_joints_by_effect(left) if len(own) > 1]
+    options = singles_and_groups(left)
     likely = np.argsort(-scorer.approximate_addition_scores(now, options))[:SCORED_ADDITIONS]
     more = [scorer.evaluate((*now.effects, *options[i])) for i in likely]
     best = max([*fewer, *more], key=lambda one: one.score)
@@ -118,4 +110,4 @@ def _steps(chosen: Sequence[LinearPath], given: SearchStep, say: ProgressCallbac
             gone = study.problem.mask_of_unknowns([name for c in groups[i + 1 :] for one in c for name in one.names])
             values = np.where(gone, study.problem.null, values)
         at = last.fit if whole else study.fit_base_with_effects(effects, last.fit, values)
-        yield SearchStep((added,), (), effects, at, study.tests(at, effects) if whole else given.tests)
+        yield SearchStep((added,), (), effects, at, study.tests(at, effects))

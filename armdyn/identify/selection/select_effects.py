@@ -53,8 +53,7 @@ def eliminate(scorer: EffectSetScorer, now: EffectSetScore) -> EffectSetScore:
     """
     while True:
         free = [c for c in now.effects if c not in scorer.given]
-        parts = [(c,) for c in free] + [own for own in group_joints_by_effect(free) if len(own) > 1]
-        promising = scorer.promising_removals(now, parts)
+        promising = scorer.promising_removals(now, singles_and_groups(free))
         fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in promising)
         best = max(fewer, key=_score, default=now)
         if best is now or best.score < now.score:
@@ -67,22 +66,23 @@ def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, 
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 
+def singles_and_groups(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Effects on one joint each, and then the same ones on all of their joints together."""
+    return [*((c,) for c in atoms), *(own for own in group_joints_by_effect(atoms) if len(own) > 1)]
+
+
 def _score(one: EffectSetScore) -> float:
     return one.score
 
 
 def _additions(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
-    left = [c for c in scorer.searched_effects if c not in now.effects]
-    yield from (((), (c,)) for c in left)
-    yield from (((), whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
+    yield from (((), come) for come in singles_and_groups([c for c in scorer.searched_effects if c not in now.effects]))
 
 
 def _exchanges(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     free = [c for c in now.effects if c not in scorer.given]
     left = [c for c in scorer.searched_effects if c not in now.effects]
-    for part in [*((c,) for c in free), *(own for own in group_joints_by_effect(free) if len(own) > 1)]:
-        yield from ((part, (c,)) for c in left)
-        yield from ((part, whole) for whole in group_joints_by_effect(left) if len(whole) > 1)
+    yield from ((gone, come) for gone in singles_and_groups(free) for come in singles_and_groups(left))
 
 
 def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
