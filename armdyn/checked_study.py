@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-import numpy as np
-
 from armdyn.arm.motion_model import MotionModel
 from armdyn.arm.rollout import has_all_position_commands
 from armdyn.discovery.discover import discover
@@ -20,6 +18,7 @@ from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import ArmdynError
+from armdyn.identify.better_motion import unless_lost, with_better_motion
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion_fit import fit_to_motion
@@ -40,8 +39,6 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
-EQUAL_MOTION = 1.02
-"""Ratio of two errors of the simulated motion up to which they are equal."""
 EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
 EFFECTS_LIKE_WEIGHT = ("payload",)
@@ -318,48 +315,6 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
-
-
-def with_better_motion(found: Sequence[Repair]) -> Repair:
-    """The repair whose simulated motion is nearest to the held-out runs, or to the training runs where there are none.
-
-    Of two that are equally near, the one with fewer values.
-    """
-
-    def error(one: Repair) -> float:
-        errors = [e for e in one.after.rollout if e.role == "held_out"] or [
-            e for e in one.after.rollout if e.role == "training"
-        ]
-        known = [np.inf if e.rms is None else e.rms for e in errors]
-        return float(np.sqrt(np.mean(np.square(known)))) if known and one.verdict is not Verdict.LOST else np.inf
-
-    errors = [error(one) for one in found]
-    near = [one for one, size in zip(found, errors, strict=True) if size <= EQUAL_MOTION * min(errors)]
-    return min(near, key=lambda one: len(one.model.names))
-
-
-def unless_lost(found: Repair) -> Repair:
-    """A repair, with the verdict lost if its simulated motion is worse than that of joints at their commands.
-
-    Exam runs do not count.
-    """
-    errors = [e for e in found.after.rollout if e.role != "exam" and e.position_is_command is not None]
-    for role in ("held_out", "training"):
-        own = [e for e in errors if e.role == role]
-        away = next((e for e in own if e.rms is None), None)
-        ours, told = (
-            float(np.sqrt(np.mean([size**2 for size in sizes]))) if sizes and away is None else 0.0
-            for sizes in ([e.rms or 0.0 for e in own], [e.position_is_command[0] for e in own if e.position_is_command])
-        )
-        if away is None and ours <= told:
-            continue
-        where = "held-out" if role == "held_out" else "training"
-        how = f"the simulated motion of {where} runs is off by {ours:.3g} rad, joints at their commands by {told:.3g}"
-        if away is not None:
-            how = f"the simulated {away.joint} runs away in {away.run}"
-        advice = "state the drive's gain and limit, leave out runs with collisions, or record slower motions"
-        return replace(found, verdict=Verdict.LOST, sentence=f"lost: {how}. So no value here says anything: {advice}.")
-    return found
 
 
 def predicts_motion(model: Model, runs: Sequence[Run]) -> bool:

@@ -10,8 +10,9 @@ from worlds import hobby_arm
 from armdyn.arm import motion_model
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion_model import MotionModel
-from armdyn.checked_study import CheckedStudy, unless_lost, with_better_motion
+from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
+from armdyn.identify.better_motion import unless_lost, with_better_motion
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.recording.gaps import run_until

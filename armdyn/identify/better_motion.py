@@ -1,0 +1,54 @@
+"""Judge repairs of an arm by its simulated motion: which one is better, and whether one is lost."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.identify.repair import Repair
+from armdyn.identify.sentence import Verdict
+
+EQUAL_MOTION = 1.02
+"""Ratio of two errors of the simulated motion up to which they are equal."""
+
+
+def with_better_motion(found: Sequence[Repair]) -> Repair:
+    """The repair whose simulated motion is nearest to the held-out runs, or to the training runs where there are none.
+
+    Of two that are equally near, the one with fewer values.
+    """
+
+    def error(one: Repair) -> float:
+        errors = [e for e in one.after.rollout if e.role == "held_out"] or [
+            e for e in one.after.rollout if e.role == "training"
+        ]
+        known = [np.inf if e.rms is None else e.rms for e in errors]
+        return float(np.sqrt(np.mean(np.square(known)))) if known and one.verdict is not Verdict.LOST else np.inf
+
+    errors = [error(one) for one in found]
+    near = [one for one, size in zip(found, errors, strict=True) if size <= EQUAL_MOTION * min(errors)]
+    return min(near, key=lambda one: len(one.model.names))
+
+
+def unless_lost(found: Repair) -> Repair:
+    """A repair, with the verdict lost if its simulated motion is worse than that of joints at their commands.
+
+    Exam runs do not count.
+    """
+    errors = [e for e in found.after.rollout if e.role != "exam" and e.position_is_command is not None]
+    for role in ("held_out", "training"):
+        own = [e for e in errors if e.role == role]
+        away = next((e for e in own if e.rms is None), None)
+        ours, told = (
+            float(np.sqrt(np.mean([size**2 for size in sizes]))) if sizes and away is None else 0.0
+            for sizes in ([e.rms or 0.0 for e in own], [e.position_is_command[0] for e in own if e.position_is_command])
+        )
+        if away is None and ours <= told:
+            continue
+        where = "held-out" if role == "held_out" else "training"
+        how = f"the simulated motion of {where} runs is off by {ours:.3g} rad, joints at their commands by {told:.3g}"
+        if away is not None:
+            how = f"the simulated {away.joint} runs away in {away.run}"
+        advice = "state the drive's gain and limit, leave out runs with collisions, or record slower motions"
+        return replace(found, verdict=Verdict.LOST, sentence=f"lost: {how}. So no value here says anything: {advice}.")
+    return found
