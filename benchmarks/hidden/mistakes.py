@@ -47,10 +47,11 @@ DESCRIBED = {
     "arm_dfki_double": "double_pendulum_C1.urdf", "arm_gen3": "gen3.urdf", "emps": "emps.urdf", "ur10e": "ur10e.urdf",
     "arm_panda_unisa": "panda",
 }  # fmt: skip
-"""URDF or known robot by folder; the recordings of all other folders are of pendulums."""
+"""URDF or known robot by folder; recordings of a swing angle or a load's force in other folders are of pendulums."""
 PENDULUMS = (
     (False, ("swing_angle",)), (True, ("swing_angle", "swing_rate")), (True, ("swing_angle", "load_force")),
 )  # fmt: skip
+SWINGING = {channel for _, channels in PENDULUMS for channel in channels}
 REAL = ("", "pivot_coulomb_friction", "quadratic_drag", "angle_gain", "angle_offset", "gripper_scale", "sensor_bias")
 CLOCK = 0.02
 """Largest error of a corrected clock [s]; torques and rates of the recordings have delays of their own."""
@@ -147,6 +148,8 @@ def recorded_runs(data: Path) -> Iterator[tuple[str, Model, Run]]:
             except InputError:  # logs of servos, as their programs wrote them
                 continue
             model: Model = pendulum_model(0.35, 0.1)
+            if folder.name not in DESCRIBED and not SWINGING & set(run.channels):
+                continue  # a linkage or a servo, whose model is not at hand
             if folder.name in DESCRIBED:
                 description = DESCRIBED[folder.name]
                 urdf = folder / description if description.endswith(".urdf") else None
