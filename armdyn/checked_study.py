@@ -226,15 +226,11 @@ class CheckedStudy:
         """
         if self.commanded is None:
             return self._repair_torques(say)
-        found, refusal = list[Repair](), None
-        for way in (self._repair_torques, partial(self._repair_motion, *self.commanded)):
-            try:
-                found.append(way(say))
-            except ArmdynError as error:
-                refusal = refusal or error
-        if refusal is not None and not found:
-            raise refusal
-        return with_better_motion(found)
+        try:
+            read = self._repair_torques(say)
+        except ArmdynError:
+            read = None
+        return self._repair_motion(read, *self.commanded, say)
 
     def _repair_torques(self, say: Say | None) -> Repair:
         """A repair by torques, whose values are then fitted to the motion, where recordings contain commands.
@@ -262,7 +258,7 @@ class CheckedStudy:
         return discover(self.study, say)
 
     def _repair_motion(
-        self, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run], say: Say | None
+        self, read: Repair | None, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run], say: Say | None
     ) -> Repair:
         """A repair by the simulated motion; see `MotionModel`."""
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
@@ -274,6 +270,9 @@ class CheckedStudy:
         effects = [effect for effect in self.effects if effect.name not in unseen]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
+        begun = None if read is None or read.verdict is Verdict.LOST else read.model.arm_model_or_none()
+        if begun is not None:
+            study = study.beginning_with(MotionModel.of(begun, declared.drives))
         found = repair(study, say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
         assert whole is not None

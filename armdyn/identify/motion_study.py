@@ -1,12 +1,15 @@
 """Fits of an arm's simulated motion, for arms whose servos do not measure their torque."""
 
 from collections import Counter
+from copy import copy
 
 import numpy as np
 
+from armdyn.arm.motion_model import MotionModel
 from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem
+from armdyn.identify.selection.candidate import Candidate
 
 INDEPENDENT_ERROR_SECONDS = 1.0
 """Length of a stretch of a recording, s, with errors that are independent of the next. With 5 s the load friction and
@@ -20,9 +23,30 @@ MAX_GIVEN_FIT_STEPS = 3
 
 
 class MotionStudy(LinearStudy):
-    """Fits of an arm's simulated motion; see `Study`."""
+    """Fits of an arm's simulated motion; see `Study`.
+
+    Attributes:
+        read: another answer to the same question, with which a search may begin.
+    """
 
     most_steps, tolerance, indirect_steps = MAX_FIT_STEPS, FIT_TOLERANCE_STDS, 0
+    read: MotionModel | None = None
+
+    def beginning_with(self, read: MotionModel) -> "MotionStudy":
+        """The same study, whose search of effects may begin with another answer."""
+        study = copy(self)
+        study.read = read
+        return study
+
+    def read_start(self) -> tuple[tuple[Candidate, ...], np.ndarray]:
+        """Effects of the answer with which a search may begin, none without one, and (P,) values."""
+        problem, values = self.problem, self.problem.start_values()
+        known = {} if self.read is None else {n: p for n, p in self.read.parameters.items() if n in problem.model.names}
+        for name, p in known.items():
+            values[problem.mask_of_unknowns([name])] = p.value
+        own = {name for name, p in known.items() if p.effect and p.fitted}
+        parts = [c.without_parameters(set(c.names) - own) for c in self.candidates]
+        return tuple(c for c in parts if c.names), values
 
     def _fit_as_given(self) -> Fit:
         wanted = self.problem.fitted & self.problem.mask_of_unknowns(self.model.names)

@@ -52,22 +52,30 @@ def select_for_motion(
 
 def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
     """The path to the best of the sets with which a search begins."""
-    problem, found = study.problem, list[tuple[Fit, list[Candidate]]]()
-    weighted = study.coarsely_weighted(given.fit)
-    for names, size in STARTS:
-        usual = [c for c in study.candidates if c.effect in names]
-        say(f"fitting the motion with {', '.join(names)}")
-        own = problem.mask_of_unknowns([name for c in usual for name in c.names])
-        begun = np.where(own, problem.null + size * problem.typical, problem.start_values())
+    problem, weighted = study.problem, study.coarsely_weighted(given.fit)
+
+    def begun(effects: Sequence[Candidate], values: np.ndarray) -> LinearPath:
+        own = problem.mask_of_unknowns([name for c in effects for name in c.names])
         near = fit(
-            problem, given.fit.free | own, begun, most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance,
-            weighted=weighted,
+            problem, given.fit.free | own, np.where(own | given.fit.free, values, problem.start_values()),
+            most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance, weighted=weighted,
         )  # fmt: skip
-        found.append((near, usual))
-    near, usual = min(found, key=lambda one: one[0].chi2)
-    scorer = study.scorer(near)
-    chosen = scorer.evaluate(scorer.split_into_candidates([*study.present, *usual]))
-    return LinearPath(study, scorer, chosen, given.effects, near, near)
+        scorer = study.scorer(near)
+        chosen = scorer.evaluate(scorer.split_into_candidates([*study.present, *effects]))
+        return LinearPath(study, scorer, chosen, given.effects, near, near)
+
+    found = list[LinearPath]()
+    for names, size in STARTS:
+        say(f"fitting the motion with {', '.join(names)}")
+        usual = [c for c in study.candidates if c.effect in names]
+        own = problem.mask_of_unknowns([name for c in usual for name in c.names])
+        found.append(begun(usual, np.where(own, problem.null + size * problem.typical, problem.start_values())))
+    best = min(found, key=lambda path: path.fit.chi2)
+    read, values = study.read_start()
+    if not read:
+        return best
+    say("fitting the motion with what its torques tell")
+    return best_path([best, begun(read, values)])
 
 
 def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
