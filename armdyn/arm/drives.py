@@ -178,25 +178,37 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
     return found
 
 
-def known_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]:
-    """Table ``[drives]`` of a model file for known kinds of drives.
+def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]:
+    """Table ``[drives]`` of a model file for kinds of drives that are known, or of which only the law is known.
 
     Args:
-        chosen: texts ``"KIND=all"`` or ``"KIND=joint,joint"``.
+        chosen: texts ``"KIND=all"``, ``"KIND=joint,joint"``, or ``"NAME:LAW=joint,joint"`` for a kind of which nothing
+            else is known.
         joints: joints of the arm.
 
     Raises:
-        InputError: a kind is unknown, or a text has another form.
+        InputError: a kind or a law is unknown, or a text has another form.
     """
     found: dict[str, Any] = {}
     for text in chosen:
-        kind, equals, listed = text.partition("=")
-        if not equals or not listed:
-            raise InputError(f"--drive {text}: write it as --drive sts3215=all, or with joints, sts3215=elbow,wrist")
-        if kind not in KNOWN_DRIVES:
-            raise UnknownNameError("drive", kind, KNOWN_DRIVES, "; write others into the model file, [drives.NAME]")
-        found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **KNOWN_DRIVES[kind]}
+        named, equals, listed = text.partition("=")
+        kind, colon, law = named.partition(":")
+        if not equals or not listed or not kind:
+            raise InputError(f"--drive {text}: write it as sts3215=all, sts3215=elbow,wrist, or NAME:position=all")
+        if colon and law not in get_args(ControlLaw):
+            raise UnknownNameError("law", law, get_args(ControlLaw))
+        if not colon and kind not in KNOWN_DRIVES:
+            hint = f"; of another kind state the law, as in {kind}:position={listed}"
+            raise UnknownNameError("drive", kind, KNOWN_DRIVES, hint)
+        known = {**KNOWN_DRIVES.get(kind, {}), "law": law} if colon else KNOWN_DRIVES[kind]
+        found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **known}
     return found
+
+
+def law_of_commands(run: Run) -> ControlLaw | None:
+    """The law of drives whose commands a recording contains; None where it has a torque, or no command."""
+    kinds = {name.partition(".")[0] for name in run.channels}
+    return None if "tau" in kinds else next((law for law, kind in COMMAND_CHANNELS.items() if kind in kinds), None)
 
 
 def _servo(entry: Any, *, slides: bool) -> Servo:

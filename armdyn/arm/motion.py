@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erf
 
+from armdyn.arm.drives import law_of_commands
 from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import Channel
@@ -249,8 +250,11 @@ def torque_channels(run: Run, sliding: Mapping[str, bool], carried: Collection[s
     channels = tuple(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels)
     where = run.source or run.name
     if not channels:
+        law = law_of_commands(run)
+        advice = f" or, as it holds commands, make the model with --drive servo:{law}=all" if law else ""
         raise InputError(
             f"{where}: holds no torque of {', '.join(asked)}, so there is nothing to compare: record 'tau.<joint>'"
+            + advice
         )
     for joint, slides in sliding.items():
         unit = _position(run, joint).unit

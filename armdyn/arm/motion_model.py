@@ -15,6 +15,7 @@ from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion_slopes import INPUT_DIFFERENCE, window_slopes
+from armdyn.arm.play import PLAY_PARAMETER, has_play, plays
 from armdyn.arm.rollout import (
     SimulatedWindow,
     SimulationWindow,
@@ -139,11 +140,9 @@ class MotionModel(ArmModel):
 
     def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
         """(n,) simulated positions by channel."""
-        window = _window(run, self.arm.joints)
-        found = self._simulated(run, theta)
-        return {
-            f"q.{joint}": _held(np.interp(window.time, found.edges, found.q[:, j])) for j, joint in self._moving(run)
-        }
+        window, found = _window(run, self.arm.joints), self._simulated(run, theta)
+        read = _held(self._read(found, theta, window.time)[0])
+        return {f"q.{joint}": read[:, j] for j, joint in self._moving(run)}
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Simulate the positions of a run, with their derivatives by the parameters; see `motion_slopes`."""
@@ -156,15 +155,29 @@ class MotionModel(ArmModel):
             slopes = window_slopes(arm, changed, window, found, SLOPE_STEP_SECONDS, wanted)
         by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
         by[:, :, own] = slopes[:, :, : len(own)]
+        read, sides = self._read(found, theta, window.time)
+        for j, joint in enumerate(self.arm.joints):
+            if (name := f"{PLAY_PARAMETER}[{joint}]") in self.names:
+                by[:, j, self.names.index(name)] = -sides[:, j]
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
         return prediction_from_channels(
             [
-                (f"q.{joint}", window.time, _held(np.interp(window.time, found.edges, found.q[:, j])), by[:, j])
+                (f"q.{joint}", window.time, _held(read[:, j]), by[:, j])
                 for j, joint in self._moving(run)
             ]
         )
+
+    @np.errstate(all="ignore")
+    def _read(self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, nj) positions of the links at (n,) times, s, and the ends of their plays at which these hang."""
+        q = found.positions_at(time)
+        if not has_play(self):
+            return q, np.zeros_like(q)
+        arm = self.arm_at(theta)
+        sides = found.play_sides_at(arm, arm.theta(), time)
+        return q - plays(self, theta) * sides, sides
 
     @np.errstate(all="ignore")
     def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:

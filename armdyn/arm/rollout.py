@@ -14,6 +14,7 @@ import pinocchio as pin
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.play import has_play, play_sides, plays
 from armdyn.arm.readings import mean_command
 from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.object_cache import cached_with_first_argument
@@ -121,6 +122,19 @@ class SimulatedWindow:
     q: np.ndarray
     v: np.ndarray
 
+    def positions_at(self, time: np.ndarray) -> np.ndarray:
+        """(n, nj) positions of the drives at (n,) times, s."""
+        return self._at(time, self.q)
+
+    def play_sides_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(n, nj) ends of their plays at which the links hang at (n,) increasing times, s; see `play_sides`."""
+        v = self._at(time, self.v)
+        a = np.gradient(v, time, axis=0) if len(time) > 1 else np.zeros_like(v)
+        return play_sides(model, theta, (self.positions_at(time), v, a))
+
+    def _at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(time, self.edges, values[:, j]) for j in range(values.shape[1])])
+
 
 @cached_with_first_argument
 def simulation_windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[SimulationWindow, ...]:
@@ -162,7 +176,8 @@ def simulated_positions(
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     found = simulate_window(model, theta, window, own, longest)
-    return np.column_stack([np.interp(window.time, found.edges, found.q[:, j]) for j in range(found.q.shape[1])])
+    read = found.positions_at(window.time)
+    return read - plays(model, theta) * found.play_sides_at(model, theta, window.time) if has_play(model) else read
 
 
 def simulate_window(
@@ -172,7 +187,11 @@ def simulate_window(
     step = min(longest, _stiff_step(model, theta, servos))
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
-    q, v = simulate_arm(model, theta, window.start, drive_inputs(model, theta, window.run, servos, edges), step)
+    start = window.start
+    if has_play(model):  # the start is that of the links, which is not where the drives are
+        still = tuple(part[None] for part in (*start, np.zeros_like(start[0])))
+        start = (start[0] + plays(model, theta) * play_sides(model, theta, still)[0], start[1])
+    q, v = simulate_arm(model, theta, start, drive_inputs(model, theta, window.run, servos, edges), step)
     return SimulatedWindow(edges, q, v)
 
 

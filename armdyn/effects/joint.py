@@ -132,6 +132,19 @@ def torque_delay(
 
 
 @effect(
+    summary="Play between the drive, which reads its own position, and the link, whose position is recorded.",
+    source="dead-zone model of a gear without inertia in its gap: Nordin & Gutman, Automatica 38(10), 2002, §2",
+    needs=("q_cmd",),
+)
+def backlash(
+    joint: Joint,
+    play: Expression = quantity("rad", typical=0.01, lower=0.0, summary="way of the link to either side"),
+) -> Joint:
+    """Recorded position = q - b sign(load), q the drive's position, load the torque that moves the link."""
+    return joint  # no torque changes: what is read does, see `armdyn.arm.play`
+
+
+@effect(
     summary="A spring, such as one that carries the arm's weight, adds to the effort of the joint.",
     source="spring of zero free length between link and frame: Herder, Energy-free Systems, TU Delft, 2001",
     reach="turning",

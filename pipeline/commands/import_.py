@@ -209,6 +209,8 @@ def _words(choice: RobotChoice) -> list[str]:
 
 
 def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -> None:
+    from armdyn.arm.drives import law_of_commands
+
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
         run = each.run
@@ -221,9 +223,13 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -
     compare = f"then: {shell_quoted_command('compare', 'M.toml', *written[:3])}"
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
-        typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice))}")
-        measured = any(name.startswith("tau.") for name in runs[0].channels)
-        typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
+        law = law_of_commands(runs[0])
+        drive = [] if law is None else ["--drive", f"servo:{law}=all"]
+        typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice), *drive)}")
+        if drive:
+            typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")
+        silent = not drive and not any(name.startswith("tau.") for name in runs[0].channels)
+        typer.echo("no torque was recorded: only what is measured can be compared" if silent else compare)
     else:
         typer.echo(f"next: armdyn new {'pendulum' if runs[0].channels else '--base FILE.py'} M.toml")
         typer.echo(compare)

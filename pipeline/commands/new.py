@@ -37,7 +37,9 @@ group = typer.Typer(
 DriveOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--drive", help="Joints whose servos record no torque: sts3215=all, or KIND=joint,joint; may be repeated."
+        "--drive",
+        help="Joints whose servos record no torque: sts3215=all, KIND=joint,joint, or of any other kind "
+        "NAME:position=all (velocity, torque, current); may be repeated.",
     ),
 ]
 
@@ -93,14 +95,14 @@ def arm(
 ) -> None:
     """Write the rigid-body model of an arm from a URDF or MJCF; by default the arm is the longest chain of joints."""
     from armdyn.arm.described import with_described_effects
-    from armdyn.arm.drives import known_drives
+    from armdyn.arm.drives import chosen_drives
     from armdyn.arm.model import arm_model
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
     made = with_described_effects(arm_model(urdf or mjcf, robot, split_names(joints), tool=tool))
-    made = made.with_drives(known_drives(drive or (), made.joints))
+    made = made.with_drives(chosen_drives(drive or (), made.joints))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
     weightless = [
