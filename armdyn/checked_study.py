@@ -6,7 +6,6 @@ inspected before an effect is named or a value is reported, and impossible fitte
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -18,7 +17,7 @@ from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import ArmdynError
-from armdyn.identify.better_motion import unless_lost, with_better_motion
+from armdyn.identify.better_motion import unless_lost
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion_fit import fit_to_motion

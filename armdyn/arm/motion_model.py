@@ -163,10 +163,7 @@ class MotionModel(ArmModel):
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
         return prediction_from_channels(
-            [
-                (f"q.{joint}", window.time, _held(read[:, j]), by[:, j])
-                for j, joint in self._moving(run)
-            ]
+            [(f"q.{joint}", window.time, _held(read[:, j]), by[:, j]) for j, joint in self._moving(run)]
         )
 
     @np.errstate(all="ignore")

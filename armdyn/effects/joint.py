@@ -141,7 +141,8 @@ def backlash(
     play: Expression = quantity("rad", typical=0.01, lower=0.0, summary="way of the link to either side"),
 ) -> Joint:
     """Recorded position = q - b sign(load), q the drive's position, load the torque that moves the link."""
-    return joint  # no torque changes: what is read does, see `armdyn.arm.play`
+    del play  # no torque changes: what is read does, see `armdyn.arm.play`
+    return joint
 
 
 @effect(

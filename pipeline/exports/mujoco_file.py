@@ -32,6 +32,10 @@ from urdf.write import xml_number_list
 DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
 light link without armature slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
+HARD_STOP = {"solreflimit": "0.004 1", "solimplimit": "0.99 0.999 0.001 0.5 2"}
+"""Solver parameters of the ends of a joint's play, which the link neither enters nor leaves by itself."""
+PLAY_ARMATURE_SHARE = 0.01
+"""Armature of a joint's play, as a share of the inertia that it moves; a drive without rotor would weigh nothing."""
 GRAVITY_SPRING_LEVER = 0.1
 """Distance from the joint's axis to either end of an exported gravity spring [m]; its stiffness follows from it."""
 MIN_MASS_AND_INERTIA = 1e-12
@@ -52,6 +56,11 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     notes = [
         *inexpressible_effects(model, EXPRESSIBLE_EFFECTS["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
         "shapes: capsules stand for the links, nothing collides",
+        *(
+            f"play of {joint.name}: its link stands at {joint.name} + {play_joint(joint.name)}"
+            for joint in parts
+            if joint.play
+        ),
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -70,6 +79,11 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
         notes += [f"rate of {name}: limit what it is told to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
+
+
+def play_joint(joint: str) -> str:
+    """Name of the second joint that an exported joint with play has; it lies between the drive and the link."""
+    return f"{joint}_play"
 
 
 def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> None:
@@ -117,7 +131,8 @@ def _delay(model: ArmModel, joint: str) -> float:
 def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> list[ET.Element]:
     """Add a body for every joint, in the order of the joints, and a site at the tool."""
     arm, names, axes = model.arm.model, _link_names(model), joint_axes(model.arm.model)
-    bodies: list[ET.Element] = []
+    rigid, bodies = model.rigid_body_model_at(model.theta()), list[ET.Element]()
+    inertias = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid)))
     for i, joint in enumerate(parts):
         parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
         outer = bodies[parent] if parent >= 0 else world
@@ -139,6 +154,10 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[ExportedJoin
         if np.isfinite(lower) and np.isfinite(upper):
             attributes["range"] = f"{lower!r} {upper!r}"
         ET.SubElement(body, "joint", attributes)
+        if joint.play:
+            span = {"name": play_joint(joint.name), "range": f"{-joint.play!r} {joint.play!r}", **HARD_STOP}
+            span["armature"] = repr(PLAY_ARMATURE_SHARE * float(inertias[i]))
+            ET.SubElement(body, "joint", {key: attributes[key] for key in ("type", "axis")} | span)
         bodies.append(body)
     frame, offset = arm.frames[model.arm.robot.tool_frame_id], np.asarray(model.arm.robot.tool_offset)
     outer = bodies[int(frame.parentJoint) - 1] if frame.parentJoint else world

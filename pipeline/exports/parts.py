@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.arm.play import PLAY_PARAMETER
 from armdyn.errors import InputError
 from armdyn.model import Model
 from urdf.mend import impossible_inertia_reason
@@ -18,7 +19,7 @@ EXPRESSIBLE_EFFECTS = {
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
         "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
-        "command_delay",
+        "command_delay", "backlash",
     },
 }  # fmt: skip
 """Effects that a format can express, by format."""
@@ -48,6 +49,7 @@ class ExportedJointDynamics:
         spring: factors of sin q and cos q in the torque of a gravity spring [N m].
         stiffness: stiffness of a spring in the joint [N m/rad].
         rest: position at which the spring in the joint has no torque [rad].
+        play: way of the link to either side of the drive's position [rad].
     """
 
     name: str
@@ -60,6 +62,7 @@ class ExportedJointDynamics:
     spring: tuple[float, float]
     stiffness: float
     rest: float
+    play: float
 
 
 def exported_joint_dynamics(model: ArmModel) -> tuple[ExportedJointDynamics, ...]:
@@ -85,6 +88,7 @@ def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) 
         spring=(value("gravity_spring.sine"), value("gravity_spring.cosine")),
         stiffness=value("joint_spring.stiffness"),
         rest=value("joint_spring.rest"),
+        play=value(PLAY_PARAMETER),
     )
 
 

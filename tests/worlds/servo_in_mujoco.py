@@ -11,6 +11,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import SimulationWindow, has_all_position_commands, simulation_windows
 from armdyn.run import Run
+from pipeline.exports.mujoco_file import play_joint
 
 LENGTH = 0.5  # s of the windows of drives that are told no position
 
@@ -24,15 +25,18 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
     """(n, nj) simulated less recorded positions, rad or m, by the exported file, in steps of s or MuJoCo's own."""
     arm = mujoco.MjModel.from_xml_string(text)
     arm.opt.timestep = step or arm.opt.timestep
-    arm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT  # generated arms go on where a description ends
     gains, biases, limits = (a.copy() for a in (arm.actuator_gainprm, arm.actuator_biasprm, arm.actuator_forcerange))
     offsets = biases[:, :1].copy()  # no share of the supply
     servos = [model.servo(joint) for joint in model.arm.joints]
+    names = [arm.joint(i).name for i in range(arm.njnt)]
+    drives = [names.index(joint) for joint in model.arm.joints]  # each joint is one coordinate
+    arm.jnt_limited[drives] = False  # generated arms go on where a description ends
+    gaps = [(j, names.index(play_joint(n))) for j, n in enumerate(model.arm.joints) if play_joint(n) in names]
     told = [run.channels[s.command(joint)] for s, joint in zip(servos, model.arm.joints, strict=True)]
     found = []
     for window in stretches(model, run):
         data = mujoco.MjData(arm)
-        data.qpos[:], data.qvel[:], data.time = *window.start, window.begin
+        data.qpos[drives], data.qvel[drives], data.time = *window.start, window.begin
         for i, channel in enumerate(told):
             count = int(arm.actuator_history[i, 0])
             if count:
@@ -48,7 +52,9 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
         )
         positions = np.empty((count, len(told)))
         for k in range(count):
-            positions[k] = data.qpos
+            positions[k] = data.qpos[drives]
+            for j, gap in gaps:
+                positions[k, j] += data.qpos[gap]
             data.ctrl[:] = commands[k]
             share = shares[k][:, None]
             arm.actuator_gainprm[:], arm.actuator_biasprm[:] = share * gains, share * biases

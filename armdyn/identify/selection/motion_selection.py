@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from armdyn.identify.fit import Fit, fit
+from armdyn.identify.fit import fit
 from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path
 from armdyn.identify.selection.candidate import Candidate, group_by_effect

@@ -7,6 +7,7 @@ from worlds.servo_arm import EFFECTS, generate
 from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
 from armdyn.arm.rollout import simulated_positions
+from armdyn.effects.catalogue import find
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 
@@ -27,3 +28,16 @@ def test_an_exported_arm_is_as_far_from_its_recording_in_mujoco_as_the_model_is(
     assert [note for note in notes if "supply" in note] == [
         f"supply of {name}: its gain is that at 12 V" for name, s in made.truth.drives.items() if s.supply
     ]
+
+
+def test_the_play_of_a_joint_is_a_second_joint_in_mujoco():
+    made = generate(0, ("joint_coulomb_friction",))
+    joint, run = made.truth.joints[1], made.runs[-1]
+    model = made.truth.with_effect(find("backlash").on(joint)).with_values({f"backlash.play[{joint}]": 0.02})
+    (window,) = stretches(model, run)
+    tight, loose = (simulated_positions(one, one.theta(), window) for one in (made.truth, model))
+    text, notes = mujoco_text(model)
+    there = errors_in_mujoco(text, model, run, 5e-4)[:, 1] + window.q[:, 1]
+    assert np.abs(loose - tight).max() > 0.015
+    assert np.quantile(np.abs(there - loose[:, 1]), 0.9) < 0.002
+    assert f"play of {joint}: its link stands at {joint} + {joint}_play" in notes
