@@ -157,8 +157,9 @@ class MotionModel(ArmModel):
         by[:, :, own] = slopes[:, :, : len(own)]
         read, sides = self._read(found, theta, window.time)
         for j, joint in enumerate(self.arm.joints):
-            if (name := f"{PLAY_PARAMETER}[{joint}]") in self.names:
-                by[:, j, self.names.index(name)] = -sides[:, j]
+            name = f"{PLAY_PARAMETER}[{joint}]"
+            if name in self.names and self.names.index(name) in own:
+                by[:, j, self.names.index(name)] -= sides[:, j]
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
@@ -174,7 +175,7 @@ class MotionModel(ArmModel):
             return q, np.zeros_like(q)
         arm = self.arm_at(theta)
         sides = found.play_sides_at(arm, arm.theta(), time)
-        return q - plays(self, theta) * sides, sides
+        return q - np.array(plays(self, theta)) * sides, sides
 
     @np.errstate(all="ignore")
     def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:

@@ -24,6 +24,7 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
+from armdyn.arm.play import has_play, plays
 from armdyn.arm.rollout import SimulatedWindow, SimulationWindow, drive_inputs
 from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
@@ -207,7 +208,11 @@ def _derivatives(model: ArmModel) -> ca.Function:
     links, gravity, theta = ca.SX.sym("links", 10 * n), ca.SX.sym("gravity", 3), ca.SX.sym("theta", size)
     _, asked = drive_law(inputs, q, v)
     told = [DriveCommands(asked[i], ca.SX(0), total[i], v_cmd[i], volts[i]) for i in range(n)]
-    load = rigid_torques(model.arm.model, ca.vertsplit(links, 10), gravity, q, v, a)
+    of_link = (ca.vertsplit(links, 10), gravity)
+    load = rigid_torques(model.arm.model, *of_link, q, v, a)
+    if has_play(model):
+        link = q - ca.vertcat(*plays(model, theta)) * ca.sign(load)
+        load = rigid_torques(model.arm.model, *of_link, link, v, a)
     live = ca.if_else(on > 0, 1, 0)
     added, sensor_gain, offset = torques_added_by_effects(model, (q, v, a), way, load, live, theta, told)
     rho = load + added - (asked - offset) / sensor_gain

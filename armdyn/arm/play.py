@@ -1,8 +1,11 @@
 """Play of an arm's joints between the drive, which reads its own position, and the link, whose position is recorded.
 
 The link hangs at one end of its play as long as the torque that moves it keeps its sign, and its way to the other end
-takes no time: q_link = q - b sign(load), with b half of the whole play and q the drive's position.
+takes no time: q_link = q - b sign(load), with b half of the whole play and q the drive's position. Gravity acts on the
+links where they are.
 """
+
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +23,11 @@ def has_play(model: ArmModel) -> bool:
     return any(name.startswith(f"{PLAY_PARAMETER}[") for name in model.names)
 
 
-def plays(model: ArmModel, theta: np.ndarray) -> np.ndarray:
-    """(nj,) plays of the joints, rad or m, at (p,) parameters."""
-    values = dict(zip(model.names, theta.tolist(), strict=True))
-    return np.array([values.get(f"{PLAY_PARAMETER}[{joint}]", 0.0) for joint in model.arm.joints])
+def plays(model: ArmModel, theta: Any) -> list[Any]:
+    """Play of each joint, rad or m, at (p,) parameters: numbers or expressions."""
+    places = {name: i for i, name in enumerate(model.names)}
+    own = [places.get(f"{PLAY_PARAMETER}[{joint}]") for joint in model.arm.joints]
+    return [0.0 if i is None else theta[i] for i in own]
 
 
 def play_sides(model: ArmModel, theta: np.ndarray, motion: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
@@ -34,7 +38,7 @@ def play_sides(model: ArmModel, theta: np.ndarray, motion: tuple[np.ndarray, np.
         theta: (p,) parameters.
         motion: (n, nj) positions, velocities and accelerations.
     """
-    finite = tuple(np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in motion)
-    load = inverse_dynamics(model.rigid_body_model_at(theta), *finite)
+    q, v, a = (np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in motion)
+    load = inverse_dynamics(model.rigid_body_model_at(theta), q, v, a)
     size = SOFT_LOAD_SHARE * np.sqrt(np.mean(load**2, axis=0)) + np.finfo(float).tiny
     return load / np.hypot(load, size)

@@ -177,7 +177,11 @@ def simulated_positions(
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     found = simulate_window(model, theta, window, own, longest)
     read = found.positions_at(window.time)
-    return read - plays(model, theta) * found.play_sides_at(model, theta, window.time) if has_play(model) else read
+    return (
+        read - np.array(plays(model, theta)) * found.play_sides_at(model, theta, window.time)
+        if has_play(model)
+        else read
+    )
 
 
 def simulate_window(
@@ -190,7 +194,7 @@ def simulate_window(
     start = window.start
     if has_play(model):  # the start is that of the links, which is not where the drives are
         still = tuple(part[None] for part in (*start, np.zeros_like(start[0])))
-        start = (start[0] + plays(model, theta) * play_sides(model, theta, still)[0], start[1])
+        start = (start[0] + np.array(plays(model, theta)) * play_sides(model, theta, still)[0], start[1])
     q, v = simulate_arm(model, theta, start, drive_inputs(model, theta, window.run, servos, edges), step)
     return SimulatedWindow(edges, q, v)
 

@@ -25,6 +25,7 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression
+from armdyn.arm.play import has_play, plays
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect
@@ -184,16 +185,17 @@ def _step(model: ArmModel) -> ca.Function:
     parts = ca.Function(
         "parts",
         [qs, vs, load, live, *told, p],
-        [mass, bias, by_a, free, forwards - free, free - backwards, own, sensor_gain, offset],
+        [by_a, free, forwards - free, free - backwards, own, sensor_gain, offset],
     )
-    loads = ca.Function("loads", [qs, vs, p], [mass, bias])
-    M, b = loads(qm, vm, p)
+    rigid_parts, needed = ca.Function("rigid", [qs, vs, p], [mass, bias]), ca.Function("needed", [qs, vs, p], [bias])
+    M, b = rigid_parts(qm, vm, p)
+    asks = b + M @ last
+    if has_play(model):  # the links are where their loads push them
+        b = needed(qm - ca.vertcat(*plays(model, theta)) * ca.sign(asks), vm, p)
     wanted, asked = drive_law((given, q_cmd, v_cmd, limit, on, gain, damping), qm, vm)
     within = on * (ca.fabs(wanted) < limit)
     live = ca.if_else(on > 0, 1, 0)
-    M, b, more, free, up, down, own, sensor_gain, offset = parts(
-        qm, vm, b + M @ last, live, asked, total, v_cmd, volts, p
-    )
+    more, free, up, down, own, sensor_gain, offset = parts(qm, vm, asks, live, asked, total, v_cmd, volts, p)
     u = (asked - offset) / sensor_gain
     D = own + within * damping / sensor_gain
     A = M + more

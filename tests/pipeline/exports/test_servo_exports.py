@@ -37,7 +37,8 @@ def test_the_play_of_a_joint_is_a_second_joint_in_mujoco():
     (window,) = stretches(model, run)
     tight, loose = (simulated_positions(one, one.theta(), window) for one in (made.truth, model))
     text, notes = mujoco_text(model)
-    there = errors_in_mujoco(text, model, run, 5e-4)[:, 1] + window.q[:, 1]
-    assert np.abs(loose - tight).max() > 0.015
-    assert np.quantile(np.abs(there - loose[:, 1]), 0.9) < 0.002
+    there = errors_in_mujoco(text, model, run, 5e-4) + window.q
+    moving = window.time > window.begin + 3.0  # MuJoCo begins in the middle of the play
+    assert np.abs(loose - tight)[moving].max() > 0.015
+    assert np.abs(there - loose)[moving].max() < 0.001
     assert f"play of {joint}: its link stands at {joint} + {joint}_play" in notes
