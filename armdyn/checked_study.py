@@ -5,6 +5,7 @@ inspected before an effect is named or a value is reported, and impossible fitte
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -17,9 +18,9 @@ from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import ArmdynError
-from armdyn.identify.better_motion import unless_lost
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.lost_motion import unless_lost
 from armdyn.identify.motion_fit import fit_to_motion
 from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.repair import Repair, add, fitted_model, repair
@@ -38,9 +39,9 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
-EFFECTS_UNSEEN_BY_MOTION = ("torque_gain", "torque_delay", "link_inertia")
+EFFECTS_UNSEEN_BY_MOTION = frozenset({"torque_gain", "torque_delay", "link_inertia"})
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
-EFFECTS_LIKE_WEIGHT = ("payload",)
+EFFECTS_LIKE_WEIGHT = frozenset({"payload"})
 """Effects whose torque is like that of an arm's weight, on all joints at once: of these a gain cannot be told."""
 Say: TypeAlias = Callable[[str], None]
 
@@ -217,19 +218,10 @@ class CheckedStudy:
     def repair(self, say: Say | None = None) -> Repair:
         """Find the effects that the model lacks and add them, until the remaining error is noise or no effect helps.
 
-        Where recordings contain commands but no torques, effects are chosen twice: by the torques that follow from the
-        drives' laws, and by the motion. Of the two models, that with the better motion is the answer.
-
-        Raises:
-            ArmdynError: neither way gives a possible model.
+        Where recordings contain commands but no torques, effects are chosen by the motion, and the search may begin
+        with what the torques that follow from the drives' laws tell.
         """
-        if self.commanded is None:
-            return self._repair_torques(say)
-        try:
-            read = self._repair_torques(say)
-        except ArmdynError:
-            read = None
-        return self._repair_motion(read, *self.commanded, say)
+        return self._repair_torques(say) if self.commanded is None else self._repair_motion(say)
 
     def _repair_torques(self, say: Say | None) -> Repair:
         """A repair by torques, whose values are then fitted to the motion, where recordings contain commands.
@@ -256,22 +248,26 @@ class CheckedStudy:
         """Find a formula for the force that the model lacks."""
         return discover(self.study, say)
 
-    def _repair_motion(
-        self, read: Repair | None, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run], say: Say | None
-    ) -> Repair:
+    def _repair_motion(self, say: Say | None) -> Repair:
         """A repair by the simulated motion; see `MotionModel`."""
+        assert self.commanded is not None
+        runs, held_out, exam = self.commanded
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
         assert arm is not None
         assert declared is not None
-        unseen = set(EFFECTS_UNSEEN_BY_MOTION)
+        read, unseen = None, EFFECTS_UNSEEN_BY_MOTION
+        with suppress(ArmdynError):  # torques that cannot be read are no start
+            read = repair(self.study, say).model.arm_model_or_none()
         if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
-            unseen.update(EFFECTS_LIKE_WEIGHT)  # only the weight of known masses tells a gain
+            # Only the weight of known masses tells a gain.
+            unseen |= EFFECTS_LIKE_WEIGHT - {effect.name for effect in (read.effects if read else ())}
         effects = [effect for effect in self.effects if effect.name not in unseen]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
-        begun = None if read is None or read.verdict is Verdict.LOST else read.model.arm_model_or_none()
-        if begun is not None:
-            study = study.beginning_with(MotionModel.of(begun, declared.drives))
+        if (step := study.suited_step()) < model.step:
+            study = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
+        if read is not None:
+            study = study.beginning_with(MotionModel.of(read, declared.drives))
         found = repair(study, say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
         assert whole is not None

@@ -27,8 +27,9 @@ from armdyn.model import Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run
 
-SIMULATION_STEP_SECONDS, SLOPE_STEP_SECONDS = 0.004, 0.008
-"""Longest step of the simulations by which effects are chosen, and usual step of their derivatives, s."""
+SIMULATION_STEPS_SECONDS, SLOPE_STEP_SHARE = (0.004, 0.002, 0.001), 2.0
+"""Longest steps of the simulations by which effects are chosen, of which one is chosen (see `MotionStudy`), and the
+usual step of their derivatives in such steps."""
 TYPICAL_GAIN_SHARE, TYPICAL_DELAY_SECONDS, MAX_DELAY_SECONDS = 0.1, 0.005, 0.2
 """Typical change of a drive's gain, as a share of it, and of its delay, and the largest delay."""
 MAX_POSITION_CHANGE = 10.0
@@ -45,9 +46,11 @@ class MotionModel(ArmModel):
 
     Attributes:
         differentiated: names of the effects by whose parameters predictions are differentiated; None means all.
+        step: longest step of the simulation, s.
     """
 
     differentiated: frozenset[str] | None = None
+    step: float = SIMULATION_STEPS_SECONDS[0]
 
     @classmethod
     def of(cls, model: ArmModel, stated: Mapping[str, Servo]) -> Self:
@@ -152,7 +155,7 @@ class MotionModel(ArmModel):
         with np.errstate(all="ignore"):
             found = self._simulated(run, theta)
             wanted, changed = [arm.names.index(self.names[i]) for i in own], [model for model, _ in others]
-            slopes = window_slopes(arm, changed, window, found, SLOPE_STEP_SECONDS, wanted)
+            slopes = window_slopes(arm, changed, window, found, SLOPE_STEP_SHARE * self.step, wanted)
         by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
         by[:, :, own] = slopes[:, :, : len(own)]
         read, sides = self._read(found, theta, window.time)
@@ -180,13 +183,13 @@ class MotionModel(ArmModel):
     @np.errstate(all="ignore")
     def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:
         """The simulated motion of a run; the last one of each run is kept, as its derivatives are asked for next."""
-        key = (self.names, self.arm, tuple(self.drives.values()), theta.tobytes())
+        key = (self.names, self.arm, tuple(self.drives.values()), self.step, theta.tobytes())
         known: tuple[Hashable, SimulatedWindow] | None = run.__dict__.get("_simulated")
         if known is None or known[0] != key:
             arm = self.arm_at(theta)
             servos = [arm.servo(joint) for joint in arm.arm.joints]
             window = _window(run, self.arm.joints)
-            known = key, simulate_window(arm, arm.theta(), window, servos, SIMULATION_STEP_SECONDS)
+            known = key, simulate_window(arm, arm.theta(), window, servos, self.step)
             run.__dict__["_simulated"] = known
         return known[1]
 

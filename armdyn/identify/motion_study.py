@@ -2,10 +2,12 @@
 
 from collections import Counter
 from copy import copy
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from armdyn.arm.motion_model import MotionModel
+from armdyn.arm.motion_model import SIMULATION_STEPS_SECONDS, MotionModel
 from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem
@@ -22,6 +24,12 @@ MAX_GIVEN_FIT_STEPS = 3
 """Largest number of steps of the fit of gain and delay alone, which cannot make up for the friction that is missing."""
 
 
+MAX_STEP_ERROR = 0.5
+"""Largest error of the simulation with a step, over the noise of the positions."""
+USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
+"""Frictions that most servos have, in which a simulation sticks and slides."""
+
+
 class MotionStudy(LinearStudy):
     """Fits of an arm's simulated motion; see `Study`.
 
@@ -31,6 +39,24 @@ class MotionStudy(LinearStudy):
 
     most_steps, tolerance, indirect_steps = MAX_FIT_STEPS, FIT_TOLERANCE_STDS, 0
     read: MotionModel | None = None
+
+    def suited_step(self) -> float:
+        """The longest step of the simulation, s, whose error with usual dry friction is below the positions' noise."""
+        problem = self.problem
+        usual = problem.mask_of_unknowns([n for c in self.candidates if c.effect in USUAL_FRICTIONS for n in c.names])
+        values = np.where(usual, problem.null + problem.typical, problem.start_values())
+        for step, finer in pairwise(SIMULATION_STEPS_SECONDS):
+            coarse, fine = (replace(problem.model, step=longest) for longest in (step, finer))
+            if all(
+                np.std(there - here) <= MAX_STEP_ERROR * self.noise[run.name, channel]
+                for i, run in enumerate(problem.runs)
+                for theta in [problem.theta(i, values)]
+                for (channel, there), here in zip(
+                    coarse.predict_values(run, theta).items(), fine.predict_values(run, theta).values(), strict=True
+                )
+            ):
+                return step
+        return SIMULATION_STEPS_SECONDS[-1]
 
     def beginning_with(self, read: MotionModel) -> "MotionStudy":
         """The same study, whose search of effects may begin with another answer."""

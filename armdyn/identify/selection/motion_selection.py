@@ -10,21 +10,23 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from armdyn.identify.fit import fit
-from armdyn.identify.motion_study import MotionStudy
+from armdyn.identify.motion_study import USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
+from armdyn.identify.selection.set_score import TIE_NATS
 
-DRY = ("joint_viscous_friction", "joint_coulomb_friction")
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
-STARTS = ((DRY, 1.0), (DRY, 3.0), (GEARED, 3.0))
+STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0))
 """Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
 with which an arm swings: from 0.1 typical sizes, four of ten choices of recordings of an SO-101 end in a local minimum.
 """
 MAX_START_FIT_STEPS = 5
 """Largest number of steps of the fit with which a search begins."""
+MAX_REWEIGHTED_FITS = 4
+"""Largest number of fits of a set, each with weights from the errors that the one before leaves."""
 SCORED_ADDITIONS = 8
 """Number of additions to a set, those with the largest predicted scores, whose score is computed in each round."""
 
@@ -42,10 +44,10 @@ def select_for_motion(
     Returns:
         The path to the chosen set, and the steps, each with effects in the order in which they were chosen.
     """
-    found = _best_start(study, given, say)
+    found = _settled(_best_start(study, given, say))
     chosen = [found]
     while better := next((path for path in _changed(found, say) if best_path([found, path]) is path), None):
-        found = better
+        found = _settled(better)
         chosen.append(found)
     return found, [given, *_steps(chosen, given, say)]
 
@@ -76,6 +78,17 @@ def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) ->
         return best
     say("fitting the motion with what its torques tell")
     return best_path([best, begun(read, values)])
+
+
+def _settled(found: LinearPath) -> LinearPath:
+    """The path with a fit whose weights, from the errors that it leaves, are those with which it was made."""
+    for _ in range(MAX_REWEIGHTED_FITS):
+        found = found.relinearised()
+        again = found.with_set(found.chosen_set)
+        if found.scorer.gain(found.fit, again.fit) < TIE_NATS:
+            break
+        found = again
+    return found.relinearised()
 
 
 def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:

@@ -12,7 +12,7 @@ from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion_model import MotionModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
-from armdyn.identify.better_motion import unless_lost, with_better_motion
+from armdyn.identify.lost_motion import unless_lost
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.recording.gaps import run_until
@@ -42,8 +42,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmModel, list[R
 @pytest.fixture(scope="module")
 def repaired(recorded) -> Repair:
     model, runs = recorded
-    study = CheckedStudy.of(model, runs[:1], runs[1:])
-    return study._repair_motion(*study.commanded, None)
+    return CheckedStudy.of(model, runs[:1], runs[1:]).repair()
 
 
 def test_names_and_values_are_those_that_mujoco_simulated(repaired):
@@ -76,28 +75,15 @@ def test_a_motion_that_runs_away_or_is_worse_than_its_commands_is_lost(repaired)
     assert unless_lost(replace(repaired, after=replace(repaired.after, rollout=of_exam))).verdict is repaired.verdict
 
 
-def test_the_better_motion_is_the_answer_and_of_equal_ones_that_with_fewer_values(repaired):
-    def off(factor: float) -> Repair:
-        errors = tuple(replace(e, rms=factor * e.rms) for e in repaired.after.rollout)
-        return replace(repaired, after=replace(repaired.after, rollout=errors))
-
-    larger = replace(off(1.0), model=repaired.model.with_effect(find("torque_offset")))
-    worse, better = off(1.5), off(0.9)
-    assert with_better_motion([worse, better, larger]) is better
-    assert with_better_motion([larger, off(1.01)]) is not larger
-    assert with_better_motion([replace(better, verdict=Verdict.LOST), worse]) is worse
-
-
 def test_derivatives_are_those_of_differences(recorded, monkeypatch):
     model, runs = recorded
-    monkeypatch.setattr(motion_model, "SIMULATION_STEP_SECONDS", 0.002)
-    monkeypatch.setattr(motion_model, "SLOPE_STEP_SECONDS", 0.002)
+    monkeypatch.setattr(motion_model, "SLOPE_STEP_SHARE", 1.0)
     adapted = model.adapted_to(runs[:1])
     for effect in ("joint_viscous_friction", "rotor_inertia", "torque_offset", "command_delay"):
         adapted = adapted.with_effect(find(effect))
     sizes = {"joint_viscous_friction.coefficient": 0.3, "rotor_inertia.inertia": 0.012, "command_delay.time": 0.01}
     values = {f"{name}[{joint}]": size for name, size in sizes.items() for joint in hobby_arm.JOINTS}
-    moving = MotionModel.of(adapted.with_values(values), model.drives)
+    moving = replace(MotionModel.of(adapted.with_values(values), model.drives), step=0.002)
     run, theta = moving.prepare_run(run_until(runs[0], 5.0)), moving.theta()
     found = moving.predict(run, theta)
     for i, p in enumerate(moving.parameters.values()):

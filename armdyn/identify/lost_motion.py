@@ -1,33 +1,11 @@
-"""Judge repairs of an arm by its simulated motion: which one is better, and whether one is lost."""
+"""Judge a repair of an arm by its simulated motion."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
-
-EQUAL_MOTION = 1.02
-"""Ratio of two errors of the simulated motion up to which they are equal."""
-
-
-def with_better_motion(found: Sequence[Repair]) -> Repair:
-    """The repair whose simulated motion is nearest to the held-out runs, or to the training runs where there are none.
-
-    Of two that are equally near, the one with fewer values.
-    """
-
-    def error(one: Repair) -> float:
-        errors = [e for e in one.after.rollout if e.role == "held_out"] or [
-            e for e in one.after.rollout if e.role == "training"
-        ]
-        known = [np.inf if e.rms is None else e.rms for e in errors]
-        return float(np.sqrt(np.mean(np.square(known)))) if known and one.verdict is not Verdict.LOST else np.inf
-
-    errors = [error(one) for one in found]
-    near = [one for one, size in zip(found, errors, strict=True) if size <= EQUAL_MOTION * min(errors)]
-    return min(near, key=lambda one: len(one.model.names))
 
 
 def unless_lost(found: Repair) -> Repair:
