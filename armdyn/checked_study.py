@@ -264,11 +264,10 @@ class CheckedStudy:
         effects = [effect for effect in self.effects if effect.name not in unseen]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
-        if (step := study.suited_step()) < model.step:
-            study = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
-        if read is not None:
-            study = study.beginning_with(MotionModel.of(read, declared.drives))
-        found = repair(study, say)
+        found = repair(study if read is None else study.beginning_with(MotionModel.of(read, declared.drives)), say)
+        if (step := study.suited_step(found.steps[-1].fit)) < model.step:
+            finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
+            found = repair(finer.beginning_with(found.model, usual=False), say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
         assert whole is not None
         assert alone is not None

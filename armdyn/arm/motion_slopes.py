@@ -92,8 +92,10 @@ def motion_slopes(
     by_total, asked_by_q, asked_by_v = (part[:, :, 0] for part in rest[:3])
     by_input, asked_by_input = rest[3 : 3 + len(INPUTS)], rest[3 + len(INPUTS) :]
     forces = np.zeros((count, n, size + len(others)))
-    by_gravity = _gravity_slopes(model, theta)[:, columns]
-    forces[:, :, :size] = of_links @ by_links[:, columns] + of_gravity @ by_gravity + of_theta[:, :, columns]
+    forces[:, :, :size] = of_theta[:, :, columns]
+    for of, by in ((of_links, by_links[:, columns]), (of_gravity, _gravity_slopes(model, theta)[:, columns])):
+        own = np.flatnonzero(by.any(axis=0))  # few parameters change links or the base
+        forces[:, :, own] += of @ by[:, own]
     forces[:, :, size:] = _through_inputs(by_input, drives, others)
     integral = None
     if np.any(by_total):

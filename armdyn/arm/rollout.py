@@ -193,8 +193,9 @@ def simulate_window(
     edges = window.begin + step * np.arange(count + 1)
     start = window.start
     if has_play(model):  # the start is that of the links, which is not where the drives are
-        still = tuple(part[None] for part in (*start, np.zeros_like(start[0])))
-        start = (start[0] + np.array(plays(model, theta)) * play_sides(model, theta, still)[0], start[1])
+        q, v = start
+        sides = play_sides(model, theta, (q[None], v[None], np.zeros_like(q)[None]))[0]
+        start = (q + np.array(plays(model, theta)) * sides, v)
     q, v = simulate_arm(model, theta, start, drive_inputs(model, theta, window.run, servos, edges), step)
     return SimulatedWindow(edges, q, v)
 

@@ -12,6 +12,7 @@ from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.model import Model
 
 INDEPENDENT_ERROR_SECONDS = 1.0
 """Length of a stretch of a recording, s, with errors that are independent of the next. With 5 s the load friction and
@@ -24,8 +25,8 @@ MAX_GIVEN_FIT_STEPS = 3
 """Largest number of steps of the fit of gain and delay alone, which cannot make up for the friction that is missing."""
 
 
-MAX_STEP_ERROR = 0.5
-"""Largest error of the simulation with a step, over the noise of the positions."""
+MAX_STEP_ERROR_NATS = 0.5
+"""Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
 USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
 """Frictions that most servos have, in which a simulation sticks and slides."""
 
@@ -35,33 +36,33 @@ class MotionStudy(LinearStudy):
 
     Attributes:
         read: another answer to the same question, with which a search may begin.
+        begins_with_usual_effects: whether a search may begin with effects that servo arms usually have.
     """
 
     most_steps, tolerance, indirect_steps = MAX_FIT_STEPS, FIT_TOLERANCE_STDS, 0
-    read: MotionModel | None = None
+    read: Model | None = None
+    begins_with_usual_effects = True
 
-    def suited_step(self) -> float:
-        """The longest step of the simulation, s, whose error with usual dry friction is below the positions' noise."""
-        problem = self.problem
-        usual = problem.mask_of_unknowns([n for c in self.candidates if c.effect in USUAL_FRICTIONS for n in c.names])
-        values = np.where(usual, problem.null + problem.typical, problem.start_values())
+    def suited_step(self, found: Fit) -> float:
+        """The longest step of the simulation, s, whose error moves no value of a fit by what its runs can tell."""
+        problem, noise = self.problem, (found.problem if found.weighted is None else found.weighted).noise
+        assert isinstance(problem.model, MotionModel)
         for step, finer in pairwise(SIMULATION_STEPS_SECONDS):
             coarse, fine = (replace(problem.model, step=longest) for longest in (step, finer))
-            if all(
-                np.std(there - here) <= MAX_STEP_ERROR * self.noise[run.name, channel]
-                for i, run in enumerate(problem.runs)
-                for theta in [problem.theta(i, values)]
-                for (channel, there), here in zip(
-                    coarse.predict_values(run, theta).items(), fine.predict_values(run, theta).values(), strict=True
-                )
-            ):
+            nats = Counter[str]()
+            for i, run in enumerate(problem.runs):
+                theta = problem.theta(i, found.values)
+                there, here = (model.predict_values(run, theta) for model in (coarse, fine))
+                for channel, values in there.items():
+                    nats[channel] += 0.5 * np.sum(((values - here[channel]) / noise[run.name, channel]) ** 2)
+            if max(nats.values()) <= MAX_STEP_ERROR_NATS:
                 return step
         return SIMULATION_STEPS_SECONDS[-1]
 
-    def beginning_with(self, read: MotionModel) -> "MotionStudy":
-        """The same study, whose search of effects may begin with another answer."""
+    def beginning_with(self, read: Model, *, usual: bool = True) -> "MotionStudy":
+        """The same study, whose search of effects may begin with another answer, or with usual effects as well."""
         study = copy(self)
-        study.read = read
+        study.read, study.begins_with_usual_effects = read, usual
         return study
 
     def read_start(self) -> tuple[tuple[Candidate, ...], np.ndarray]:

@@ -66,18 +66,18 @@ def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) ->
         chosen = scorer.evaluate(scorer.split_into_candidates([*study.present, *effects]))
         return LinearPath(study, scorer, chosen, given.effects, near, near)
 
+    read, values = study.read_start()
     found = list[LinearPath]()
-    for names, size in STARTS:
+    for names, size in STARTS if study.begins_with_usual_effects else ():
         say(f"fitting the motion with {', '.join(names)}")
         usual = [c for c in study.candidates if c.effect in names]
         own = problem.mask_of_unknowns([name for c in usual for name in c.names])
         found.append(begun(usual, np.where(own, problem.null + size * problem.typical, problem.start_values())))
-    best = min(found, key=lambda path: path.fit.chi2)
-    read, values = study.read_start()
-    if not read:
-        return best
-    say("fitting the motion with what its torques tell")
-    return best_path([best, begun(read, values)])
+    best = sorted(found, key=lambda path: path.fit.chi2)[:1]
+    if read:
+        say("fitting the motion with what its torques tell")
+        best.append(begun(read, values))
+    return best_path(best)
 
 
 def _settled(found: LinearPath) -> LinearPath:
