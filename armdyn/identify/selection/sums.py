@@ -133,9 +133,11 @@ def sums(
         values: (P,) values of all unknowns at the point.
         absent: effects at their null values, some of whose unknowns may act only through another one of the effect.
         free: (P,) bool, unknowns that were fitted; they are adapted when an absent effect is optimised.
-        indirect_steps: number of steps of the fits of unknowns that act only through another one.
+        indirect_steps: number of steps of the fits of unknowns that act only through another one; with 0 they stay.
     """
-    values, placed = with_thresholds(problem, training, values, absent, free)
+    placed, start = np.zeros(len(values), dtype=bool), values
+    if indirect_steps:
+        values, placed = with_thresholds(problem, training, values, absent, free)
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
     fitted = [block for block in here if block.run in training]
@@ -144,7 +146,8 @@ def sums(
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
         drivers = np.isin(np.arange(len(values)), driver[latent])
-        for at, moved in ((values, drivers), (acting, latent)):
+        moves = ((values, drivers),) if np.any(values != start) else ()
+        for at, moved in (*moves, (acting, latent)):
             there = problem.blocks(at, drivers | latent)
             blocks = [_with_columns(h, t, moved) for h, t in zip(blocks, there, strict=True)]
     runs = tuple(run.name for run in problem.runs)
