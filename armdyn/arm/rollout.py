@@ -23,7 +23,7 @@ from armdyn.run import Run
 MAX_ROLLOUT_STEP_SECONDS, MAX_COARSE_ROLLOUT_STEP_SECONDS = 0.001, 0.004
 """Longest step of a simulation, s, and of one that only leads a fit near its optimum. In arms that stick and slide, the
 error of the first is below an encoder's noise; that of the second is up to ten times larger and biases frictions."""
-MAX_STEP_SHARE_OF_SERVO_TIME = 0.5
+MAX_STEP_SHARE_OF_SERVO_TIME = 2.0
 """Longest step as a share of sqrt(I/k), the time in which a servo with gain k pulls back an inertia I."""
 ROLLOUT_WINDOW_SECONDS = (0.5, 5.0)
 """Lengths of the windows of recordings that cannot be simulated as a whole, s."""
@@ -201,7 +201,7 @@ def simulate_window(
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
-    """Longest step, s, that no position servo makes unstable; infinite without one."""
+    """Longest step, s, that resolves how each position servo pulls its joint back; infinite without one."""
     rigid = model.rigid_body_model_at(theta)
     mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid))).tolist()
     stiff = ((m, s.gain.value) for m, s in zip(mass, servos, strict=True) if s and s.gain and s.law == "position")
