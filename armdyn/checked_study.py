@@ -20,10 +20,11 @@ from armdyn.effects.user import available_effects, load_effects
 from armdyn.errors import ArmdynError
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.lost_motion import unless_lost
 from armdyn.identify.motion_fit import fit_to_motion
 from armdyn.identify.motion_study import MotionStudy
-from armdyn.identify.repair import Repair, add, fitted_model, repair
+from armdyn.identify.repair import Repair, add, fitted_model, repair, with_likely_effects
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
@@ -256,8 +257,9 @@ class CheckedStudy:
         assert arm is not None
         assert declared is not None
         read, unseen = None, EFFECTS_UNSEEN_BY_MOTION
+        assert isinstance(self.study, LinearStudy)
         with suppress(ArmdynError):  # torques that cannot be read are no start
-            read = repair(self.study, say).model.arm_model_or_none()
+            read = with_likely_effects(self.study, say).arm_model_or_none()
         if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
             # Only the weight of known masses tells a gain.
             unseen |= EFFECTS_LIKE_WEIGHT - {effect.name for effect in (read.effects if read else ())}
@@ -265,7 +267,8 @@ class CheckedStudy:
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
         found = repair(study if read is None else study.beginning_with(MotionModel.of(read, declared.drives)), say)
-        if (step := study.suited_step(found.steps[-1].fit)) < model.step:
+        step = study.suited_step(found.steps[-1].fit) if found.verdict is Verdict.EXPLAINED else model.step
+        if step < model.step:  # beside a model's own error that of a step is nothing
             finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
             found = repair(finer.beginning_with(found.model, usual=False), say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))

@@ -78,7 +78,7 @@ def select_for_arm(
         last one for the background, where there is one.
     """
     around = study.scorer(given.fit)
-    found = _to_fixed_point(_first(study, given, say), say)
+    found = likely_path(study, given, say)
     found = _without_empty_effects(_with_bodies_looked_at_anew(found, say))
     while unnamed := _sure_unnamed_effects(found):
         other = found.with_effects((*found.chosen_set.effects, *unnamed))
@@ -89,6 +89,11 @@ def select_for_arm(
     found = _with_unsure_values_held(found)
     steps = [given, *found.with_indistinguishable_effects(found.steps(say))]
     return around, [*steps, *_background(found, steps[-1], say)]
+
+
+def likely_path(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
+    """The path to the set with which `select_for_arm` begins, and with which a search by other errors may begin."""
+    return _to_fixed_point(_first(study, given, say), say)
 
 
 def _sure_unnamed_effects(found: LinearPath) -> list[Candidate]:
