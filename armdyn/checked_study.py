@@ -42,8 +42,6 @@ Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
 EFFECTS_UNSEEN_BY_MOTION = frozenset({"torque_gain", "torque_delay", "link_inertia"})
 """Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
-EFFECTS_LIKE_WEIGHT = frozenset({"payload"})
-"""Effects whose torque is like that of an arm's weight, on all joints at once: of these a gain cannot be told."""
 Say: TypeAlias = Callable[[str], None]
 
 
@@ -256,19 +254,15 @@ class CheckedStudy:
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
         assert arm is not None
         assert declared is not None
-        read, unseen = None, EFFECTS_UNSEEN_BY_MOTION
+        read = None
         assert isinstance(self.study, LinearStudy)
         with suppress(ArmdynError):  # torques that cannot be read are no start
             read = with_likely_effects(self.study, say).arm_model_or_none()
-        if any(servo.gain is None or servo.gain.std is not None for servo in declared.drives.values()):
-            # Only the weight of known masses tells a gain.
-            unseen |= EFFECTS_LIKE_WEIGHT - {effect.name for effect in (read.effects if read else ())}
-        effects = [effect for effect in self.effects if effect.name not in unseen]
+        effects = [effect for effect in self.effects if effect.name not in EFFECTS_UNSEEN_BY_MOTION]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
         found = repair(study if read is None else study.beginning_with(MotionModel.of(read, declared.drives)), say)
-        step = study.suited_step(found.steps[-1].fit) if found.verdict is Verdict.EXPLAINED else model.step
-        if step < model.step:  # beside a model's own error that of a step is nothing
+        if (step := study.suited_step(found.steps[-1].fit)) < model.step:
             finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
             found = repair(finer.beginning_with(found.model, usual=False), say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))

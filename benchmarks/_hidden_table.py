@@ -31,7 +31,7 @@ from armdyn.run import Run
 
 Row = dict[str, Any]
 SHARES = ("start", "reproduced", "named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
-JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint" and not effect.needs)
 """Effects of the catalogue for an arm."""
 PENDULUM_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 """Effects of the catalogue for a pendulum."""

@@ -1,6 +1,6 @@
 """Fits of an arm's simulated motion, for arms whose servos do not measure their torque."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from copy import copy
 from dataclasses import replace
 from itertools import pairwise
@@ -27,6 +27,8 @@ MAX_GIVEN_FIT_STEPS = 3
 
 MAX_STEP_ERROR_NATS = 0.5
 """Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
+MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.1, 1.2
+"""Largest error of a step over the model's own, which is what is left beyond so many variances of the noise."""
 USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
 """Frictions that most servos have, in which a simulation sticks and slides."""
 
@@ -44,18 +46,29 @@ class MotionStudy(LinearStudy):
     begins_with_usual_effects = True
 
     def suited_step(self, found: Fit) -> float:
-        """The longest step of the simulation, s, whose error moves no value of a fit by what its runs can tell."""
+        """The longest step of the simulation, s, whose error is small beside the model's own at a fit.
+
+        The error of a joint that follows to the noise moves no value by what its runs can tell.
+        """
         problem, noise = self.problem, (found.problem if found.weighted is None else found.weighted).noise
         assert isinstance(problem.model, MotionModel)
+        own = defaultdict[str, float](float)
+        for block in found.blocks:
+            excess = float(block.misfit @ block.misfit) - MAX_NOISE_RATIO * len(block.misfit) * block.noise**2
+            own[block.channel] += max(excess, 0.0)
         for step, finer in pairwise(SIMULATION_STEPS_SECONDS):
             coarse, fine = (replace(problem.model, step=longest) for longest in (step, finer))
-            nats = Counter[str]()
+            nats, square = (defaultdict[str, float](float) for _ in range(2))
             for i, run in enumerate(problem.runs):
                 theta = problem.theta(i, found.values)
                 there, here = (model.predict_values(run, theta) for model in (coarse, fine))
                 for channel, values in there.items():
-                    nats[channel] += 0.5 * np.sum(((values - here[channel]) / noise[run.name, channel]) ** 2)
-            if max(nats.values()) <= MAX_STEP_ERROR_NATS:
+                    square[channel] += float(np.sum((values - here[channel]) ** 2))
+                    nats[channel] += 0.5 * float(np.sum(((values - here[channel]) / noise[run.name, channel]) ** 2))
+            if all(
+                nats[channel] <= MAX_STEP_ERROR_NATS or square[channel] <= MAX_STEP_ERROR_SHARE**2 * own[channel]
+                for channel in nats
+            ):
                 return step
         return SIMULATION_STEPS_SECONDS[-1]
 

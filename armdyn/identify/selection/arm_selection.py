@@ -79,10 +79,10 @@ def select_for_arm(
     """
     around = study.scorer(given.fit)
     found = likely_path(study, given, say)
-    found = _without_empty_effects(_with_bodies_looked_at_anew(found, say))
+    found = without_empty_effects(_with_bodies_looked_at_anew(found, say))
     while unnamed := _sure_unnamed_effects(found):
         other = found.with_effects((*found.chosen_set.effects, *unnamed))
-        other = _without_empty_effects(_to_fixed_point(other, say))
+        other = without_empty_effects(_to_fixed_point(other, say))
         if best_path([found, other]) is found:
             break
         found = other
@@ -200,7 +200,7 @@ def best_path(paths: Sequence[LinearPath]) -> LinearPath:
     return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))
 
 
-def _without_empty_effects(found: LinearPath) -> LinearPath:
+def without_empty_effects(found: LinearPath) -> LinearPath:
     """The path without effects all of whose values are within `MIN_VALUE_STDS` of nothing."""
     found = found.relinearised()
     while empty := empty_effects(found.study, found.fit, found.chosen_set.effects):

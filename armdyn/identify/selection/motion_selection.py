@@ -11,7 +11,7 @@ import numpy as np
 
 from armdyn.identify.fit import fit
 from armdyn.identify.motion_study import USUAL_FRICTIONS, MotionStudy
-from armdyn.identify.selection.arm_selection import LinearPath, best_path
+from armdyn.identify.selection.arm_selection import LinearPath, best_path, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
@@ -49,6 +49,9 @@ def select_for_motion(
     while better := next((path for path in _changed(found, say) if best_path([found, path]) is path), None):
         found = _settled(better)
         chosen.append(found)
+    if (last := without_empty_effects(found)) is not found:
+        chosen.append(_settled(last))
+        found = chosen[-1]
     return found, [given, *_steps(chosen, given, say)]
 
 

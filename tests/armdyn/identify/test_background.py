@@ -16,7 +16,7 @@ from armdyn.identify.selection.background import background_widths, sure_unnamed
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
-JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint" and not effect.needs)
 
 
 @cache

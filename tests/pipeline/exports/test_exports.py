@@ -36,7 +36,7 @@ from .conftest import by_formulas, states, with_effects
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
 """Effects of arms that say what their drives are told; see test_drives."""
-IN_MUJOCO = sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", *DRIVES})
+IN_MUJOCO = sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", "backlash", *DRIVES})
 
 
 def mujoco_torques(model, q, v, a):
