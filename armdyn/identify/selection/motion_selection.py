@@ -6,12 +6,13 @@ last fit foretell, and keeps a change only if the set predicts better at its own
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from armdyn.identify.fit import fit
+from armdyn.identify.fit import continue_fit, fit
 from armdyn.identify.motion_study import USUAL_FRICTIONS, MotionStudy
-from armdyn.identify.selection.arm_selection import LinearPath, best_path, without_empty_effects
+from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
@@ -88,9 +89,9 @@ def _settled(found: LinearPath) -> LinearPath:
     for _ in range(MAX_REWEIGHTED_FITS):
         found = found.relinearised()
         again = found.with_set(found.chosen_set)
-        if found.scorer.gain(found.fit, again.fit) < TIE_NATS:
+        gain, found = found.scorer.gain(found.fit, again.fit), again
+        if gain < TIE_NATS:
             break
-        found = again
     return found.relinearised()
 
 
@@ -116,6 +117,30 @@ def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
             one.effects
         ):
             yield path.relinearised()
+    yield from _completed(found, say)
+
+
+def _completed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
+    """Fitted paths to sets in which an effect of most joints acts on all others too, at first with the usual size.
+
+    Joints are alike, and what a motion says of a rotor in a light wrist is seen with the rotor alone.
+    """
+    now, problem = found.chosen_set, found.study.problem
+    sure = [c for c in now.effects if c not in empty_effects(found.study, found.fit, now.effects)]
+    for effect in dict.fromkeys(c.effect for c in sure if c not in found.scorer.given):
+        own = [c for c in sure if c.effect == effect]
+        rest = [c for c in found.scorer.searched_effects if c.effect == effect and c not in own]
+        if not len(own) > len(rest) > 0:
+            continue
+        say(f"fitting the motion with {effect} on all joints")
+        values = found.fit.values.copy()
+        for k in range(len(own[0].names)):
+            there, here = (problem.mask_of_unknowns([c.names[k] for c in part]) for part in (own, rest))
+            values[here] = np.median(values[there])
+        more = found.with_set(found.scorer.evaluate(tuple(dict.fromkeys((*now.effects, *rest)))))
+        near = found.study.fit_base_with_effects(more.effects, found.fit, values)
+        if not set(near.at_bound) - set(found.fit.at_bound):
+            yield replace(more, known_fit=continue_fit(near)).relinearised()
 
 
 def _steps(chosen: Sequence[LinearPath], given: SearchStep, say: ProgressCallback) -> Iterator[SearchStep]:

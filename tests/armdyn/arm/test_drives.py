@@ -8,6 +8,7 @@ import pytest
 from worlds.servo_arm import generate
 
 from armdyn.arm.drive_scale import drives_with_identified_gains
+from armdyn.arm.drives import KNOWN_DRIVES, chosen_drives
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import encoder_step, simulated_positions, simulation_windows
 from armdyn.checked_study import CheckedStudy, effects_zero_in_simulation
@@ -31,6 +32,17 @@ GAIN, DAMPING, FRICTION, ARMATURE, DELAY, STEP = 25.0, 0.9, 0.35, 0.04, 0.02, 0.
 
 def joined(**entries):
     return {"servo": {"joints": list(JOINTS), **entries}}
+
+
+def test_drives_of_any_kind_are_chosen_by_their_law():
+    assert chosen_drives(["sts3215=all"], JOINTS)["sts3215"]["gain"] == KNOWN_DRIVES["sts3215"]["gain"]
+    assert chosen_drives(["leg:velocity=elbow"], JOINTS) == {"leg": {"joints": ["elbow"], "law": "velocity"}}
+
+
+@pytest.mark.parametrize("text", ["leg=all", "leg:speed=all", "sts3215", "=all", "sts3215="])
+def test_drives_that_cannot_be_chosen_are_one_line(complains, text):
+    with complains(InputError):
+        chosen_drives([text], JOINTS)
 
 
 @pytest.fixture(scope="module")
