@@ -22,6 +22,7 @@ from armdyn.arm.rollout import (
     has_all_position_commands,
     simulate_window,
     simulation_windows,
+    start_sides,
 )
 from armdyn.model import Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
@@ -159,10 +160,12 @@ class MotionModel(ArmModel):
         by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
         by[:, :, own] = slopes[:, :, : len(own)]
         read, sides = self._read(found, theta, window.time)
+        begun = start_sides(arm, arm.theta(), window) if has_play(self) else np.zeros(len(arm.arm.joints))
         for j, joint in enumerate(self.arm.joints):
             name = f"{PLAY_PARAMETER}[{joint}]"
-            if name in self.names and self.names.index(name) in own:
-                by[:, j, self.names.index(name)] -= sides[:, j]
+            if name in self.names and (i := self.names.index(name)) in own:
+                by[:, :, i] += begun[j] * slopes[:, :, len(own) + len(places) + j]
+                by[:, j, i] -= sides[:, j]
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)

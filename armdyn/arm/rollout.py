@@ -193,11 +193,15 @@ def simulate_window(
     edges = window.begin + step * np.arange(count + 1)
     start = window.start
     if has_play(model):  # the start is that of the links, which is not where the drives are
-        q, v = start
-        sides = play_sides(model, theta, (q[None], v[None], np.zeros_like(q)[None]))[0]
-        start = (q + np.array(plays(model, theta)) * sides, v)
+        start = (start[0] + np.array(plays(model, theta)) * start_sides(model, theta, window), start[1])
     q, v = simulate_arm(model, theta, start, drive_inputs(model, theta, window.run, servos, edges), step)
     return SimulatedWindow(edges, q, v)
+
+
+def start_sides(model: ArmModel, theta: np.ndarray, window: SimulationWindow) -> np.ndarray:
+    """(nj,) ends of their plays at which the links hang at the start of a window; see `play_sides`."""
+    q, v = (part[None] for part in window.start)
+    return play_sides(model, theta, (q, v, np.zeros_like(q)))[0]
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
