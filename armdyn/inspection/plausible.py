@@ -51,7 +51,7 @@ def implausible_values(model: Model, runs: Sequence[Run] = ()) -> list[Check]:
     if of_base is None:
         return []
     return [
-        Check("implausible_model", Severity.WRONG, None, (name,), f"{said}: check your recording", CHECK_REMEDY)
+        Check("implausible_model", Severity.WRONG, None, (name,), f"{said}.", CHECK_REMEDY)
         for name, said in (*_sizes(model), *of_base(model, runs))
     ]
 

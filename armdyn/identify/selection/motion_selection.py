@@ -78,8 +78,8 @@ def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) ->
         own = problem.mask_of_unknowns([name for c in usual for name in c.names])
         found.append(begun(usual, np.where(own, problem.null + size * problem.typical, problem.start_values())))
     best = sorted(found, key=lambda path: path.fit.chi2)[:1]
-    if read:
-        say("fitting the motion with what its torques tell")
+    if read or not best:
+        say(f"fitting the motion with {'what its torques tell' if best else 'finer steps'}")
         best.append(begun(read, values))
     return best_path(best)
 

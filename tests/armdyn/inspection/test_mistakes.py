@@ -212,7 +212,7 @@ def test_what_nothing_has_is_said(effect, values):
     wide = {name: replace(model.parameters[name], value=value, upper=np.inf) for name, value in values.items()}
     found = implausible_values(model.with_parameters(wide))
     assert [check.kind for check in found] == ["implausible_model"]
-    assert "check your recording" in found[0].sentence
+    assert "check your recording" in found[0].remedy
 
 
 def test_what_a_user_told_the_model_is_no_verdict(complains):
