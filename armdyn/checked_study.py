@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from armdyn.arm.motion_model import MotionModel
-from armdyn.arm.rollout import has_all_position_commands
+from armdyn.arm.closed_loop.motion_model import MotionModel
+from armdyn.arm.closed_loop.rollout import has_all_position_commands
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several

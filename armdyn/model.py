@@ -15,9 +15,9 @@ from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
 
 if TYPE_CHECKING:
+    from armdyn.arm.closed_loop.rollout import SimulatedPositionError
     from armdyn.arm.links import LinkInertiaChange
     from armdyn.arm.model import ArmModel
-    from armdyn.arm.rollout import SimulatedPositionError
     from urdf import Robot
 
 

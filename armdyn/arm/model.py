@@ -41,8 +41,8 @@ from urdf import Robot
 from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 if TYPE_CHECKING:
+    from armdyn.arm.closed_loop.rollout import SimulatedPositionError
     from armdyn.arm.links import LinkInertiaChange
-    from armdyn.arm.rollout import SimulatedPositionError
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,7 +102,7 @@ class ArmModel(Model):
 
     def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[SimulatedPositionError, ...]":
         """Errors of the simulated motion in recordings, each given with its role, for every joint."""
-        from armdyn.arm.rollout import simulated_position_errors
+        from armdyn.arm.closed_loop.rollout import simulated_position_errors
 
         return simulated_position_errors(self, recordings)
 

@@ -141,7 +141,7 @@ def backlash(
     play: Expression = quantity("rad", typical=0.01, lower=0.0, summary="way of the link to either side"),
 ) -> Joint:
     """Recorded position = q - b sign(load), q the drive's position, load the torque that moves the link."""
-    del play  # no torque changes: what is read does, see `armdyn.arm.play`
+    del play  # no torque changes: what is read does, see `armdyn.arm.closed_loop.play`
     return joint
 
 

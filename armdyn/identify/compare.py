@@ -6,8 +6,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from armdyn.arm.closed_loop.rollout import SimulatedPositionError
 from armdyn.arm.drives import Servo
-from armdyn.arm.rollout import SimulatedPositionError
 from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import recorded_columns

@@ -13,12 +13,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from armdyn.arm.drives import Servo
-from armdyn.arm.model import ArmModel
-from armdyn.arm.motion import measured_motion
-from armdyn.arm.motion_model import MAX_DELAY_SECONDS, TYPICAL_DELAY_SECONDS, TYPICAL_GAIN_SHARE
-from armdyn.arm.motion_slopes import INPUT_DIFFERENCE, window_slopes
-from armdyn.arm.rollout import (
+from armdyn.arm.closed_loop.motion_model import MAX_DELAY_SECONDS, TYPICAL_DELAY_SECONDS, TYPICAL_GAIN_SHARE
+from armdyn.arm.closed_loop.motion_slopes import INPUT_DIFFERENCE, window_slopes
+from armdyn.arm.closed_loop.rollout import (
     MAX_COARSE_ROLLOUT_STEP_SECONDS,
     MAX_ROLLOUT_STEP_SECONDS,
     SimulationWindow,
@@ -29,6 +26,9 @@ from armdyn.arm.rollout import (
     simulated_positions,
     simulation_windows,
 )
+from armdyn.arm.drives import Servo
+from armdyn.arm.model import ArmModel
+from armdyn.arm.motion import measured_motion
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import KnownQuantity

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from armdyn.arm.motion_model import SIMULATION_STEPS_SECONDS, MotionModel
+from armdyn.arm.closed_loop.motion_model import SIMULATION_STEPS_SECONDS, MotionModel
 from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem

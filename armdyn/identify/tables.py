@@ -15,9 +15,9 @@ from armdyn.identify.sentence import MAX_NAMED_JOINTS, total_errors
 from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
+    from armdyn.arm.closed_loop.rollout import SimulatedPositionError
     from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkInertiaChange
-    from armdyn.arm.rollout import SimulatedPositionError
     from armdyn.identify.bands import PredictionBands
 
 MAX_LISTED_FAILING_RANGES = 6

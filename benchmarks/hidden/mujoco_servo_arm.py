@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 from mujoco_arm import pairs, true_model
 
+from armdyn.arm.closed_loop.rollout import simulated_position_errors
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.rollout import simulated_position_errors
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError
 from armdyn.identify.sentence import Verdict

@@ -33,8 +33,8 @@ import time
 import numpy as np
 from generated_arm import DEVIATIONS, found_shares, judged
 
+from armdyn.arm.closed_loop.rollout import simulated_position_errors, simulated_positions
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import simulated_position_errors, simulated_positions
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.inspection.check import WrongRecordingError

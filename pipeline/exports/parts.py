@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.arm.closed_loop.play import PLAY_PARAMETER
 from armdyn.arm.model import ArmModel
-from armdyn.arm.play import PLAY_PARAMETER
 from armdyn.errors import InputError
 from armdyn.model import Model
 from urdf.mend import impossible_inertia_reason

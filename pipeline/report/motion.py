@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.rollout import SimulatedPositionError
+from armdyn.arm.closed_loop.rollout import SimulatedPositionError
 from armdyn.document import Chart, Section
 from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray

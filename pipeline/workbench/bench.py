@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.arm.rollout import SimulatedPositionError
+from armdyn.arm.closed_loop.rollout import SimulatedPositionError
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters

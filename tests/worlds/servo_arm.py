@@ -4,7 +4,7 @@ The first five joints of four robots, their drives of two kinds: those of the jo
 others. All have one law in an arm; a kind has one gain, which the model knows within 10 % or not at all. They are told
 something new 50 or 100 times a second, which acts late by a delay that nobody knows; supplies sag, drives saturate.
 Arms that are told velocities or torques are kept on their paths by a loop outside. The truth moves in steps of half a
-millisecond by `armdyn.arm.simulator`, which MuJoCo and Pinocchio check elsewhere; encoders read in steps.
+millisecond by `armdyn.arm.closed_loop.simulator`, which MuJoCo and Pinocchio check elsewhere; encoders read in steps.
 """
 
 from dataclasses import dataclass, replace
@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.bodies import MotionSamples
+from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics
-from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.run import Run

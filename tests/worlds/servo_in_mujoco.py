@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from armdyn.arm.closed_loop.rollout import SimulationWindow, has_all_position_commands, simulation_windows
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import SimulationWindow, has_all_position_commands, simulation_windows
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import play_joint
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from derivatives import assert_jacobian
 
+from armdyn.arm.closed_loop.rollout import simulated_position_errors
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.rollout import simulated_position_errors
 from armdyn.checked_study import CheckedStudy
 from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE, find

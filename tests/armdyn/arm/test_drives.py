@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from worlds.servo_arm import generate
 
+from armdyn.arm.closed_loop.rollout import encoder_step, simulated_positions, simulation_windows
 from armdyn.arm.drive_scale import drives_with_identified_gains
 from armdyn.arm.drives import KNOWN_DRIVES, chosen_drives
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import encoder_step, simulated_positions, simulation_windows
 from armdyn.checked_study import CheckedStudy, effects_zero_in_simulation
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armdyn.arm.motion_slopes import interpolate_rows, motion_slopes
-from armdyn.arm.simulator import DriveInputs, simulate_arm
+from armdyn.arm.closed_loop.motion_slopes import interpolate_rows, motion_slopes
+from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
 from armdyn.effects.catalogue import find
 
 from . import urdfs

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.simulator import DriveInputs, simulate_arm
 
 from . import urdfs
 from .conftest import with_effects

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from worlds import hobby_arm
 
-from armdyn.arm import motion_model
+from armdyn.arm.closed_loop import motion_model
+from armdyn.arm.closed_loop.motion_model import MotionModel
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.motion_model import MotionModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
 from armdyn.identify.lost_motion import unless_lost

@@ -104,7 +104,7 @@ def test_noise_is_not_told_across_the_steps_of_a_held_command(tmp_path):
 def test_what_a_base_calls_a_load_is_none_of_the_catalogue(tmp_path):
     model = case(GEARED, 0).model(tmp_path)
     names = {item.name for item in available_effects(model) if model.can_add_effect(item)}
-    assert names == {"backlash", "load_drag", "load_friction"}
+    assert names == {"gear_backlash", "load_drag", "load_friction"}
 
 
 def test_the_place_of_a_threshold_is_found_with_its_size(tmp_path):

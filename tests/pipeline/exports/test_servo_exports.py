@@ -6,7 +6,7 @@ import pytest
 from worlds.servo_arm import EFFECTS, generate
 from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
-from armdyn.arm.rollout import simulated_positions
+from armdyn.arm.closed_loop.rollout import simulated_positions
 from armdyn.effects.catalogue import find
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import EXPRESSIBLE_EFFECTS

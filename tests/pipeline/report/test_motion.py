@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armdyn.arm.rollout import SimulatedPositionError
+from armdyn.arm.closed_loop.rollout import SimulatedPositionError
 from armdyn.document import Section
 from pipeline.report.motion import motion_charts, with_motion_charts
 

@@ -104,7 +104,7 @@ def brake(rotor: Rotor, torque: Expression = quantity("N m", typical=0.02, lower
 
 def _geared(c: Case, s: np.ndarray, u: float) -> list[float]:
     a, v, b, w = s
-    twist = beyond(a / 20.0 - b, c["backlash.width"])
+    twist = beyond(a / 20.0 - b, c["gear_backlash.width"])
     torque = c["stiffness"] * twist + 0.3 * (v / 20.0 - w)
     lost = c["load_drag.size"] * w + c["load_friction.torque"] * np.tanh(w / 0.02)
     return [v, (u - 2e-4 * v - torque / 20.0) / c["motor"], w, (torque - lost) / c["load"]]
@@ -140,7 +140,7 @@ def geared(at: Moment) -> Equations:
         {"q.motor": at["motor_angle"], "q.load": at["load_angle"]})
 
 @effect(summary="backlash", source="Nordin & Gutman, Automatica 38, 2002")
-def backlash(gear: Gear, width: Expression = quantity("rad", typical=0.01, lower=0.0)) -> Gear:
+def gear_backlash(gear: Gear, width: Expression = quantity("rad", typical=0.01, lower=0.0)) -> Gear:
     return replace(gear, twist=gear.twist - ca.fmax(ca.fmin(gear.twist, width), -width))
 
 @effect(summary="viscous friction of the load", source="of its own")
@@ -152,7 +152,7 @@ def load_friction(load: Load, torque: Expression = quantity("N m", typical=0.1, 
     return replace(load, torque=load.torque - torque * ca.tanh(load.speed / 0.02))
 ''',
     {"motor": 5e-5, "load": 0.05, "stiffness": 60.0},
-    {"backlash": {"width": 0.008}, "load_drag": {"size": 0.08}, "load_friction": {"torque": 0.15}}, _geared,
+    {"gear_backlash": {"width": 0.008}, "load_drag": {"size": 0.08}, "load_friction": {"torque": 0.15}}, _geared,
     {"q.motor": 0, "q.load": 2}, {"q.motor": 5e-3, "q.load": 3e-4},
     (0.0, 0.03), 8.0, (1.0, 5.0, 0.05, 0.25), 6.0, 250.0, "tau.motor", "N m",
 )  # fmt: skip

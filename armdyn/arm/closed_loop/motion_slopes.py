@@ -22,11 +22,11 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.arm import Arm
+from armdyn.arm.closed_loop.play import has_play, plays
+from armdyn.arm.closed_loop.rollout import SimulatedWindow, SimulationWindow, drive_inputs
+from armdyn.arm.closed_loop.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
-from armdyn.arm.play import has_play, plays
-from armdyn.arm.rollout import SimulatedWindow, SimulationWindow, drive_inputs
-from armdyn.arm.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect

@@ -24,10 +24,10 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.arm import Arm
+from armdyn.arm.closed_loop.play import has_play, plays
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression
-from armdyn.arm.play import has_play, plays
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect

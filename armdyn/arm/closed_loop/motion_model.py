@@ -11,12 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
-from armdyn.arm.drives import Servo, gain_unit
-from armdyn.arm.model import ArmModel
-from armdyn.arm.motion_slopes import INPUT_DIFFERENCE, window_slopes
-from armdyn.arm.play import PLAY_PARAMETER, has_play, plays
-from armdyn.arm.rollout import (
+from armdyn.arm.closed_loop.motion_slopes import INPUT_DIFFERENCE, window_slopes
+from armdyn.arm.closed_loop.play import PLAY_PARAMETER, has_play, plays
+from armdyn.arm.closed_loop.rollout import (
     SimulatedWindow,
     SimulationWindow,
     has_all_position_commands,
@@ -24,6 +21,9 @@ from armdyn.arm.rollout import (
     simulation_windows,
     start_sides,
 )
+from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
+from armdyn.arm.drives import Servo, gain_unit
+from armdyn.arm.model import ArmModel
 from armdyn.model import Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run

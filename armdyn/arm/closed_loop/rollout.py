@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.closed_loop.play import has_play, play_sides, plays
+from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.play import has_play, play_sides, plays
 from armdyn.arm.readings import mean_command
-from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 
