@@ -36,7 +36,8 @@ from armdyn.identify.sentence import Verdict
 FAMILIES = (*SLOW, *FAST, *LABORATORY)
 THRESHOLDS = (
     ("tanks", "overflow"), ("tanks", "pump_dead_zone"), ("vessel", "relief_valve"), ("filter", "diode"),
-    ("geared", "gear_backlash"), ("masses", "end_stop"), ("train", "coupling_backlash"), ("cylinder", "valve_dead_zone"),
+    ("geared", "gear_backlash"), ("masses", "end_stop"), ("train", "coupling_backlash"),
+    ("cylinder", "valve_dead_zone"),
 )  # fmt: skip
 AS_GOOD, WITHIN = 1.2, 3.0
 """Largest error of a good prediction over the noise, and largest error of a right value in standard deviations."""
