@@ -200,7 +200,7 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
         if not colon and kind not in KNOWN_DRIVES:
             hint = f"; of another kind state the law, as in {kind}:position={listed}"
             raise UnknownNameError("drive", kind, KNOWN_DRIVES, hint)
-        known = {**KNOWN_DRIVES.get(kind, {}), "law": law} if colon else KNOWN_DRIVES[kind]
+        known = {"law": law} if colon else KNOWN_DRIVES[kind]
         found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **known}
     return found
 

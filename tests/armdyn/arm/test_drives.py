@@ -37,6 +37,8 @@ def joined(**entries):
 def test_drives_of_any_kind_are_chosen_by_their_law():
     assert chosen_drives(["sts3215=all"], JOINTS)["sts3215"]["gain"] == KNOWN_DRIVES["sts3215"]["gain"]
     assert chosen_drives(["leg:velocity=elbow"], JOINTS) == {"leg": {"joints": ["elbow"], "law": "velocity"}}
+    # The gain of a known kind has the unit of its own law.
+    assert chosen_drives(["sts3215:velocity=elbow"], JOINTS)["sts3215"] == {"joints": ["elbow"], "law": "velocity"}
 
 
 @pytest.mark.parametrize("text", ["leg=all", "leg:speed=all", "sts3215", "=all", "sts3215="])
