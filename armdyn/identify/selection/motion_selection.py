@@ -126,7 +126,8 @@ def _completed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]
     Joints are alike, and what a motion says of a rotor in a light wrist is seen with the rotor alone.
     """
     now, problem = found.chosen_set, found.study.problem
-    sure = [c for c in now.effects if c not in empty_effects(found.study, found.fit, now.effects)]
+    empty = empty_effects(found.study, found.fit, now.effects)
+    sure = [c for c in now.effects if c not in empty]
     for effect in dict.fromkeys(c.effect for c in sure if c not in found.scorer.given):
         own = [c for c in sure if c.effect == effect]
         rest = [c for c in found.scorer.searched_effects if c.effect == effect and c not in own]
