@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from armdyn.arm.closed_loop.motion_slopes import INPUT_DIFFERENCE, window_slopes
-from armdyn.arm.closed_loop.play import PLAY_PARAMETER, has_play, plays
+from armdyn.arm.closed_loop.play import PLAY_PARAMETER, has_play
 from armdyn.arm.closed_loop.rollout import (
     SimulatedWindow,
     SimulationWindow,
@@ -175,13 +175,9 @@ class MotionModel(ArmModel):
 
     @np.errstate(all="ignore")
     def _read(self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, nj) positions of the links at (n,) times, s, and the ends of their plays at which these hang."""
-        q = found.positions_at(time)
-        if not has_play(self):
-            return q, np.zeros_like(q)
+        """See `SimulatedWindow.links_at`."""
         arm = self.arm_at(theta)
-        sides = found.play_sides_at(arm, arm.theta(), time)
-        return q - np.array(plays(self, theta)) * sides, sides
+        return found.links_at(arm, arm.theta(), time)
 
     @np.errstate(all="ignore")
     def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:

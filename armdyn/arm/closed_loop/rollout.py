@@ -122,15 +122,18 @@ class SimulatedWindow:
     q: np.ndarray
     v: np.ndarray
 
-    def positions_at(self, time: np.ndarray) -> np.ndarray:
-        """(n, nj) positions of the drives at (n,) times, s."""
-        return self._at(time, self.q)
+    def links_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, nj) positions of the links at (n,) increasing times, s, and the ends of their plays at which they hang.
 
-    def play_sides_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(n, nj) ends of their plays at which the links hang at (n,) increasing times, s; see `play_sides`."""
+        Without play these are 0, and the positions those of the drives; see `play_sides`.
+        """
+        q = self._at(time, self.q)
+        if not has_play(model):
+            return q, np.zeros_like(q)
         v = self._at(time, self.v)
         a = np.gradient(v, time, axis=0) if len(time) > 1 else np.zeros_like(v)
-        return play_sides(model, theta, (self.positions_at(time), v, a))
+        sides = play_sides(model, theta, (q, v, a))
+        return q - np.array(plays(model, theta)) * sides, sides
 
     def _at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(time, self.edges, values[:, j]) for j in range(values.shape[1])])
@@ -176,12 +179,7 @@ def simulated_positions(
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     found = simulate_window(model, theta, window, own, longest)
-    read = found.positions_at(window.time)
-    return (
-        read - np.array(plays(model, theta)) * found.play_sides_at(model, theta, window.time)
-        if has_play(model)
-        else read
-    )
+    return found.links_at(model, theta, window.time)[0]
 
 
 def simulate_window(
