@@ -3,7 +3,8 @@
 The first five joints of four robots of example-robot-data. Drives are MuJoCo's actuators, those of the joints that
 carry most of one kind, the others of another; they are told something new at every sample, which acts late. Hidden are
 damping, dry friction, armature, offsets, a load, play between a drive and its link, and a spring between them, which no
-catalogue has. The last of every `PERIOD` arms are as described but for masses, centres and extents that are off.
+catalogue has. The last of every `PERIOD` arms are as described but for masses, centres and extents that are off;
+their position drives have a damping, which is known.
 """
 
 from collections.abc import Mapping
@@ -65,6 +66,7 @@ class _Drives:
     late: int
     every: int
     period: float  # s of the supply's sag; infinite without
+    damping: np.ndarray
 
 
 def generate(seed: int) -> ServoArm:
@@ -80,12 +82,16 @@ def generate(seed: int) -> ServoArm:
     bodies = compiled(exact, joints)
     way = [np.vstack(parts)[:, :JOINTS] for parts in zip(*(p.at(np.arange(0, 20, 0.1)) for p in paths), strict=True)]
     load = np.abs(rigid_torques(bodies, joints, (way[0], 0 * way[1], 0 * way[2]))).max(axis=0)
+    at, still = np.tile(way[0].mean(axis=0), (JOINTS, 1)), np.zeros((JOINTS, JOINTS))
+    pushed, held = (rigid_torques(bodies, joints, (at, still, a)) for a in (np.eye(JOINTS), still))
+    inertia = np.diag(pushed - held)
     strong = load > 0.3 * load.max()
     every = round(1.0 / float(rng.choice(RATES)) / STEP)
     sags, limited, reached = rng.random(3) < (0.3, 0.5, 0.3)
     delay = round(rng.uniform(*DELAY) / STEP)
     known, drives = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
     gain, limit, largest = np.zeros(JOINTS), np.full(JOINTS, np.inf), np.zeros(JOINTS)
+    damping = np.zeros(JOINTS)
     for kind, members in (("shoulder", strong), ("wrist", ~strong)):
         own, peak = [joint for joint, is_in in zip(joints, members, strict=True) if is_in], float(load[members].max())
         largest[members] = np.maximum(load[members], LEAST * peak)
@@ -95,13 +101,18 @@ def generate(seed: int) -> ServoArm:
         if limited:
             limit[members] = peak * (rng.uniform(1.2, 1.4) if reached else rng.uniform(1.5, 2.0))
         table: dict[str, Any] = {"joints": own, "law": law} | ({"supply": "12 V"} if sags else {})
+        if clean and law == "position":
+            damping[members] = 2.0 * max(DAMPED) * np.sqrt(gain[members] * inertia[members].max())
+            table["damping"] = f"{damping[members][0]:.10g} N m s/rad"
         most = {"limit": f"{limit[members][0]:.6g} N m"} if limited else {}
         told = f"{gain[members][0] * rng.normal(1.0, 0.05):.6g} {unit} +/- 5 %"
         # A wrist's gain is known: hardly any weight shows it.
         known[kind] = table | most | ({"gain": told} if kind == "wrist" or rng.random() < 0.5 else {})
         drives[kind] = table | most | {"gain": f"{gain[members][0]:.10g} {unit}", "delay": f"{delay * STEP:.6g} s"}
-    moved = _Drives(law, gain, limit, delay, every, rng.uniform(3.0, 9.0) if sags else np.inf)
-    hidden, spring = ((), None) if clean else _drawn(rng, bodies, joints, way, largest, moved)
+    moved = _Drives(law, gain, limit, delay, every, rng.uniform(3.0, 9.0) if sags else np.inf, damping)
+    hidden, spring = (
+        ((), None) if clean else _drawn(rng, inertia, float(bodies.body_mass.sum()), joints, way, largest, moved)
+    )
     encoder = 2 * np.pi / float(rng.choice(TURN))
     try:
         logs = [_recorded(exact, joints, path, moved, hidden, spring) for path in paths]
@@ -127,14 +138,11 @@ def generate(seed: int) -> ServoArm:
 
 
 def _drawn(
-    rng: np.random.Generator, bodies: mujoco.MjModel, joints: tuple[str, ...], way: list[np.ndarray],
+    rng: np.random.Generator, inertia: np.ndarray, mass: float, joints: tuple[str, ...], way: list[np.ndarray],
     largest: np.ndarray, drives: _Drives,
 ) -> tuple[tuple[Hidden, ...], tuple[str, float] | None]:  # fmt: skip
     """What is hidden, and a joint with a spring between drive and link, N m/rad."""
-    unit, still = np.eye(JOINTS), np.zeros((JOINTS, JOINTS))
-    at = np.tile(way[0].mean(axis=0), (JOINTS, 1))
-    moved, held = (rigid_torques(bodies, joints, (at, still, a)) for a in (unit, still))
-    inertia, speed, brisk = np.diag(moved - held), *(np.sqrt(np.mean(x**2, axis=0)) for x in way[1:])
+    speed, brisk = (np.sqrt(np.mean(x**2, axis=0)) for x in way[1:])
     sized = rng.random(4) < (0.7, 0.6, 0.3, 0.4)  # dry friction, rotors, offsets, a load
     hidden = []
     for j, joint in enumerate(joints):
@@ -151,8 +159,7 @@ def _drawn(
         hidden += [Hidden("torque_offset", joint, {"torque": sign * float(size[3])})] if sized[2] and on[1] else []
     if sized[3]:
         place = dict(zip("xyz", rng.uniform(-PLACE, PLACE, 3).tolist(), strict=True))
-        mass = float(bodies.body_mass.sum() * rng.uniform(*CARRIED))
-        hidden.append(Hidden("payload", joints[-1], {"mass": mass, **place}))
+        hidden.append(Hidden("payload", joints[-1], {"mass": float(mass * rng.uniform(*CARRIED)), **place}))
     which, share = int(rng.integers(1, JOINTS)), rng.random()
     if drives.law == "position" and share < 0.25:
         hidden.append(Hidden("backlash", joints[which], {"play": float(rng.uniform(*PLAY))}))
@@ -174,11 +181,11 @@ def _plant(
     options = {"fusestatic": "false", "balanceinertia": "false", "boundmass": "1e-9", "boundinertia": "1e-12"}
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", options)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
     for joint in spec.joints:
         joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the drives alone are limited
     value = {(one.effect, one.joint): one.values for one in hidden}
-    for name, k, most in zip(joints, drives.gain, drives.limit, strict=True):
+    for name, k, d, most in zip(joints, drives.gain, drives.damping, drives.limit, strict=True):
         joint = spec.joint(name)
         joint.damping = np.array(
             [value.get(("joint_viscous_friction", name), {"coefficient": 0.0})["coefficient"], 0, 0]
@@ -190,7 +197,7 @@ def _plant(
         drive.gainprm[0], drive.biastype = k, mujoco.mjtBias.mjBIAS_AFFINE
         # A reading that has an offset is a drive that gives so much less.
         drive.biasprm[0] = -value.get(("torque_offset", name), {"torque": 0.0})["torque"]
-        drive.biasprm[1:3] = {"position": (-k, 0.0), "velocity": (0.0, -k), "torque": (0.0, 0.0)}[drives.law]
+        drive.biasprm[1:3] = {"position": (-k, -d), "velocity": (0.0, -k), "torque": (0.0, 0.0)}[drives.law]
         if np.isfinite(most):
             drive.forcelimited, drive.forcerange = True, [-most + drive.biasprm[0], most + drive.biasprm[0]]
         body = next(b for b in spec.bodies if any(j.name == name for j in b.joints))

@@ -123,14 +123,16 @@ class MotionModel(ArmModel):
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run with the positions of all joints at the stamps at which the simulation is compared with them."""
         del beside
-        (window,) = simulation_windows(run, self.arm.joints, np.inf)
+        window = _window(run, self.arm.joints)
         if all(len(run.channels[f"q.{joint}"]) == len(window.time) for joint in self.arm.joints):
             return run
         cut = {
             name: Channel(window.time, window.q[:, j], run.channels[name].unit)
             for j, name in enumerate(f"q.{joint}" for joint in self.arm.joints)
         }
-        return replace(run, channels={**run.channels, **cut})
+        found = replace(run, channels={**run.channels, **cut})
+        found.__dict__["_window"] = window
+        return found
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """Nothing: the noise of positions does not depend on the parameters."""
@@ -230,6 +232,6 @@ def _held(positions: np.ndarray) -> np.ndarray:
 
 
 def _window(run: Run, joints: tuple[str, ...]) -> SimulationWindow:
-    """The whole run with the stamps of its positions, of which a smoothed motion may lack the first and the last."""
-    (window,) = simulation_windows(run, joints, np.inf)
-    return replace(window, time=run.channels[f"q.{joints[0]}"].time)
+    """The simulated part of a whole recording, of which a prepared run has the positions alone."""
+    known: SimulationWindow | None = run.__dict__.get("_window")
+    return simulation_windows(run, joints, np.inf)[0] if known is None else known

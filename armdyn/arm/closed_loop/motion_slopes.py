@@ -77,9 +77,9 @@ def motion_slopes(
         middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     sticks = (v[1:] == 0.0) | away[:, None]
     way = np.sign(v[1:])
-    law = drives.gain * (drives.q_cmd - middle[0]) + drives.damping * (drives.v_cmd - middle[1])
-    asked = drives.given + drives.on * np.clip(law, -drives.limit, drives.limit)
-    total = (np.cumsum(asked, axis=0) - asked) * step
+    _, asked = drives.asked_at(*middle)
+    begun = _begun(drives)
+    total = begun + (np.cumsum(asked, axis=0) - asked) * step
     volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
     signals = np.hstack([*middle, np.diff(v, axis=0) / step, way, volts, total, *_inputs(drives)])
     links, by_links = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
@@ -101,7 +101,9 @@ def motion_slopes(
     if np.any(by_total):
         asked_more = np.zeros_like(forces)
         asked_more[:, :, size:] = _through_inputs(asked_by_input, drives, others)
-        integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more)
+        start = np.zeros((n, forces.shape[2]))
+        start[:, size:] = np.array([_begun(other) - begun for other in others]).reshape(-1, n).T
+        integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more, start)
     return _integrated(by_q, by_v, by_a, forces, sticks, step, integral)
 
 
@@ -123,6 +125,11 @@ def _gravity_slopes(model: ArmModel, theta: np.ndarray) -> np.ndarray:
             changed[i] += GRAVITY_DIFFERENCE * p.typical
             found[:, i] = (model.gravity_at(changed) - at) / (GRAVITY_DIFFERENCE * p.typical)
     return found
+
+
+def _begun(drives: DriveInputs) -> np.ndarray:
+    """(nj,) sums of the torques that were asked of the drives before the first step."""
+    return np.zeros(drives.given.shape[1]) if drives.total is None else drives.total
 
 
 def _inputs(drives: DriveInputs) -> list[np.ndarray]:
@@ -150,12 +157,21 @@ def _evaluated(function: PreallocatedFunction, signals: np.ndarray, values: np.n
 
 @dataclass(frozen=True, eq=False)
 class _Integral:
-    """Integral action: R_total (m, n), and derivatives of the torque asked of drives, (m, n), by forces (m, n, k)."""
+    """Integral action.
+
+    Attributes:
+        by_total: (m, n) R_total.
+        by_q: (m, n) derivatives of the torques that are asked of the drives by positions.
+        by_v: (m, n) those by velocities.
+        by_force: (m, n, k) those by forces.
+        start: (n, k) those of the sums of these torques at the start.
+    """
 
     by_total: np.ndarray
     by_q: np.ndarray
     by_v: np.ndarray
     by_force: np.ndarray
+    start: np.ndarray
 
 
 def _integrated(
@@ -185,6 +201,8 @@ def _integrated(
         pushes.append(step * integral.by_force)
     following, states = np.block(rows), np.zeros((count + 1, len(rows) * n, size + 2 * n))
     states[0, : 2 * n, size:] = np.eye(2 * n)
+    if integral is not None:
+        states[0, 2 * n :, :size] = integral.start
     states[1:, :, :size] = np.concatenate(pushes, axis=1)
     for before, after, transition in zip(states[:-1], states[1:], following, strict=True):
         after += transition @ before

@@ -31,6 +31,11 @@ MIN_ENCODER_STEP = 1e-6
 """Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
 MAX_ROLLOUT_ERROR = 2.0 * np.pi
 """Error, rad or m, beyond which a simulated joint has left the motion; its size has then no meaning."""
+SAMPLED_LOADS = 50
+"""Number of moments of a window whose loads say which of them are small."""
+SETTLING_SECONDS, MAX_SETTLING_SHARE = 0.5, 0.05
+"""Beginning of a recording that is not simulated, s, and the largest share of it: a velocity is smoothed from one side
+there, and a command may have begun to move just then, so that a simulation would begin with a wrong velocity."""
 TORQUE_DELAY_PARAMETER, COMMAND_DELAY_PARAMETER = "torque_delay.time", "command_delay.time"
 """Parameters that delay a measured torque, and the action of a command."""
 
@@ -144,7 +149,8 @@ def simulation_windows(run: Run, joints: tuple[str, ...], length: float) -> tupl
     """Parts of a recording of `length` s each, or the whole recording for infinite `length`, with start states."""
     motion = measured_motion(run, joints)
     first = run.channels[f"q.{joints[0]}"].time
-    time = first[(first >= motion.start) & (first <= motion.end)]
+    settled = min(SETTLING_SECONDS, MAX_SETTLING_SHARE * (motion.end - motion.start))
+    time = first[(first >= motion.start + settled) & (first <= motion.end)]
     measured = np.column_stack(
         [np.interp(time, run.channels[f"q.{j}"].time, run.channels[f"q.{j}"].value) for j in joints]
     )
@@ -198,8 +204,8 @@ def simulate_window(
 
 def start_sides(model: ArmModel, theta: np.ndarray, window: SimulationWindow) -> np.ndarray:
     """(nj,) ends of their plays at which the links hang at the start of a window; see `play_sides`."""
-    q, v = (part[None] for part in window.start)
-    return play_sides(model, theta, (q, v, np.zeros_like(q)))[0]
+    at = measured_motion(window.run, model.arm.joints).at(np.linspace(window.begin, window.end, SAMPLED_LOADS))
+    return play_sides(model, theta, (at.q, at.v, at.a))[0]
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
@@ -215,7 +221,22 @@ def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | Non
 def drive_inputs(
     model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
 ) -> DriveInputs:
-    """Inputs of a simulation over the (n,) steps between `edges`, s."""
+    """Inputs of a simulation over the (n,) steps between `edges`, s; the recording tells what came before."""
+    motion = measured_motion(run, model.arm.joints)
+    before = int((edges[0] - motion.start) / (edges[1] - edges[0]) + 1e-9)
+    found = _drive_inputs(model, theta, run, servos, edges)
+    if not before:
+        return found
+    earlier = edges[0] + (edges[1] - edges[0]) * np.arange(-before, 1)
+    at = motion.at((earlier[1:] + earlier[:-1]) / 2.0)
+    _, asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(at.q, at.v)
+    return replace(found, total=asked.sum(axis=0) * (edges[1] - edges[0]))
+
+
+def _drive_inputs(
+    model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
+) -> DriveInputs:
+    """See `drive_inputs`; as if nothing came before."""
     channels, values = run.channels, dict(zip(model.names, theta.tolist(), strict=True))
     drives, middle = DriveInputs.off(len(edges) - 1, len(servos)), (edges[1:] + edges[:-1]) / 2
     voltage = np.zeros_like(drives.on)
