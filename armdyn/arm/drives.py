@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from armdyn.arm.known_drives import KNOWN_DRIVES
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
@@ -31,15 +32,6 @@ COMMAND_CHANNELS: Mapping[ControlLaw, str] = {
 """Channel of the command by law; of a drive that is read by its current, the measured current."""
 GAIN_SCALE_CHANNEL = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
-
-KNOWN_DRIVES: Mapping[str, Mapping[str, str]] = {
-    # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
-    # values it has). LeRobot sets P = 16. At 12 V both are larger: the recording says by how much.
-    "sts3215": {"law": "position", "gain": "8.9 N m/rad +/- 10 %", "limit": "3.35 N m"},
-    # Full duty from an error of 885 x 256 x 2 pi/4096 / P rad at register P; here P = 100: BAM (Rhoban).
-    "xl330": {"law": "position", "full_at": "3.47 rad"},
-}
-"""Known kinds of drives, with their usual settings; other settings are recorded as ``extra.gain_scale``."""
 
 
 @dataclass(frozen=True)
