@@ -1,14 +1,14 @@
 """Known kinds of servo drives, with their usual settings; a model file's table ``[drives.NAME]`` begins with them.
 
-Largest torques are the makers' stall torques, at the voltage `supply`. A position gain is stated only where somebody has
-measured it; where it is left out, armdyn estimates it from the recordings. Other settings than those stated here are
+Largest torques are the makers' stall torques, at the voltage `supply`. A position gain is stated only where somebody
+has measured it; where it is left out, armdyn estimates it from the recordings. Other settings than those stated are
 recorded as ``extra.gain_scale``.
 
 Sources: Robotis, https://emanual.robotis.com/docs/en/dxl/x/MODEL/ and .../dxl/mx/MODEL/, "Stall Torque"; Rhoban's BAM,
 https://github.com/Rhoban/bam, ``bam/params/MODEL/m1.json`` for the torque constant k_t and the resistance R, and
-``bam/dynamixel/actuator.py`` for the share e of the full duty per rad of error and unit of the register P, measured with
-an oscilloscope. At the voltage V the gain is e P V k_t/R. BAM's models with a friction that grows with the load (m6) have
-up to 1.7 times that k_t/R: hence a spread of 30 %.
+``bam/dynamixel/actuator.py`` for the share e of the full duty per rad of error and unit of the register P, which was
+measured there. At the voltage V the gain is e P V k_t/R. BAM's models with a friction that grows with the load (m6)
+have up to 1.7 times that k_t/R: hence a spread of 30 %.
 """
 
 from collections.abc import Mapping

@@ -51,6 +51,14 @@ class ImportOptions:
         bool,
         typer.Option("--guess", help="Propose such a file from names, units and ranges; nothing is imported."),
     ] = False
+    commands: Annotated[
+        Path | None,
+        typer.Option(
+            "--commands",
+            metavar="FILE",
+            help="What the joints were told, in a file of its own with its own stamps; a command holds until the next.",
+        ),
+    ] = None
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
     ] = None
@@ -78,16 +86,31 @@ def import_(
         for file in wanted.files:
             say(f"reading {file}")
             recordings += read_foreign(file)
+        commands = _read_commands(wanted.commands, recordings)
         if wanted.guess:
-            _propose(wanted, recordings, choice, json_file)
+            _propose(wanted, recordings, commands, choice, json_file)
         else:
             say("looking at the recordings")
-            _import(wanted, recordings, choice, trust_data, json_file)
+            _import(wanted, recordings, commands, choice, trust_data, json_file)
+
+
+def _read_commands(file: Path | None, measured: "list[ForeignRecording]") -> "ForeignRecording | None":
+    from pipeline.imports import read_foreign
+
+    if file is None:
+        return None
+    found = read_foreign(file)
+    if len(found) != 1 or len(measured) != 1:
+        raise InputError(
+            f"{file}: {len(found)} recordings of commands for {len(measured)} of measurements: give one of each"
+        )
+    return found[0]
 
 
 def _import(
     wanted: ImportOptions,
     recordings: "list[ForeignRecording]",
+    commands: "ForeignRecording | None",
     choice: RobotChoice,
     trust_data: bool,
     json_file: Path | None,
@@ -97,7 +120,7 @@ def _import(
     from armdyn.inspection.inspect import inspect_runs, require_usable
     from pipeline.answers import recording_checks_json
     from pipeline.imports.conversion import run_from_recording
-    from pipeline.imports.guess import map_unambiguous_columns
+    from pipeline.imports.guess import map_unambiguous_columns, map_unambiguous_commands
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
@@ -110,9 +133,11 @@ def _import(
         for name, own in given.items():
             with collect_errors(problems):
                 read = own or map_unambiguous_columns(foreign, joints)
+                if own is None and commands is not None:
+                    read = replace(read, commands=map_unambiguous_commands(commands, joints))
                 read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
-                found.append(run_from_recording(part, read, columns))
+                found.append(run_from_recording(part, read, columns, commands))
     if problems:
         raise InputError("; ".join(problems))
     looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
@@ -140,7 +165,7 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
-    given = {path.resolve() for path in (*wanted.files, *([wanted.mapping] if wanted.mapping else []))}
+    given = {path.resolve() for path in (*wanted.files, wanted.mapping, wanted.commands) if path is not None}
     for path in paths:
         if not given.isdisjoint((path.resolve(), path.with_suffix(".toml").resolve())):
             raise InputError(f"{path} would take the place of what is imported: choose another --output")
@@ -149,14 +174,19 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
 
 
 def _propose(
-    wanted: ImportOptions, recordings: "list[ForeignRecording]", choice: RobotChoice, json_file: Path | None
+    wanted: ImportOptions,
+    recordings: "list[ForeignRecording]",
+    commands: "ForeignRecording | None",
+    choice: RobotChoice,
+    json_file: Path | None,
 ) -> None:
-    from pipeline.fields import attributes_as_json
-    from pipeline.imports.guess import guess_map
+    from pipeline.imports.guess import guess_commands, guess_map
     from pipeline.imports.mapping import column_map_toml
 
     joints = _joints(choice)
     found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
+    if commands is not None:
+        found = replace(found, commands=guess_commands(commands, recordings[0], found, joints))
     check_overwrite(target, wanted.force)
     atomic.make_directory(wanted.output)
     comment = (
@@ -164,22 +194,33 @@ def _propose(
         "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
     atomic.write_text(target, column_map_toml(found, comment))
-    answer = {
-        "schema": "armdyn.map/1",
-        "file": str(target),
-        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
-        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
-    }
+    answer = {"schema": "armdyn.map/1", "file": str(target), **_map_json(found)}
+    if found.commands is not None:
+        answer["commands"] = _map_json(found.commands)
     if write_json_if_file_given(json_file, lambda: answer):
-        _say_guess(found, recordings, target)
+        _say_guess(found, recordings)
+        if found.commands is not None and commands is not None:
+            typer.echo(f"commands, {wanted.commands}:")
+            _say_guess(found.commands, [commands])
+        typer.echo(f"written to {target}")
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         own = _words(choice) if choice else []
+        own += ["--commands", str(wanted.commands)] if wanted.commands is not None else []
         again = shell_quoted_command("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
-def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target: Path) -> None:
+def _map_json(found: "ColumnMap") -> dict[str, object]:
+    from pipeline.fields import attributes_as_json
+
+    return {
+        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
+        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
+    }
+
+
+def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]") -> None:
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
     from pipeline.imports.mapping import reason_comment
 
@@ -198,7 +239,6 @@ def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target:
         if names:
             more = len(names) - MAX_LISTED_COLUMNS
             typer.echo(f"{what}: {', '.join(names[:MAX_LISTED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
-    typer.echo(f"written to {target}")
 
 
 def _words(choice: RobotChoice) -> list[str]:

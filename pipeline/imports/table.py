@@ -6,7 +6,7 @@ A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run 
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, time
@@ -21,6 +21,7 @@ from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_name_and_unit
 from pipeline.imports.head import single_header_table
+from pipeline.imports.lists import columns_of_lists, list_items, quoted_lists
 from urdf.bounds import (
     MAX_DECOMPRESSED_FILE_BYTES,
     MAX_NAME_CHARACTERS,
@@ -57,6 +58,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
     """Recording from the text of a table; see `read_csv_of_any_dialect`."""
     text, headed, notes = single_header_table(text)
     separator = separator_of(header_of(text))
+    text = quoted_lists(text, separator)
     try:
         table = parse_delimited(text, separator, MISSING_VALUE_TEXTS, decimal_comma=True)
     except CutOffError as error:
@@ -68,6 +70,8 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
         raise InputError("holds a header and no row: give a recording")
     columns: dict[str, ForeignColumn] = {}
     texts = {}
+    lists = dict[str, dict[int, tuple[str, ...]]]()
+    units = dict[str, str]()
     for i, label in enumerate(table.labels):
         column, unit = split_name_and_unit(label)
         if column in columns:
@@ -76,6 +80,10 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
             cells, different = list(strange.values()), dict.fromkeys(strange.values())
+            items = {row: entries for row, cell in strange.items() if (entries := list_items(cell)) is not None}
+            if 2 * len(items) > len(strange):
+                lists[column], units[column] = _only_lists(column, items, strange, table.rows), unit
+                continue
             if len(cells) == len(value) and (moments := _moments(cells)) is not None:
                 columns[column] = ForeignColumn(moments, "s")
                 continue
@@ -98,9 +106,25 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             cells = [repr(cell) for cell in strange.values()][:MAX_LISTED_TEXT_COLUMNS]
             notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
         columns[column] = ForeignColumn(value, unit)
+    parts, said = columns_of_lists(lists, table.rows.tolist())
+    for column, found in parts.items():
+        columns |= {part: ForeignColumn(value, units[column]) for part, value in found.items()}
     if not columns:
         raise InputError("no column holds numbers: give a recording")
-    return ForeignRecording(name, columns, tuple(notes), texts, headed=headed)
+    return ForeignRecording(name, columns, (*notes, *said), texts, headed=headed)
+
+
+def _only_lists(
+    column: str, items: dict[int, tuple[str, ...]], strange: Mapping[int, str], rows: np.ndarray
+) -> dict[int, tuple[str, ...]]:
+    """The lists of a column, in which every other cell must be empty."""
+    for row, cell in strange.items():
+        if row not in items:
+            raise InputError(
+                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is no list as "
+                "in the other rows: mend it, or empty the cell"
+            )
+    return items
 
 
 MAX_LISTED_TEXT_COLUMNS = 3
@@ -149,7 +173,8 @@ def read_parquet(path: Path) -> ForeignRecording:
         name, unit = split_name_and_unit(label)
         found = _arrow_columns(name, table[label])
         if not found:
-            notes.append(f"'{name}' holds no numbers: left out")
+            kind = "lists of numbers of different lengths" if _is_ragged(table[label]) else "no numbers"
+            notes.append(f"'{name}' holds {kind}: left out")
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
         columns |= {part: ForeignColumn(value, "s" if is_date else unit) for part, value in found.items()}
     return ForeignRecording(path.stem, columns, tuple(notes))
@@ -173,6 +198,16 @@ def _check_parquet(file: Any, size: int) -> None:
             f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_CHARACTERS} letters "
             "are the most: leave some out"
         )
+
+
+def _is_ragged(values: "pa.ChunkedArray") -> bool:
+    """Whether a column has lists of numbers, of different lengths."""
+    import pyarrow as pa
+
+    kind = values.type
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind)):
+        return False
+    return bool(pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type))
 
 
 def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray]:

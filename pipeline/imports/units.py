@@ -57,7 +57,7 @@ def entries_with_inferred_units(
         time: stamps of its rows (n,) [s]; None where every column has its own time.
     """
     positions = {c.body: c for c in claims if c.label.quantity == "q"}
-    sizes = {c.column: _largest(columns[c.column]) for c in claims}
+    sizes = {c.column: largest_magnitude(columns[c.column]) for c in claims}
     angle = _angle_unit([sizes[c.column] for b, c in positions.items() if not (known.slides(b) or c.label.unit)])
     strange = _torque_doubt(claims, sizes, known)
     entries: dict[str, ColumnEntry] = {}
@@ -107,7 +107,8 @@ def _is_whole(columns: Sequence[ForeignColumn]) -> bool:
     return all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns)
 
 
-def _largest(columns: Sequence[ForeignColumn]) -> float:
+def largest_magnitude(columns: Sequence[ForeignColumn]) -> float:
+    """Largest magnitude of the numbers in columns; 0 where there are none."""
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
 
