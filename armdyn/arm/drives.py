@@ -183,10 +183,7 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
     """
     found: dict[str, Any] = {}
     for text in chosen:
-        named, equals, listed = text.partition("=")
-        kind, colon, law = named.partition(":")
-        if not equals or not listed or not kind:
-            raise InputError(f"--drive {text}: write it as sts3215=all, sts3215=elbow,wrist, or NAME:position=all")
+        kind, colon, law, listed = split_drive_option(text)
         if colon and law not in get_args(ControlLaw):
             raise UnknownNameError("law", law, get_args(ControlLaw))
         if not colon and kind not in KNOWN_DRIVES:
@@ -195,6 +192,21 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
         known = {"law": law} if colon else KNOWN_DRIVES[kind]
         found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **known}
     return found
+
+
+def split_drive_option(text: str) -> tuple[str, str, str, str]:
+    """Kind, colon, law and joints of a text such as ``"KIND=all"``, ``"KIND=joint,joint"`` or ``"NAME:LAW=all"``.
+
+    Colon and law are empty where no law is stated.
+
+    Raises:
+        InputError: the text has another form.
+    """
+    named, equals, listed = text.partition("=")
+    kind, colon, law = named.partition(":")
+    if not equals or not listed or not kind:
+        raise InputError(f"--drive {text}: write it as sts3215=all, sts3215=elbow,wrist, or NAME:position=all")
+    return kind, colon, law, listed
 
 
 def law_of_commands(run: Run) -> ControlLaw | None:

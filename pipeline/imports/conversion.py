@@ -13,6 +13,7 @@ import numpy.typing as npt
 from armdyn.errors import InputError, UnknownNameError, collect_errors, error_location
 from armdyn.inspection.check import Check
 from armdyn.inspection.correction import CorrectedReading
+from armdyn.quoting import name_list
 from armdyn.recording.channels import (
     MAX_PLAUSIBLE_SIZE_BY_UNIT,
     MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS,
@@ -29,6 +30,7 @@ from armdyn.run import Run
 from pipeline.imports.commands import COMMAND_OF, with_commands
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording, ImportedSampleCounts
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
+from pipeline.imports.registers import decoded
 from pipeline.imports.stamps import samples_with_valid_stamps
 from pipeline.imports.words import is_unit_like
 from urdf.toml_tables import join_problems
@@ -128,6 +130,7 @@ def _channels(
             accounts.append(account)
     channels: dict[str, Channel] = {}
     used: dict[str, str] = {}
+    mended: dict[str, list[str]] = {}
     for name, entry in mapping.entries.items():
         if name not in foreign.columns and name in elsewhere:
             notes.append(f"no column '{name}', which others have: no {entry.channel}")
@@ -140,9 +143,12 @@ def _channels(
         else:
             with collect_errors(problems, f"'{name}'"):
                 channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
+                if decoded(foreign.columns[name].value, entry.negative)[1]:
+                    mended.setdefault(entry.negative, []).append(f"'{name}'")
     if not (problems or channels):
         problems += empty or ["it has none of the columns of the mapping"]
     notes += empty
+    notes += [f"raw negative numbers ({how}) are mended in {name_list(names, 3)}" for how, names in mended.items()]
     sources = dict.fromkeys(column.source for name, column in foreign.columns.items() if name in mapping.entries)
     return channels, accounts + [foreign.accounts[source] for source in sources if source in foreign.accounts]
 
@@ -166,7 +172,7 @@ def _channel(
 ) -> Channel:
     """The channel that a column becomes; `table` contains the stamps [s] and indices of the rows of a table."""
     to_si = _conversion(entry, entry.unit or column.unit)
-    value = to_si(column.value)
+    value = to_si(decoded(column.value, entry.negative)[0])
     if table is not None:
         time, value = table[0], value[table[1]]
     elif column.time is not None:

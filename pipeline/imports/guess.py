@@ -6,10 +6,7 @@ limits. A line that names and numbers leave open says CHECK.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-
-import numpy as np
 
 from armdyn.errors import InputError, error_location
 from armdyn.quoting import name_list
@@ -22,39 +19,35 @@ from pipeline.imports.joint_claims import are_of_arm, joint_claims, labels_of_jo
 from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
+from pipeline.imports.register_entries import NO_DRIVES, DriveKinds, register_entries
+from pipeline.imports.table_time import guess_time, unambiguous_time
 from pipeline.imports.units import entries_with_inferred_units, joined_doubts, largest_magnitude
 from pipeline.imports.words import (
     ColumnHeaderParts,
-    is_unit_like,
-    name_words,
     split_column_header,
-    word_set,
 )
-
-TIME_WORDS = word_set("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds per unit of time, the most likely unit first."""
-SHORTEST_SAMPLE_STEP_SECONDS, LONGEST_SAMPLE_STEP_SECONDS = 5e-5, 0.5
-"""Shortest and longest possible time between two samples of a robot's recording [s]."""
-MIN_ROW_SHARE_WITH_RISING_TIME = 0.9
-"""Smallest share of rows in which a time column must increase; single stamps may be wrong."""
 
 MAX_COMMAND_TO_POSITION_RATIO = 5.0
 """Largest ratio of the largest command to the largest position in the same unit, or inverse; there are 57 degrees in a
 radian."""
 
 
-def map_unambiguous_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
-    """Mapping of columns whose names are unambiguous: joint states, and names of armdyn's channels.
+def map_unambiguous_columns(
+    foreign: ForeignRecording, joints: RobotJoints | None = None, drives: DriveKinds = NO_DRIVES
+) -> ColumnMap:
+    """Mapping of columns whose names are unambiguous: joint states, names of armdyn's channels, registers of drives.
 
     Args:
         foreign: the recording.
         joints: joints of the robot, whose names are used where it is certain which joint is meant; None where the
             robot is unknown.
+        drives: kinds of drives whose registers the recording contains.
 
     Raises:
         InputError: the names define no channel, or it is uncertain whether the joints are the robot's.
     """
+    if drives:
+        return _certain_registers(foreign, joints, drives)
     entries = _declared(foreign.columns, joints or RobotJoints())
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
@@ -78,16 +71,22 @@ def map_unambiguous_columns(foreign: ForeignRecording, joints: RobotJoints | Non
             notes += [f"joint '{a}' of the recording is '{b}' of the robot" for a, b in renamed.items() if a != b]
             entries |= found
         notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(entries, joints)]
-    time = _unambiguous_time(foreign) if foreign.is_table else ColumnMap({})
+    time = unambiguous_time(foreign) if foreign.is_table else ColumnMap({})
     return replace(time, entries=entries, notes=tuple(notes))
 
 
-def _unambiguous_time(foreign: ForeignRecording) -> ColumnMap:
-    """A mapping with the time of a table: ``time``, or a column about which there is no doubt."""
-    with suppress(InputError):
-        if "time" not in foreign.columns and not (found := _time(foreign)).check:
-            return replace(found, why="")
-    return ColumnMap({}, "time")
+def _certain_registers(foreign: ForeignRecording, joints: RobotJoints | None, drives: DriveKinds) -> ColumnMap:
+    """Mapping of registers about whose positions and commands there is no doubt; other doubtful ones are left out."""
+    guessed = guess_map([foreign], joints, drives=drives)
+    entries = {name: entry for name, entry in guessed.entries.items() if not entry.check}
+    doubtful = {name: entry for name, entry in guessed.entries.items() if entry.check}
+    for name, entry in doubtful.items():
+        if entry.quantity in ("q", "q_cmd") or not entries:
+            raise InputError(f"{foreign.name}: '{name}': {entry.check}: let --guess propose a mapping, and read it")
+    notes = dict.fromkeys(entry.why for entry in entries.values() if entry.why)
+    left = [f"'{name}' is left out: {entry.check}" for name, entry in doubtful.items()]
+    time = unambiguous_time(foreign) if foreign.is_table else ColumnMap({})
+    return replace(time, entries=entries, notes=(*notes, *left))
 
 
 def _declared(columns: Mapping[str, ForeignColumn], known: RobotJoints) -> dict[str, ColumnEntry]:
@@ -111,13 +110,19 @@ def _missing(entries: Mapping[str, ColumnEntry], joints: RobotJoints) -> tuple[s
     return tuple(joint for joint in joints.arm if joint not in present)
 
 
-def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None = None, rate: str = "") -> ColumnMap:
+def guess_map(
+    recordings: Sequence[ForeignRecording],
+    joints: RobotJoints | None = None,
+    rate: str = "",
+    drives: DriveKinds = NO_DRIVES,
+) -> ColumnMap:
     """Mapping with the most likely meaning of the columns of recordings in one format.
 
     Args:
         recordings: one or more; the ranges of values are those of all of them.
         joints: joints of the robot; None where it is unknown.
         rate: rate of the rows of a table without stamps, with its unit.
+        drives: kinds of drives whose registers the recordings contain.
 
     Raises:
         InputError: no column looks like a channel.
@@ -127,14 +132,15 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
     for foreign in recordings:
         for name, column in foreign.columns.items():
             columns.setdefault(name, []).append(column)
-    timing = _time(first) if first.is_table and not rate else ColumnMap({}, rate=rate)
+    timing = guess_time(first) if first.is_table and not rate else ColumnMap({}, rate=rate)
     declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
     complete = not _missing(declared, known)
-    entries: dict[str, ColumnEntry] = {}
+    seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
+    entries, registers = register_entries(columns, drives, known, first, seconds) if drives else ({}, set())
     labels: dict[str, ColumnHeaderParts] = {}
     of_joints: dict[str, ColumnHeaderParts] = {}
     for name, found in columns.items():
-        if name == timing.time or _is_repeated(name, columns):
+        if name == timing.time or name in registers or _is_repeated(name, columns):
             continue
         if (entry := declared.get(name)) is None:
             labels[name] = split_column_header(name, found[0].unit)
@@ -145,14 +151,13 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
                 split_column_header(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt=""
             )
     of_joints = labels_of_joints(labels, known) | of_joints
-    if known.arm or are_of_arm(of_joints):
+    if known.arm or drives or are_of_arm(of_joints):
         claims = joint_claims(of_joints, known, first.texts)
     else:
         claims, known = pendulum_claims(labels), PENDULUM_PARTS
     if not first.headed:
         claims = _claims_by_order(first, timing.time, known)
     taken = {entry.channel for entry in entries.values()}
-    seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
     best = best_claims(claim for claim in claims if claim.channel not in taken)
     entries |= entries_with_inferred_units(best, columns, known, first, seconds)
     if not entries:
@@ -171,7 +176,11 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
 
 
 def guess_commands(
-    commands: ForeignRecording, foreign: ForeignRecording, measured: ColumnMap, joints: RobotJoints | None = None
+    commands: ForeignRecording,
+    foreign: ForeignRecording,
+    measured: ColumnMap,
+    joints: RobotJoints | None = None,
+    drives: DriveKinds = NO_DRIVES,
 ) -> ColumnMap:
     """Mapping of a file of commands, beside a recording of the same joints.
 
@@ -182,21 +191,25 @@ def guess_commands(
         foreign: the recording.
         measured: mapping of the recording.
         joints: joints of the robot; None where it is unknown.
+        drives: kinds of drives whose registers the file contains.
 
     Raises:
         InputError: no column looks like a command of a measured joint.
     """
-    timing = _time(commands) if commands.is_table else ColumnMap({})
+    timing = guess_time(commands) if commands.is_table else ColumnMap({})
     known = joints or RobotJoints()
+    columns = {name: [column] for name, column in commands.columns.items()}
+    raw, registers = register_entries(columns, drives, known, commands, None) if drives else ({}, set())
+    stated = {name: entry for name, entry in _declared(commands.columns, known).items() if entry.unit}
     entries = {
         name: as_command(entry)
-        for name, entry in _declared(commands.columns, known).items()
-        if entry.unit and (entry.quantity in COMMAND_OF or entry.quantity in COMMAND_OF.values())
+        for name, entry in (stated | raw).items()
+        if entry.quantity in COMMAND_OF or entry.quantity in COMMAND_OF.values()
     }
     labels = {}
     for name, column in commands.columns.items():
         label = split_column_header(name, column.unit)
-        if name not in (timing.time, *entries) and (label.measured or label.commanded):
+        if name not in (timing.time, *entries, *registers) and (label.measured or label.commanded):
             labels[name] = replace(label, commanded=True, quantity=label.quantity or "q")
     taken = {entry.channel for entry in entries.values()}
     for name, entry in command_entries(labels, measured.entries, known, commands.texts).items():
@@ -224,13 +237,15 @@ def _size_doubt(
     return "" if alike else f"up to {told:.4g}, and its position is up to {gone:.4g}: in another unit?"
 
 
-def map_unambiguous_commands(commands: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
+def map_unambiguous_commands(
+    commands: ForeignRecording, joints: RobotJoints | None = None, drives: DriveKinds = NO_DRIVES
+) -> ColumnMap:
     """Mapping of a file of commands whose columns have the names of channels; `q.elbow` is then a commanded position.
 
     Raises:
         InputError: as `map_unambiguous_columns`; or a column is no command.
     """
-    found = map_unambiguous_columns(commands, joints)
+    found = map_unambiguous_columns(commands, joints, drives)
     with error_location(commands.name):
         return replace(found, entries={name: as_command(entry) for name, entry in found.entries.items()})
 
@@ -250,44 +265,3 @@ def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -
         Claim(name, f"{quantity}.{joint}", joint, ColumnHeaderParts((), quantity, "", True, ()), (doubt,))
         for name, (quantity, joint) in zip(names, places, strict=True)
     ]
-
-
-def _time(foreign: ForeignRecording) -> ColumnMap:
-    """A mapping with the time of a table only."""
-    called = [
-        n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or split_column_header(n).unit in TIME_UNITS
-    ]
-    named, rising = (
-        {name: count for name in names if (count := _count_stamps(foreign.columns[name].value, share))}
-        for names, share in ((called, MIN_ROW_SHARE_WITH_RISING_TIME), (foreign.columns, 1.0))
-    )
-    if not (named or rising):
-        raise InputError(
-            f"{foreign.name}: no column rises all the time, so none is the time: give --rate, the rows per second"
-        )
-    counts = named or rising
-    name = max(counts, key=counts.__getitem__)
-    column, doubts = foreign.columns[name], []
-    if not named:
-        doubts.append("no header says that it is the time")
-    elif counts[name] < len(column.value):
-        doubts.append(f"{len(column.value) - counts[name]} stamps are those of the row before")
-    unit, why = column.unit or split_column_header(name).unit, "as written"
-    if not is_unit_like(unit, "s"):
-        step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
-        likely = [
-            u
-            for u, factor in TIME_UNITS.items()
-            if SHORTEST_SAMPLE_STEP_SECONDS <= step * factor <= LONGEST_SAMPLE_STEP_SECONDS
-        ]
-        unit, why = (likely or ["s"])[0], f"a sample every {step:.4g}" + (f" {likely[0]}" if likely else "")
-        doubts += [] if likely else ["of no unit that a recording has"]
-    return ColumnMap({}, name, unit, why=why, check=joined_doubts(doubts))
-
-
-def _count_stamps(value: np.ndarray, share: float) -> int:
-    """Number of different stamps (n,) of a column; 0 where it does not rise in this share of its rows."""
-    known = value[np.isfinite(value)]
-    if len(known) < max(2, share * len(value)) or np.mean(np.diff(known) >= 0.0) < share or np.ptp(known) == 0.0:
-        return 0
-    return len(np.unique(known))

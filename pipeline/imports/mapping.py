@@ -11,7 +11,8 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 
 A channel is ``sign * scale * value * (unit) + offset``, and ``late`` is the delay of its stamps. With a gear ratio N, a
 motor turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
-torques are multiplied by it. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
+torques are multiplied by it. ``negative`` is how the register of a drive writes negative numbers.
+``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
 
 ``[commands]`` with its ``time`` and ``[commands.columns]`` are the mapping of a second file, of what joints were told,
 with stamps of its own.
@@ -43,6 +44,7 @@ TIME_HINT = (
 MIN_ROW_RATE, MAX_ROW_RATE = 0.1, 1e5
 """Possible rates of a recording's rows [Hz]."""
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
+_NEGATIVE = re.compile(r"(?:(?:complement|bit) (?:[1-9]|[12]\d|3[012]))?")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 """Keys of a mapping that are copied to the TOML file beside the run (its sidecar)."""
 
@@ -62,6 +64,8 @@ class ColumnEntry:
         late: delay of the stamps, with its unit; empty for 0.
         fast: relative rate error of the stamps' clock; positive where it runs fast.
         turn: period, with its unit, after which the values wrap around; empty where they do not.
+        negative: how a drive's register writes negative numbers, such as ``complement 16`` or ``bit 15``; empty where
+            the values have signs.
         check: open question of a guess; whoever has answered it deletes it.
         why: reason for the guess, for a person.
     """
@@ -82,6 +86,9 @@ class ColumnEntry:
         0.0
     )
     turn: str = ""
+    negative: Annotated[
+        str, TomlValueCheck(_NEGATIVE.fullmatch, "write 'complement 16' for 16 bits, or 'bit 15' for the sign's bit")
+    ] = ""
     check: str = ""
     why: str = ""
 

@@ -36,7 +36,7 @@ UPRIGHT_MEAN_ANGLE_TOLERANCE = 0.5
 """Largest distance of the mean swing angle from half a turn at which the angle is measured from the upright [rad]."""
 ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
-ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale?"
+ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale? --drive KIND=all states a servo's"
 """Doubt about positions that are large whole numbers."""
 
 
@@ -178,13 +178,18 @@ def _slope(
         return None
     x, v = first.columns[position.column], first.columns[speed.column].value
     stamps = time if time is not None else x.time
-    if stamps is None or len(x.value) != len(v):
+    return None if stamps is None else speed_to_slope(x.value, v, stamps)
+
+
+def speed_to_slope(position: FloatArray, speed: FloatArray, time: FloatArray) -> tuple[float, float] | None:
+    """Ratio of a speed (n,) to the slope of its position (n,), and their correlation; None where nothing moves."""
+    if len(position) != len(speed):
         return None
-    kept = np.isfinite(stamps) & np.isfinite(x.value) & np.isfinite(v)
-    kept &= np.diff(stamps, prepend=-np.inf) > 0.0
+    kept = np.isfinite(time) & np.isfinite(position) & np.isfinite(speed)
+    kept &= np.diff(time, prepend=-np.inf) > 0.0
     if kept.sum() < MIN_JOINTS_TO_INFER_RADIANS:
         return None
-    change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
+    change, v = np.gradient(position[kept], time[kept]), speed[kept]
     size, power, common = float(change @ change), float(v @ v), float(change @ v)
     return (common / size, common / np.sqrt(size * power)) if size and power else None
 
