@@ -137,6 +137,11 @@ def guess_map(
     complete = not _missing(declared, known)
     seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
     entries, registers = register_entries(columns, drives, known, first, seconds) if drives else ({}, set())
+    if drives and not registers:
+        raise InputError(
+            f"{first.name}: no column is called as a register of {name_list(drives.series)}, such as Present_Position: "
+            "leave out --drive"
+        )
     labels: dict[str, ColumnHeaderParts] = {}
     of_joints: dict[str, ColumnHeaderParts] = {}
     for name, found in columns.items():

@@ -36,7 +36,8 @@ def list_items(cell: str) -> tuple[str, ...] | None:
 
 def quoted_lists(text: str, separator: str) -> str:
     """Put quotes around lists in the rows of a table that hold its separator, as in ``0.1,[1.0, 2.0]``."""
-    if not separator.strip() or "[" not in text:
+    rows = text.find("\n", len(text) - len(text.lstrip()))
+    if not separator.strip() or "[" not in text[rows:]:
         return text
 
     def quoted(match: re.Match[str]) -> str:

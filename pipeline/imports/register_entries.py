@@ -104,7 +104,8 @@ def register_entries(
     matched = _matched(labels, known, first.texts)
     missing = set(drives.by_joint) - {match.joint for match in matched.values()}
     if registers and missing:
-        raise UnknownNameError("joint with registers", min(missing), {m.joint for m in matched.values() if m.joint})
+        named = dict.fromkeys(match.joint for match in matched.values() if match.joint)
+        raise UnknownNameError("joint with registers", min(missing), named)
     found: dict[str, ColumnEntry] = {}
     used: dict[str, Register] = {}
     for column, (joint, doubt) in matched.items():

@@ -167,6 +167,15 @@ def test_registers_of_no_known_drive_are_one_line(text, tmp_path, complains):
         guess_map([foreign], ROBOT, drives=DriveKinds.of([text]))
 
 
+def test_a_log_without_registers_is_not_read_as_one(tmp_path, complains):
+    columns = {"time": TIME} | {f"observation.state/{joint}.pos": 50.0 * Q[:, i] for i, joint in enumerate(JOINTS)}
+    foreign = table(tmp_path / "log.csv", columns)
+    with complains(InputError):
+        guess_map([foreign], ROBOT, drives=DriveKinds.of(["sts3215=all"]))
+    # LeRobot's positions are degrees or shares of the joint's range: no drive says which.
+    assert all(entry.check for entry in guess_map([foreign], ROBOT).entries.values())
+
+
 def test_every_series_with_registers_is_of_a_known_drive():
     for series in REGISTERS:
         assert any(kind == series or kind.startswith(f"{series}-") for kind in KNOWN_DRIVES)
