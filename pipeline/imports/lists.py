@@ -13,9 +13,16 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, FloatArray
 from pipeline.imports.words import name_words, word_set
-from urdf.bounds import MAX_TABLE_COLUMNS, parse_number, printable_excerpt
+from urdf.bounds import (
+    MAX_DECOMPRESSED_FILE_BYTES,
+    MAX_NAME_CHARACTERS,
+    MAX_TABLE_COLUMNS,
+    parse_number,
+    printable_excerpt,
+)
 
 _LIST = re.compile(r"(?:\w+\((?:'\w',)?)?\s*[\[(](?P<inside>[^\[\](){}]*)[\])]\s*(?:,\s*[\w=.]+)?\)?|array\('\w'\)")
+_QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"")
 _NUMPY_SCALAR = re.compile(r"\bnp\.\w+\(([^()]*)\)")
 _BRACKETS = re.compile(r"(^|[,;\t])( *)(\[[^\[\]\"\n]*\])(?= *(?:[,;\t]|$))", re.MULTILINE)
 _MISSING = frozenset({"", "nan", "null", "none"})
@@ -30,6 +37,8 @@ def list_items(cell: str) -> tuple[str, ...] | None:
         return None
     inside = (match["inside"] or "").strip()
     separator = next((mark for mark in ";," if mark in inside), None)
+    if separator is None and inside.startswith(("'", '"')):
+        return tuple(quoted[1:-1] for quoted in _QUOTED.findall(inside))
     items = (inside.removesuffix(separator) if separator else inside).split(separator) if inside else []
     return tuple(item.strip().strip("'\"").replace(",", ".") for item in items)
 
@@ -83,12 +92,19 @@ def columns_of_lists(
             for place, item in enumerate(items):
                 part = f"{column}{joint}{place if names is None else names[row][place]}"
                 if part not in found:
-                    if len(found) == MAX_TABLE_COLUMNS:
-                        raise InputError(f"'{printable_excerpt(column)}' holds too many numbers a row: leave it out")
+                    _check_size(part, len(found), rows, row)
                     found[part] = np.full(len(rows), np.nan)
                 found[part][row] = _number(item, column, rows[row])
         notes.append(f"'{column}' holds lists: {_shown(found)}")
     return columns, notes
+
+
+def _check_size(part: str, count: int, rows: Sequence[int], row: int) -> None:
+    """Refuse the name of a new column beside `count` others, where it is no name, or they would not fit into memory."""
+    if len(part) > MAX_NAME_CHARACTERS or not part.isprintable():
+        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is no name of a joint: mend it")
+    if count == MAX_TABLE_COLUMNS or 8 * count * len(rows) > MAX_DECOMPRESSED_FILE_BYTES:
+        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is one of too many numbers: leave some out")
 
 
 def _entries(cells: Mapping[int, tuple[str, ...]]) -> Iterator[str]:

@@ -93,6 +93,15 @@ def test_a_list_that_is_not_like_the_others_is_one_line_with_its_row(kind, tmp_p
         table(tmp_path / "a.csv", "time,q [rad]", cells)
 
 
+@pytest.mark.parametrize("name", ["a\x07b", "a" * 300, "new in every row"])
+def test_names_that_no_joint_has_are_refused(name, tmp_path, complains):
+    rows = [f"{0.01 * i:.2f},\"['{name + str(i) * name.startswith('new')}']\",[{i}]" for i in range(2500)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["time,name,position", *rows]) + "\n", encoding="utf-8")
+    with complains(InputError):
+        read_foreign(path)
+
+
 def test_lists_are_imported_by_the_command(armdyn, refused, complains):
     rows = [f'{t:.2f},"[{t}, {2 * t}]"' for t in TIME]
     log = Path("log.csv")
