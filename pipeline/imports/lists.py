@@ -43,6 +43,29 @@ def list_items(cell: str) -> tuple[str, ...] | None:
     return tuple(item.strip().strip("'\"").replace(",", ".") for item in items)
 
 
+def lists_in(column: str, cells: Mapping[int, str], rows: Sequence[int]) -> dict[int, tuple[str, ...]] | None:
+    """The lists in the cells of a column that are no numbers; None where most of these cells hold no list.
+
+    Args:
+        column: name of the column, for messages.
+        cells: cells that are neither numbers nor empty, by index in `rows`.
+        rows: (n,) number of each row, for messages.
+
+    Raises:
+        InputError: most cells hold a list, and another one holds something else.
+    """
+    found = {row: items for row, cell in cells.items() if (items := list_items(cell)) is not None}
+    if 2 * len(found) <= len(cells):
+        return None
+    for row, cell in cells.items():
+        if row not in found:
+            raise InputError(
+                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is no list as "
+                "in the other rows: mend it, or empty the cell"
+            )
+    return found
+
+
 def quoted_lists(text: str, separator: str) -> str:
     """Put quotes around lists in the rows of a table that hold its separator, as in ``0.1,[1.0, 2.0]``."""
     rows = text.find("\n", len(text) - len(text.lstrip()))

@@ -6,7 +6,7 @@ A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run 
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, time
@@ -21,7 +21,8 @@ from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_name_and_unit
 from pipeline.imports.head import single_header_table
-from pipeline.imports.lists import columns_of_lists, list_items, quoted_lists
+from pipeline.imports.lists import NAME_WORDS, columns_of_lists, lists_in, quoted_lists
+from pipeline.imports.words import name_words
 from urdf.bounds import (
     MAX_DECOMPRESSED_FILE_BYTES,
     MAX_NAME_CHARACTERS,
@@ -80,9 +81,8 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
             cells, different = list(strange.values()), dict.fromkeys(strange.values())
-            items = {row: entries for row, cell in strange.items() if (entries := list_items(cell)) is not None}
-            if 2 * len(items) > len(strange):
-                lists[column], units[column] = _only_lists(column, items, strange, table.rows), unit
+            if (items := lists_in(column, strange, table.rows.tolist())) is not None:
+                lists[column], units[column] = items, unit
                 continue
             if len(cells) == len(value) and (moments := _moments(cells)) is not None:
                 columns[column] = ForeignColumn(moments, "s")
@@ -112,19 +112,6 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
     if not columns:
         raise InputError("no column holds numbers: give a recording")
     return ForeignRecording(name, columns, (*notes, *said), texts, headed=headed)
-
-
-def _only_lists(
-    column: str, items: dict[int, tuple[str, ...]], strange: Mapping[int, str], rows: np.ndarray
-) -> dict[int, tuple[str, ...]]:
-    """The lists of a column, in which every other cell must be empty."""
-    for row, cell in strange.items():
-        if row not in items:
-            raise InputError(
-                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is no list as "
-                "in the other rows: mend it, or empty the cell"
-            )
-    return items
 
 
 MAX_LISTED_TEXT_COLUMNS = 3
@@ -169,9 +156,12 @@ def read_parquet(path: Path) -> ForeignRecording:
             raise InputError(f"is no Parquet file that can be read: {' '.join(str(error).split())}") from error
         if table.num_rows == 0:
             raise InputError("holds no row: give a recording")
+    names = _entry_names(table)
     for label in table.column_names:
         name, unit = split_name_and_unit(label)
         found = _arrow_columns(name, table[label])
+        if len(found) > 1 and (called := names.get(len(found))) is not None:
+            found = dict(zip((f"{name}/{entry}" for entry in called), found.values(), strict=True))
         if not found:
             kind = "lists of numbers of different lengths" if _is_ragged(table[label]) else "no numbers"
             notes.append(f"'{name}' holds {kind}: left out")
@@ -198,6 +188,24 @@ def _check_parquet(file: Any, size: int) -> None:
             f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_CHARACTERS} letters "
             "are the most: leave some out"
         )
+
+
+def _entry_names(table: "pa.Table") -> dict[int, tuple[str, ...]]:
+    """Names of the entries of lists, by their number: a column such as ``name`` that has the same list in every row."""
+    import pyarrow as pa
+
+    found = {}
+    for label in table.column_names:
+        kind = table[label].type
+        if pa.types.is_list(kind) and pa.types.is_string(kind.value_type) and NAME_WORDS & set(name_words(label)):
+            lists = {tuple(row) for row in table[label].to_pylist() if row}
+            if len(lists) == 1 and len(set(only := lists.pop())) == len(only) and all(map(_is_name, only)):
+                found[len(only)] = only
+    return found
+
+
+def _is_name(text: object) -> bool:
+    return isinstance(text, str) and text.isprintable() and 0 < len(text) <= MAX_NAME_CHARACTERS
 
 
 def _is_ragged(values: "pa.ChunkedArray") -> bool:

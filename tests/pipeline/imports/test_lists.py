@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 from armdyn.errors import InputError
 from armdyn.run import read_run
@@ -91,6 +93,17 @@ def test_a_list_that_is_not_like_the_others_is_one_line_with_its_row(kind, tmp_p
     cells[40] = WRONG[kind]
     with complains(InputError):
         table(tmp_path / "a.csv", "time,q [rad]", cells)
+
+
+def test_lists_in_parquet_are_called_by_the_names_beside_them(tmp_path):
+    q, path = motion()[0], tmp_path / "a.parquet"
+    rows = {"time": TIME, "name": [list(JOINTS)] * len(TIME), "position": [list(row) for row in q]}
+    rows["effort"] = [[0.0] * (i % 3) for i in range(len(TIME))]
+    parquet.write_table(pyarrow.table(rows), path)
+    (foreign,) = read_foreign(path)
+    assert list(foreign.columns) == ["time", *(f"position/{joint}" for joint in JOINTS)]
+    assert "'effort' holds lists of numbers of different lengths: left out" in foreign.notes
+    np.testing.assert_array_equal(foreign.columns["position/elbow"].value, q[:, 1])
 
 
 @pytest.mark.parametrize("name", ["a\x07b", "a" * 300, "new in every row"])
