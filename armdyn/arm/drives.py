@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from armdyn.arm.known_drives import KNOWN_DRIVES
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
@@ -31,15 +32,6 @@ COMMAND_CHANNELS: Mapping[ControlLaw, str] = {
 """Channel of the command by law; of a drive that is read by its current, the measured current."""
 GAIN_SCALE_CHANNEL = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
-
-KNOWN_DRIVES: Mapping[str, Mapping[str, str]] = {
-    # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
-    # values it has). LeRobot sets P = 16. At 12 V both are larger: the recording says by how much.
-    "sts3215": {"law": "position", "gain": "8.9 N m/rad +/- 10 %", "limit": "3.35 N m"},
-    # Full duty from an error of 885 x 256 x 2 pi/4096 / P rad at register P; here P = 100: BAM (Rhoban).
-    "xl330": {"law": "position", "full_at": "3.47 rad"},
-}
-"""Known kinds of drives, with their usual settings; other settings are recorded as ``extra.gain_scale``."""
 
 
 @dataclass(frozen=True)
@@ -191,10 +183,7 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
     """
     found: dict[str, Any] = {}
     for text in chosen:
-        named, equals, listed = text.partition("=")
-        kind, colon, law = named.partition(":")
-        if not equals or not listed or not kind:
-            raise InputError(f"--drive {text}: write it as sts3215=all, sts3215=elbow,wrist, or NAME:position=all")
+        kind, colon, law, listed = split_drive_option(text)
         if colon and law not in get_args(ControlLaw):
             raise UnknownNameError("law", law, get_args(ControlLaw))
         if not colon and kind not in KNOWN_DRIVES:
@@ -203,6 +192,21 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
         known = {"law": law} if colon else KNOWN_DRIVES[kind]
         found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **known}
     return found
+
+
+def split_drive_option(text: str) -> tuple[str, str, str, str]:
+    """Kind, colon, law and joints of a text such as ``"KIND=all"``, ``"KIND=joint,joint"`` or ``"NAME:LAW=all"``.
+
+    Colon and law are empty where no law is stated.
+
+    Raises:
+        InputError: the text has another form.
+    """
+    named, equals, listed = text.partition("=")
+    kind, colon, law = named.partition(":")
+    if not equals or not listed or not kind:
+        raise InputError(f"--drive {text}: write it as sts3215=all, sts3215=elbow,wrist, or NAME:position=all")
+    return kind, colon, law, listed
 
 
 def law_of_commands(run: Run) -> ControlLaw | None:

@@ -1,6 +1,6 @@
 """The command `armdyn import`: convert recordings in other formats to runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,14 +10,13 @@ import typer
 from armdyn import atomic
 from armdyn.errors import InputError, collect_errors
 from armdyn.quoting import shell_quoted_command
+from pipeline.console.import_proposal import column_map_json, print_proposal
 from pipeline.console.inputs import exit_on_wrong_recording
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, check_overwrite, write_runs
 from pipeline.console.screen import (
-    borderless_table,
     print_document,
     progress_display,
-    screen_console,
     write_json_if_file_given,
 )
 
@@ -27,10 +26,9 @@ if TYPE_CHECKING:
     from pipeline.imports.foreign import ForeignRecording
     from pipeline.imports.joints import RobotJoints
     from pipeline.imports.mapping import ColumnMap
+    from pipeline.imports.register_entries import DriveKinds
 
 HELP_PANEL = "Recordings"
-MAX_LISTED_COLUMNS = 8
-"""Largest number of columns that a printed list names."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,39 @@ class ImportOptions:
         bool,
         typer.Option("--guess", help="Propose such a file from names, units and ranges; nothing is imported."),
     ] = False
+    commands: Annotated[
+        Path | None,
+        typer.Option(
+            "--commands",
+            metavar="FILE",
+            help="What the joints were told, in a file of its own with its own stamps; a command holds until the next.",
+        ),
+    ] = None
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
     ] = None
+    drive: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drive",
+            help="Joints whose columns are raw registers of a servo, such as Present_Position: sts3215=all, or "
+            "xl330=joint,joint; may be repeated.",
+        ),
+    ] = None
     force: Annotated[bool, typer.Option("--force", help="Overwrite runs that exist.")] = False
+
+    def __post_init__(self) -> None:
+        if self.mapping is not None and self.guess:
+            raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
+        if self.mapping is not None and self.drive:
+            raise InputError("--map states what registers mean, and --drive does: leave one of them out")
+
+    @property
+    def drives(self) -> "DriveKinds":
+        """Kinds of drives whose registers the columns are."""
+        from pipeline.imports.register_entries import DriveKinds
+
+        return DriveKinds.of(self.drive or ())
 
     @property
     def rate_text(self) -> str:
@@ -69,8 +96,6 @@ def import_(
     from pipeline.imports import read_foreign
     from pipeline.imports.mapping import check_table_sample_rate
 
-    if wanted.mapping is not None and wanted.guess:
-        raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
     check_table_sample_rate(wanted.rate_text)
     check_outputs(json_file)
     with exit_on_wrong_recording(json_file), progress_display() as say:
@@ -78,16 +103,31 @@ def import_(
         for file in wanted.files:
             say(f"reading {file}")
             recordings += read_foreign(file)
+        commands = _read_commands(wanted.commands, recordings)
         if wanted.guess:
-            _propose(wanted, recordings, choice, json_file)
+            _propose(wanted, recordings, commands, choice, json_file)
         else:
             say("looking at the recordings")
-            _import(wanted, recordings, choice, trust_data, json_file)
+            _import(wanted, recordings, commands, choice, trust_data, json_file)
+
+
+def _read_commands(file: Path | None, measured: "list[ForeignRecording]") -> "ForeignRecording | None":
+    from pipeline.imports import read_foreign
+
+    if file is None:
+        return None
+    found = read_foreign(file)
+    if len(found) != 1 or len(measured) != 1:
+        raise InputError(
+            f"{file}: {len(found)} recordings of commands for {len(measured)} of measurements: give one of each"
+        )
+    return found[0]
 
 
 def _import(
     wanted: ImportOptions,
     recordings: "list[ForeignRecording]",
+    commands: "ForeignRecording | None",
     choice: RobotChoice,
     trust_data: bool,
     json_file: Path | None,
@@ -97,22 +137,24 @@ def _import(
     from armdyn.inspection.inspect import inspect_runs, require_usable
     from pipeline.answers import recording_checks_json
     from pipeline.imports.conversion import run_from_recording
-    from pipeline.imports.guess import map_unambiguous_columns
+    from pipeline.imports.guess import map_unambiguous_columns, map_unambiguous_commands
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
     given: Mapping[str, ColumnMap | None] = read_map(wanted.mapping) if wanted.mapping is not None else {"": None}
-    joints = _joints(choice)
+    joints, drives = _joints(choice), wanted.drives
     columns = {name for foreign in recordings for name in foreign.columns}
     found: list[ImportedRun] = []
     problems: list[str] = []
     for foreign in recordings:
         for name, own in given.items():
             with collect_errors(problems):
-                read = own or map_unambiguous_columns(foreign, joints)
+                read = own or map_unambiguous_columns(foreign, joints, drives)
+                if own is None and commands is not None:
+                    read = replace(read, commands=map_unambiguous_commands(commands, joints, drives))
                 read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
-                found.append(run_from_recording(part, read, columns))
+                found.append(run_from_recording(part, read, columns, commands))
     if problems:
         raise InputError("; ".join(problems))
     looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
@@ -125,7 +167,7 @@ def _import(
     ):
         if checks:
             print_document(inspection_document(Inspection(looked.runs, checks)))
-        _say(found, written, choice)
+        _say(found, written, choice, wanted.drive or ())
 
 
 def _joints(choice: RobotChoice) -> "RobotJoints | None":
@@ -140,7 +182,7 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
-    given = {path.resolve() for path in (*wanted.files, *([wanted.mapping] if wanted.mapping else []))}
+    given = {path.resolve() for path in (*wanted.files, wanted.mapping, wanted.commands) if path is not None}
     for path in paths:
         if not given.isdisjoint((path.resolve(), path.with_suffix(".toml").resolve())):
             raise InputError(f"{path} would take the place of what is imported: choose another --output")
@@ -149,14 +191,19 @@ def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
 
 
 def _propose(
-    wanted: ImportOptions, recordings: "list[ForeignRecording]", choice: RobotChoice, json_file: Path | None
+    wanted: ImportOptions,
+    recordings: "list[ForeignRecording]",
+    commands: "ForeignRecording | None",
+    choice: RobotChoice,
+    json_file: Path | None,
 ) -> None:
-    from pipeline.fields import attributes_as_json
-    from pipeline.imports.guess import guess_map
+    from pipeline.imports.guess import guess_commands, guess_map
     from pipeline.imports.mapping import column_map_toml
 
-    joints = _joints(choice)
-    found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
+    joints, target = _joints(choice), wanted.output / "map.toml"
+    found = guess_map(recordings, joints, wanted.rate_text, wanted.drives)
+    if commands is not None:
+        found = replace(found, commands=guess_commands(commands, recordings[0], found, joints, wanted.drives))
     check_overwrite(target, wanted.force)
     atomic.make_directory(wanted.output)
     comment = (
@@ -164,41 +211,21 @@ def _propose(
         "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
     atomic.write_text(target, column_map_toml(found, comment))
-    answer = {
-        "schema": "armdyn.map/1",
-        "file": str(target),
-        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
-        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
-    }
+    answer = {"schema": "armdyn.map/1", "file": str(target), **column_map_json(found)}
+    if found.commands is not None:
+        answer["commands"] = column_map_json(found.commands)
     if write_json_if_file_given(json_file, lambda: answer):
-        _say_guess(found, recordings, target)
+        print_proposal(found, recordings)
+        if found.commands is not None and commands is not None:
+            typer.echo(f"commands, {wanted.commands}:")
+            print_proposal(found.commands, [commands])
+        typer.echo(f"written to {target}")
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         own = _words(choice) if choice else []
+        own += ["--commands", str(wanted.commands)] if wanted.commands is not None else []
         again = shell_quoted_command("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
         typer.echo(f"read it, mend what is wrong, then: {again}")
-
-
-def _say_guess(found: "ColumnMap", recordings: "list[ForeignRecording]", target: Path) -> None:
-    columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
-    from pipeline.imports.mapping import reason_comment
-
-    table = borderless_table("column", "channel", "unit", "why")
-    if found.time:
-        table.add_row(found.time, "time", found.time_unit, reason_comment(found.why, found.check))
-    for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason_comment(entry.why, entry.check))
-    screen_console().print(table)
-    asked = [column for column, entry in found.entries.items() if entry.check]
-    asked += [found.time] if found.check else []
-    for what, names in (
-        ("left out", [name for name in columns if name not in found.entries and name != found.time]),
-        ("to be looked at", asked),
-    ):
-        if names:
-            more = len(names) - MAX_LISTED_COLUMNS
-            typer.echo(f"{what}: {', '.join(names[:MAX_LISTED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
-    typer.echo(f"written to {target}")
 
 
 def _words(choice: RobotChoice) -> list[str]:
@@ -208,8 +235,9 @@ def _words(choice: RobotChoice) -> list[str]:
     return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]
 
 
-def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -> None:
+def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, drives: Sequence[str]) -> None:
     from armdyn.arm.drives import law_of_commands
+    from armdyn.arm.known_drives import KNOWN_DRIVES
 
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
@@ -224,7 +252,9 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice) -
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
         law = law_of_commands(runs[0])
-        drive = [] if law is None else ["--drive", f"servo:{law}=all"]
+        known = bool(drives) and all(drive.partition("=")[0] in KNOWN_DRIVES for drive in drives)
+        kinds = drives if known else [f"servo:{law}=all"]
+        drive = [] if law is None else [word for kind in kinds for word in ("--drive", kind)]
         typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice), *drive)}")
         if drive:
             typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")

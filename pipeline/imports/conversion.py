@@ -4,7 +4,7 @@ A column without numbers is left out and named; the other columns are imported a
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from armdyn.errors import InputError, UnknownNameError, collect_errors, error_location
 from armdyn.inspection.check import Check
 from armdyn.inspection.correction import CorrectedReading
+from armdyn.quoting import name_list
 from armdyn.recording.channels import (
     MAX_PLAUSIBLE_SIZE_BY_UNIT,
     MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS,
@@ -26,8 +27,10 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
+from pipeline.imports.commands import COMMAND_OF, with_commands
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording, ImportedSampleCounts
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
+from pipeline.imports.registers import decoded
 from pipeline.imports.stamps import samples_with_valid_stamps
 from pipeline.imports.words import is_unit_like
 from urdf.toml_tables import join_problems
@@ -59,19 +62,64 @@ class ImportedRun:
         return [check for account in self.accounts for check in account.checks(self.run.name)]
 
 
-def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> ImportedRun:
+def run_from_recording(
+    foreign: ForeignRecording,
+    mapping: ColumnMap,
+    elsewhere: Collection[str] = (),
+    commands: ForeignRecording | None = None,
+) -> ImportedRun:
     """Convert a recording in another format to a run.
 
     Args:
         foreign: the recording.
         mapping: meaning of its columns.
         elsewhere: columns of other recordings that are imported together with it; this one may lack them.
+        commands: recording of what the joints were told, with stamps of its own on the same clock; None without one.
 
     Raises:
         InputError: the message lists every mistake.
     """
     problems: list[str] = []
     notes = [*foreign.notes, *mapping.notes]
+    channels, accounts = _channels(foreign, mapping, elsewhere, notes, problems)
+    if commands is None and mapping.commands is not None:
+        problems.append("the mapping has [commands], of a second file: give that with --commands FILE")
+    elif commands is not None and mapping.commands is None:
+        problems.append("the mapping has no [commands] for the columns of --commands FILE: let --guess propose both")
+    elif channels and all(name.partition(".")[0] in COMMAND_OF.values() for name in channels):
+        problems.append("holds only what joints were told: give it as --commands FILE, beside the measurements")
+    if commands is not None and mapping.commands is not None:
+        notes += [*commands.notes, *mapping.commands.notes]
+        said: list[str] = []
+        told, of_commands = _channels(commands, mapping.commands, (), notes, said)
+        accounts += [replace(account, source=account.source or commands.name) for account in of_commands]
+        problems += [f"{commands.name}: {problem}" for problem in said]
+        if not problems:
+            with collect_errors(problems, commands.name):
+                channels, more = with_commands(channels, told, commands.name)
+                notes += more
+    with collect_errors(problems):
+        check_joint_units((name, channel.unit) for name, channel in channels.items())
+    if problems:
+        raise InputError(f"{foreign.name}: {join_problems(problems)}")
+    first = min(channel.time[0] for channel in channels.values())
+    run = Run(
+        foreign.name,
+        {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()},
+        mapping.sidecar.known,
+        {name: noise.value for name, noise in mapping.sidecar.noise.items()},
+        mapping.sidecar.description,
+        warnings=tuple(notes),
+        recorded=mapping.sidecar.recorded or _date(first),
+        asked={channel: doubt for channel, doubt in mapping.asked.items() if channel in {"time", *channels}},
+    )
+    return ImportedRun(run, tuple(accounts))
+
+
+def _channels(
+    foreign: ForeignRecording, mapping: ColumnMap, elsewhere: Collection[str], notes: list[str], problems: list[str]
+) -> tuple[dict[str, Channel], list[ImportedSampleCounts]]:
+    """Channels of a recording with its own times [s], and numbers of used samples; adds to notes and problems."""
     table: tuple[FloatArray, RowIndices] | None = None
     accounts: list[ImportedSampleCounts] = []
     empty: list[str] = []
@@ -82,6 +130,7 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
             accounts.append(account)
     channels: dict[str, Channel] = {}
     used: dict[str, str] = {}
+    mended: dict[str, list[str]] = {}
     for name, entry in mapping.entries.items():
         if name not in foreign.columns and name in elsewhere:
             notes.append(f"no column '{name}', which others have: no {entry.channel}")
@@ -94,28 +143,14 @@ def run_from_recording(foreign: ForeignRecording, mapping: ColumnMap, elsewhere:
         else:
             with collect_errors(problems, f"'{name}'"):
                 channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
+                if decoded(foreign.columns[name].value, entry.negative)[1]:
+                    mended.setdefault(entry.negative, []).append(f"'{name}'")
     if not (problems or channels):
         problems += empty or ["it has none of the columns of the mapping"]
     notes += empty
-    with collect_errors(problems):
-        check_joint_units((name, channel.unit) for name, channel in channels.items())
-    if problems:
-        raise InputError(f"{foreign.name}: {join_problems(problems)}")
-    first = min(channel.time[0] for channel in channels.values())
+    notes += [f"raw negative numbers ({how}) are mended in {name_list(names, 3)}" for how, names in mended.items()]
     sources = dict.fromkeys(column.source for name, column in foreign.columns.items() if name in mapping.entries)
-    run = Run(
-        foreign.name,
-        {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()},
-        mapping.sidecar.known,
-        {name: noise.value for name, noise in mapping.sidecar.noise.items()},
-        mapping.sidecar.description,
-        warnings=tuple(notes),
-        recorded=mapping.sidecar.recorded or _date(first),
-        asked={channel: doubt for channel, doubt in mapping.asked.items() if channel in {"time", *channels}},
-    )
-    return ImportedRun(
-        run, (*accounts, *(foreign.accounts[source] for source in sources if source in foreign.accounts))
-    )
+    return channels, accounts + [foreign.accounts[source] for source in sources if source in foreign.accounts]
 
 
 def _is_empty(column: ForeignColumn, entry: ColumnEntry) -> str:
@@ -137,7 +172,7 @@ def _channel(
 ) -> Channel:
     """The channel that a column becomes; `table` contains the stamps [s] and indices of the rows of a table."""
     to_si = _conversion(entry, entry.unit or column.unit)
-    value = to_si(column.value)
+    value = to_si(decoded(column.value, entry.negative)[0])
     if table is not None:
         time, value = table[0], value[table[1]]
     elif column.time is not None:

@@ -5,56 +5,49 @@ with the numbers: positions with the joints' ranges, speeds with the slopes of t
 limits. A line that names and numbers leave open says CHECK.
 """
 
-import re
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from armdyn.errors import InputError
+from armdyn.errors import InputError, error_location
 from armdyn.quoting import name_list
 from armdyn.recording.channels import channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
+from pipeline.imports.commands import COMMAND_OF, as_command, command_entries
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording
-from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, words_with_numbers_masked
+from pipeline.imports.joint_claims import are_of_arm, joint_claims, labels_of_joints
+from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
-from pipeline.imports.units import entries_with_inferred_units, joined_doubts
+from pipeline.imports.register_entries import NO_DRIVES, DriveKinds, register_entries
+from pipeline.imports.table_time import guess_time, unambiguous_time
+from pipeline.imports.units import entries_with_inferred_units, joined_doubts, largest_magnitude
 from pipeline.imports.words import (
-    IRRELEVANT_WORDS,
     ColumnHeaderParts,
-    is_unit_like,
-    name_words,
     split_column_header,
-    word_set,
 )
-from urdf.infer import is_gripper_name
 
-TIME_WORDS = word_set("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
-LEROBOT_STATE, LEROBOT_COMMAND = "observation.state", "action"
-"""LeRobot's names of the measured positions, in degrees, radians or shares of a joint's range, and of the commands."""
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds per unit of time, the most likely unit first."""
-SHORTEST_SAMPLE_STEP_SECONDS, LONGEST_SAMPLE_STEP_SECONDS = 5e-5, 0.5
-"""Shortest and longest possible time between two samples of a robot's recording [s]."""
-MIN_ROW_SHARE_WITH_RISING_TIME = 0.9
-"""Smallest share of rows in which a time column must increase; single stamps may be wrong."""
-PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
+MAX_COMMAND_TO_POSITION_RATIO = 5.0
+"""Largest ratio of the largest command to the largest position in the same unit, or inverse; there are 57 degrees in a
+radian."""
 
 
-def map_unambiguous_columns(foreign: ForeignRecording, joints: RobotJoints | None = None) -> ColumnMap:
-    """Mapping of columns whose names are unambiguous: joint states, and names of armdyn's channels.
+def map_unambiguous_columns(
+    foreign: ForeignRecording, joints: RobotJoints | None = None, drives: DriveKinds = NO_DRIVES
+) -> ColumnMap:
+    """Mapping of columns whose names are unambiguous: joint states, names of armdyn's channels, registers of drives.
 
     Args:
         foreign: the recording.
         joints: joints of the robot, whose names are used where it is certain which joint is meant; None where the
             robot is unknown.
+        drives: kinds of drives whose registers the recording contains.
 
     Raises:
         InputError: the names define no channel, or it is uncertain whether the joints are the robot's.
     """
+    if drives:
+        return _certain_registers(foreign, joints, drives)
     entries = _declared(foreign.columns, joints or RobotJoints())
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
@@ -78,7 +71,22 @@ def map_unambiguous_columns(foreign: ForeignRecording, joints: RobotJoints | Non
             notes += [f"joint '{a}' of the recording is '{b}' of the robot" for a, b in renamed.items() if a != b]
             entries |= found
         notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(entries, joints)]
-    return ColumnMap(entries, "time" if foreign.is_table else "", notes=tuple(notes))
+    time = unambiguous_time(foreign) if foreign.is_table else ColumnMap({})
+    return replace(time, entries=entries, notes=tuple(notes))
+
+
+def _certain_registers(foreign: ForeignRecording, joints: RobotJoints | None, drives: DriveKinds) -> ColumnMap:
+    """Mapping of registers about whose positions and commands there is no doubt; other doubtful ones are left out."""
+    guessed = guess_map([foreign], joints, drives=drives)
+    entries = {name: entry for name, entry in guessed.entries.items() if not entry.check}
+    doubtful = {name: entry for name, entry in guessed.entries.items() if entry.check}
+    for name, entry in doubtful.items():
+        if entry.quantity in ("q", "q_cmd") or not entries:
+            raise InputError(f"{foreign.name}: '{name}': {entry.check}: let --guess propose a mapping, and read it")
+    notes = dict.fromkeys(entry.why for entry in entries.values() if entry.why)
+    left = [f"'{name}' is left out: {entry.check}" for name, entry in doubtful.items()]
+    time = unambiguous_time(foreign) if foreign.is_table else ColumnMap({})
+    return replace(time, entries=entries, notes=(*notes, *left))
 
 
 def _declared(columns: Mapping[str, ForeignColumn], known: RobotJoints) -> dict[str, ColumnEntry]:
@@ -102,13 +110,19 @@ def _missing(entries: Mapping[str, ColumnEntry], joints: RobotJoints) -> tuple[s
     return tuple(joint for joint in joints.arm if joint not in present)
 
 
-def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None = None, rate: str = "") -> ColumnMap:
+def guess_map(
+    recordings: Sequence[ForeignRecording],
+    joints: RobotJoints | None = None,
+    rate: str = "",
+    drives: DriveKinds = NO_DRIVES,
+) -> ColumnMap:
     """Mapping with the most likely meaning of the columns of recordings in one format.
 
     Args:
         recordings: one or more; the ranges of values are those of all of them.
         joints: joints of the robot; None where it is unknown.
         rate: rate of the rows of a table without stamps, with its unit.
+        drives: kinds of drives whose registers the recordings contain.
 
     Raises:
         InputError: no column looks like a channel.
@@ -118,14 +132,20 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
     for foreign in recordings:
         for name, column in foreign.columns.items():
             columns.setdefault(name, []).append(column)
-    timing = _time(first) if first.is_table and not rate else ColumnMap({}, rate=rate)
+    timing = guess_time(first) if first.is_table and not rate else ColumnMap({}, rate=rate)
     declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
     complete = not _missing(declared, known)
-    entries: dict[str, ColumnEntry] = {}
+    seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
+    entries, registers = register_entries(columns, drives, known, first, seconds) if drives else ({}, set())
+    if drives and not registers:
+        raise InputError(
+            f"{first.name}: no column is called as a register of {name_list(drives.series)}, such as Present_Position: "
+            "leave out --drive"
+        )
     labels: dict[str, ColumnHeaderParts] = {}
     of_joints: dict[str, ColumnHeaderParts] = {}
     for name, found in columns.items():
-        if name == timing.time or _is_repeated(name, columns):
+        if name == timing.time or name in registers or _is_repeated(name, columns):
             continue
         if (entry := declared.get(name)) is None:
             labels[name] = split_column_header(name, found[0].unit)
@@ -135,15 +155,14 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
             of_joints[name] = replace(
                 split_column_header(entry.joint), quantity=entry.quantity, unit=entry.unit, doubt=""
             )
-    of_joints = _of_joints(labels, known) | of_joints
-    if known.arm or _is_arm(of_joints):
-        claims = _joint_claims(of_joints, known, first.texts)
+    of_joints = labels_of_joints(labels, known) | of_joints
+    if known.arm or drives or are_of_arm(of_joints):
+        claims = joint_claims(of_joints, known, first.texts)
     else:
         claims, known = pendulum_claims(labels), PENDULUM_PARTS
     if not first.headed:
         claims = _claims_by_order(first, timing.time, known)
     taken = {entry.channel for entry in entries.values()}
-    seconds = first.columns[timing.time].value * si_factor(timing.time_unit, "s") if timing.time else None
     best = best_claims(claim for claim in claims if claim.channel not in taken)
     entries |= entries_with_inferred_units(best, columns, known, first, seconds)
     if not entries:
@@ -155,39 +174,85 @@ def guess_map(recordings: Sequence[ForeignRecording], joints: RobotJoints | None
             else "write a mapping, --map"
         )
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
-    entries |= _commands(labels, entries, known, first.texts)
+    if not any(entry.quantity == "tau" for entry in entries.values()):
+        # Without torques the error of a drive replaces the torque.
+        entries |= command_entries(labels, entries, known, first.texts)
     return replace(timing, entries={name: entries[name] for name in columns if name in entries})
 
 
-def _commands(
-    labels: Mapping[str, ColumnHeaderParts],
-    entries: Mapping[str, ColumnEntry],
-    known: RobotJoints,
-    texts: Mapping[str, str],
-) -> dict[str, ColumnEntry]:
-    """Commands of joints in a recording without torques: there the error of a drive replaces the torque."""
-    by_channel = {entry.channel: entry for entry in entries.values()}
-    if any(entry.quantity == "tau" for entry in entries.values()):
-        return {}
-    arm = tuple(entry.joint for entry in by_channel.values() if entry.quantity == "q")
-    commands = {}
-    for name, label in labels.items():
-        if label.commanded:
-            is_action = re.split(r"[/.]", name, maxsplit=1)[0] == LEROBOT_COMMAND
-            commands[name] = replace(label, measured=True, quantity=label.quantity or "q" * is_action)
-    of_joints = _of_joints(commands, replace(known, arm=known.arm or arm))
-    found = {}
-    for claim in best_claims(_joint_claims(of_joints, replace(known, arm=arm), texts)):
-        quantity, _, joint = claim.channel.partition(".")
-        position, channel = by_channel.get(f"q.{joint}"), f"{quantity}_cmd.{joint}"
-        if quantity not in ("q", "v") or position is None or channel in by_channel:
-            continue
-        unit = claim.label.unit or position.unit + ("/s" if quantity == "v" else "")
-        same = position if quantity == "q" else ColumnEntry("", sign=position.sign, gear_ratio=position.gear_ratio)
-        why = "what the joint was told" + (", in its position's unit" if not claim.label.unit else "")
-        doubts = [position.check if quantity == "q" and not claim.label.unit else "", *claim.doubts]
-        found[claim.column] = replace(same, channel=channel, unit=unit, check=joined_doubts(doubts), why=why)
-    return found
+def guess_commands(
+    commands: ForeignRecording,
+    foreign: ForeignRecording,
+    measured: ColumnMap,
+    joints: RobotJoints | None = None,
+    drives: DriveKinds = NO_DRIVES,
+) -> ColumnMap:
+    """Mapping of a file of commands, beside a recording of the same joints.
+
+    Every column with a joint's position or speed is what the joint was told, whatever its header says.
+
+    Args:
+        commands: the file.
+        foreign: the recording.
+        measured: mapping of the recording.
+        joints: joints of the robot; None where it is unknown.
+        drives: kinds of drives whose registers the file contains.
+
+    Raises:
+        InputError: no column looks like a command of a measured joint.
+    """
+    timing = guess_time(commands) if commands.is_table else ColumnMap({})
+    known = joints or RobotJoints()
+    columns = {name: [column] for name, column in commands.columns.items()}
+    raw, registers = register_entries(columns, drives, known, commands, None) if drives else ({}, set())
+    stated = {name: entry for name, entry in _declared(commands.columns, known).items() if entry.unit}
+    entries = {
+        name: as_command(entry)
+        for name, entry in (stated | raw).items()
+        if entry.quantity in COMMAND_OF or entry.quantity in COMMAND_OF.values()
+    }
+    labels = {}
+    for name, column in commands.columns.items():
+        label = split_column_header(name, column.unit)
+        if name not in (timing.time, *entries, *registers) and (label.measured or label.commanded):
+            labels[name] = replace(label, commanded=True, quantity=label.quantity or "q")
+    taken = {entry.channel for entry in entries.values()}
+    for name, entry in command_entries(labels, measured.entries, known, commands.texts).items():
+        if entry.channel not in taken:
+            doubt = _size_doubt(name, entry, commands, foreign, measured)
+            entries[name] = replace(entry, check=joined_doubts([entry.check, doubt]))
+    if not entries:
+        shown = ", ".join(f"'{name}'" for name in list(commands.columns)[:6])
+        raise InputError(
+            f"{commands.name}: none of its columns ({shown}) looks like a command of a measured joint: write "
+            "[commands.columns] into a mapping, --map"
+        )
+    return replace(timing, entries={name: entries[name] for name in commands.columns if name in entries})
+
+
+def _size_doubt(
+    name: str, entry: ColumnEntry, commands: ForeignRecording, foreign: ForeignRecording, measured: ColumnMap
+) -> str:
+    """Doubt about a command of another size than its position, which has the same unit; empty for none."""
+    at = next((column for column, own in measured.entries.items() if own.channel == f"q.{entry.joint}"), None)
+    if entry.quantity != "q_cmd" or at is None or at not in foreign.columns:
+        return ""
+    told, gone = (largest_magnitude([of.columns[c]]) for of, c in ((commands, name), (foreign, at)))
+    alike = gone / MAX_COMMAND_TO_POSITION_RATIO <= told <= gone * MAX_COMMAND_TO_POSITION_RATIO
+    return "" if alike else f"up to {told:.4g}, and its position is up to {gone:.4g}: in another unit?"
+
+
+def map_unambiguous_commands(
+    commands: ForeignRecording, joints: RobotJoints | None = None, drives: DriveKinds = NO_DRIVES
+) -> ColumnMap:
+    """Mapping of a file of commands whose columns have the names of channels; `q.elbow` is then a commanded position.
+
+    Raises:
+        InputError: as `map_unambiguous_columns`; or a column is no command.
+    """
+    found = map_unambiguous_columns(commands, joints, drives)
+    with error_location(commands.name):
+        return replace(found, entries={name: as_command(entry) for name, entry in found.entries.items()})
 
 
 def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -> list[Claim]:
@@ -205,120 +270,3 @@ def _claims_by_order(foreign: ForeignRecording, time: str, known: RobotJoints) -
         Claim(name, f"{quantity}.{joint}", joint, ColumnHeaderParts((), quantity, "", True, ()), (doubt,))
         for name, (quantity, joint) in zip(names, places, strict=True)
     ]
-
-
-def _of_joints(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints) -> dict[str, ColumnHeaderParts]:
-    """Labels that may be a joint's, with the most likely quantity."""
-    found: dict[str, ColumnHeaderParts] = {}
-    kinds = Counter(words_with_numbers_masked(label.words) for label in labels.values())
-    for name, label in labels.items():
-        if is_gripper_name(name) or not label.measured:
-            continue
-        quantity, doubt = label.quantity, label.doubt
-        if LEROBOT_STATE in name.lower() and quantity in ("", "q"):
-            quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
-        elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
-            quantity = "a"  # Pinocchio's name of an acceleration, not an axis
-        elif not quantity and _names_a_joint(label, kinds[words_with_numbers_masked(label.words)], known):
-            quantity, doubt = "q", "taken as positions"
-        elif quantity == "force":
-            quantity = "tau" if known.arm else ""
-        if quantity:
-            found[name] = replace(label, quantity=quantity, doubt=doubt)
-    # libfranka's q_d is the desired position, beside the speed dq; in other recordings it may be the speed.
-    speeds = any(label.quantity == "v" and "d" not in label.rest for label in found.values())
-    for name, label in list(found.items()):
-        if "d" in label.rest and label.quantity in ("q", "v", "tau"):
-            if speeds or label.quantity != "q":
-                del found[name]
-            else:
-                rest = tuple(word for word in label.rest if word != "d")
-                found[name] = replace(label, quantity="v", rest=rest, doubt="the speed, or what is desired?")
-    return found
-
-
-def _names_a_joint(label: ColumnHeaderParts, alike: int, known: RobotJoints) -> bool:
-    """Whether a label without a quantity is only the name or number of a joint, as `alike` labels are."""
-    letters = {word for word in label.words if not word.isdigit()}
-    if any(
-        contains_phrase(label.words, words) and letters <= {*words, *IRRELEVANT_WORDS}
-        for words in map(name_words, known.arm)
-    ):
-        return True
-    if not ((label.words and label.words[-1].isdigit()) or letters & IRRELEVANT_WORDS) or letters - {
-        "j",
-        "a",
-        *IRRELEVANT_WORDS,
-    }:
-        return False
-    return bool({"j", "joint", "a", "axis"} & letters) and (alike == len(known.arm) if known.arm else alike > 1)
-
-
-def _is_arm(labels: Mapping[str, ColumnHeaderParts]) -> bool:
-    """Whether columns are those of an arm: of several joints, or with a joint's torque or current."""
-    rests = {label.rest for label in labels.values()}
-    numbers = {word for rest in rests for word in rest if word.isdigit()}
-    return (
-        len(numbers) > 1
-        or any(label.quantity in ("tau", "current") for label in labels.values())
-        or (len(rests) > 1 and all(rest and not set(rest) & PENDULUM_WORDS for rest in rests))
-    )
-
-
-def _joint_claims(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints, texts: Mapping[str, str]) -> list[Claim]:
-    """Claims of the labels of joints, by column; `texts` are those of the recording's columns of text."""
-    names = {}
-    for column, label in labels.items():
-        # A column of text such as ``field.name0`` contains the joint of ``field.position0``.
-        field = next((word for word in ("position", "velocity", "effort") if word in label.words), None)
-        if field is not None and (text := texts.get(column.replace(field, "name"))) is not None:
-            names[column] = text
-    claims = []
-    for column, (joint, doubt) in match_joints(labels, known, names).items():
-        label = labels[column]
-        if joint:
-            quantity = "tau" if label.quantity == "current" else label.quantity
-            doubts = tuple(filter(None, (doubt, label.doubt)))
-            claims.append(Claim(column, f"{quantity}.{joint}", joint, label, doubts))
-    return claims
-
-
-def _time(foreign: ForeignRecording) -> ColumnMap:
-    """A mapping with the time of a table only."""
-    called = [
-        n for n in foreign.columns if TIME_WORDS & set(name_words(n)) or split_column_header(n).unit in TIME_UNITS
-    ]
-    named, rising = (
-        {name: count for name in names if (count := _count_stamps(foreign.columns[name].value, share))}
-        for names, share in ((called, MIN_ROW_SHARE_WITH_RISING_TIME), (foreign.columns, 1.0))
-    )
-    if not (named or rising):
-        raise InputError(
-            f"{foreign.name}: no column rises all the time, so none is the time: give --rate, the rows per second"
-        )
-    counts = named or rising
-    name = max(counts, key=counts.__getitem__)
-    column, doubts = foreign.columns[name], []
-    if not named:
-        doubts.append("no header says that it is the time")
-    elif counts[name] < len(column.value):
-        doubts.append(f"{len(column.value) - counts[name]} stamps are those of the row before")
-    unit, why = column.unit or split_column_header(name).unit, "as written"
-    if not is_unit_like(unit, "s"):
-        step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
-        likely = [
-            u
-            for u, factor in TIME_UNITS.items()
-            if SHORTEST_SAMPLE_STEP_SECONDS <= step * factor <= LONGEST_SAMPLE_STEP_SECONDS
-        ]
-        unit, why = (likely or ["s"])[0], f"a sample every {step:.4g}" + (f" {likely[0]}" if likely else "")
-        doubts += [] if likely else ["of no unit that a recording has"]
-    return ColumnMap({}, name, unit, why=why, check=joined_doubts(doubts))
-
-
-def _count_stamps(value: np.ndarray, share: float) -> int:
-    """Number of different stamps (n,) of a column; 0 where it does not rise in this share of its rows."""
-    known = value[np.isfinite(value)]
-    if len(known) < max(2, share * len(value)) or np.mean(np.diff(known) >= 0.0) < share or np.ptp(known) == 0.0:
-        return 0
-    return len(np.unique(known))

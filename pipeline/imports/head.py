@@ -3,6 +3,8 @@
 The first two successive lines that contain mostly numbers define the separator and the number of cells.
 """
 
+import csv
+from contextlib import suppress
 from itertools import pairwise
 
 from armdyn.recording.delimited import MISSING_CELLS, separator_of
@@ -76,7 +78,11 @@ def _is_row(line: str) -> bool:
 
 def _cells(line: str, separator: str, wanted: int = 0) -> list[str]:
     """The cells of a line; a separator that does not give `wanted` cells is replaced by the line's own."""
-    found = [part.strip().strip('"') for part in (line.split() if separator == " " else line.split(separator))]
+    parts = line.split() if separator == " " else line.split(separator)
+    if '"' in line and separator != " ":
+        with suppress(csv.Error):
+            parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    found = [part.strip().strip('"') for part in parts]
     own = separator_of(line)
     return found if own == separator or len(found) == wanted else _cells(line, own)
 

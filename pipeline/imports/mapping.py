@@ -11,7 +11,11 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 
 A channel is ``sign * scale * value * (unit) + offset``, and ``late`` is the delay of its stamps. With a gear ratio N, a
 motor turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
-torques are multiplied by it. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
+torques are multiplied by it. ``negative`` is how the register of a drive writes negative numbers.
+``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
+
+``[commands]`` with its ``time`` and ``[commands.columns]`` are the mapping of a second file, of what joints were told,
+with stamps of its own.
 
 Where the columns of one file belong to several runs, ``[runs.NAME]`` contains the keys of one run, such as
 ``[runs.morning.columns]``; keys outside these tables are those of every run.
@@ -40,6 +44,7 @@ TIME_HINT = (
 MIN_ROW_RATE, MAX_ROW_RATE = 0.1, 1e5
 """Possible rates of a recording's rows [Hz]."""
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
+_NEGATIVE = re.compile(r"(?:(?:complement|bit) (?:[1-9]|[12]\d|3[012]))?")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 """Keys of a mapping that are copied to the TOML file beside the run (its sidecar)."""
 
@@ -59,6 +64,8 @@ class ColumnEntry:
         late: delay of the stamps, with its unit; empty for 0.
         fast: relative rate error of the stamps' clock; positive where it runs fast.
         turn: period, with its unit, after which the values wrap around; empty where they do not.
+        negative: how a drive's register writes negative numbers, such as ``complement 16`` or ``bit 15``; empty where
+            the values have signs.
         check: open question of a guess; whoever has answered it deletes it.
         why: reason for the guess, for a person.
     """
@@ -79,6 +86,9 @@ class ColumnEntry:
         0.0
     )
     turn: str = ""
+    negative: Annotated[
+        str, TomlValueCheck(_NEGATIVE.fullmatch, "write 'complement 16' for 16 bits, or 'bit 15' for the sign's bit")
+    ] = ""
     check: str = ""
     why: str = ""
 
@@ -116,6 +126,7 @@ class ColumnMap:
         check: open question of that guess.
         rate: rate of the rows of a table without stamps, with its unit; empty where there are stamps.
         notes: sentences on meanings that were recognised without a person.
+        commands: mapping of the columns of a second file, with what joints were told; None without such a file.
     """
 
     entries: Mapping[str, ColumnEntry]
@@ -126,12 +137,14 @@ class ColumnMap:
     check: str = ""
     rate: str = ""
     notes: tuple[str, ...] = ()
+    commands: "ColumnMap | None" = None
 
     @property
     def asked(self) -> dict[str, str]:
         """Open questions of a guessed mapping, by channel; ``"time"`` is the key of the time column."""
         of_columns = {e.channel: f"'{name}': {e.check}" for name, e in self.entries.items() if e.check}
-        return ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
+        own = ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
+        return own if self.commands is None else self.commands.asked | own
 
 
 def read_map(path: Path) -> Mapping[str, ColumnMap]:
@@ -161,9 +174,9 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
 
 def _map_of(table: Mapping[str, Any]) -> ColumnMap:
     problems = [
-        f"unknown key '{key}': a mapping has time, columns, runs, {', '.join(SIDECAR_KEYS)}"
+        f"unknown key '{key}': a mapping has time, columns, commands, runs, {', '.join(SIDECAR_KEYS)}"
         for key in table
-        if key not in ("time", "columns", *SIDECAR_KEYS)
+        if key not in ("time", "columns", "commands", *SIDECAR_KEYS)
     ]
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
@@ -195,13 +208,23 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
             problems += [f"'{name}': {problem}" for problem in error.problems]
         with collect_errors(problems, f"'{name}'"):
             channel_kind(str(column["channel"]))
+    told = None
+    if "commands" in table:
+        with collect_errors(problems, "commands"):
+            told = _map_of_commands(table["commands"])
     sidecar = Sidecar()
     with collect_errors(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
         raise InputError(join_problems(problems))
     column, unit, check = (str(time.get(key, "")) for key in ("column", "unit", "check"))
-    return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate)
+    return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate, commands=told)
+
+
+def _map_of_commands(table: object) -> ColumnMap:
+    if not isinstance(table, dict) or not set(table) <= {"time", "columns"}:
+        raise InputError("write [commands.columns], and what time the file of commands has: [commands] time = ...")
+    return _map_of(table)
 
 
 def check_table_sample_rate(rate: str) -> None:
@@ -221,17 +244,23 @@ def column_map_toml(mapping: ColumnMap, comment: str = "") -> str:
         parts = (f"{k} = {toml_string(v) if isinstance(v, str) else f'{v:.12g}'}" for k, v in values.items())
         return f"{name} = {{ {', '.join(parts)} }}" + (f"  # {one_line(why)}" if why else "")
 
-    lines = [f"# {one_line(line)}" for line in comment.splitlines()]
-    if mapping.rate:
-        lines += [line("time", {"rate": mapping.rate}, ""), ""]
-    if mapping.time:
-        check = {"check": mapping.check} if mapping.check else {}
-        lines += [line("time", {"column": mapping.time, "unit": mapping.time_unit, **check}, mapping.why), ""]
-    lines.append("[columns]")
-    for column, entry in mapping.entries.items():
-        given = {f.name: getattr(entry, f.name) for f in fields(entry) if getattr(entry, f.name) != f.default}
-        given.pop("why", None)
-        lines.append(line(toml_string(column), given, entry.why))
+    def section(own: ColumnMap, prefix: str) -> list[str]:
+        lines = []
+        if own.rate:
+            lines += [line("time", {"rate": own.rate}, ""), ""]
+        if own.time:
+            check = {"check": own.check} if own.check else {}
+            lines += [line("time", {"column": own.time, "unit": own.time_unit, **check}, own.why), ""]
+        lines.append(f"[{prefix}columns]")
+        for column, entry in own.entries.items():
+            given = {f.name: getattr(entry, f.name) for f in fields(entry) if getattr(entry, f.name) != f.default}
+            given.pop("why", None)
+            lines.append(line(toml_string(column), given, entry.why))
+        return lines
+
+    lines = [*(f"# {one_line(line)}" for line in comment.splitlines()), *section(mapping, "")]
+    if mapping.commands is not None:
+        lines += ["", "[commands]", *section(mapping.commands, "commands.")]
     return "\n".join(lines) + "\n"
 
 

@@ -21,6 +21,8 @@ from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording, split_name_and_unit
 from pipeline.imports.head import single_header_table
+from pipeline.imports.lists import NAME_WORDS, columns_of_lists, lists_in, quoted_lists
+from pipeline.imports.words import name_words
 from urdf.bounds import (
     MAX_DECOMPRESSED_FILE_BYTES,
     MAX_NAME_CHARACTERS,
@@ -57,6 +59,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
     """Recording from the text of a table; see `read_csv_of_any_dialect`."""
     text, headed, notes = single_header_table(text)
     separator = separator_of(header_of(text))
+    text = quoted_lists(text, separator)
     try:
         table = parse_delimited(text, separator, MISSING_VALUE_TEXTS, decimal_comma=True)
     except CutOffError as error:
@@ -68,6 +71,8 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
         raise InputError("holds a header and no row: give a recording")
     columns: dict[str, ForeignColumn] = {}
     texts = {}
+    lists = dict[str, dict[int, tuple[str, ...]]]()
+    units = dict[str, str]()
     for i, label in enumerate(table.labels):
         column, unit = split_name_and_unit(label)
         if column in columns:
@@ -76,6 +81,9 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
             cells, different = list(strange.values()), dict.fromkeys(strange.values())
+            if (items := lists_in(column, strange, table.rows.tolist())) is not None:
+                lists[column], units[column] = items, unit
+                continue
             if len(cells) == len(value) and (moments := _moments(cells)) is not None:
                 columns[column] = ForeignColumn(moments, "s")
                 continue
@@ -98,9 +106,12 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             cells = [repr(cell) for cell in strange.values()][:MAX_LISTED_TEXT_COLUMNS]
             notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
         columns[column] = ForeignColumn(value, unit)
+    parts, said = columns_of_lists(lists, table.rows.tolist())
+    for column, found in parts.items():
+        columns |= {part: ForeignColumn(value, units[column]) for part, value in found.items()}
     if not columns:
         raise InputError("no column holds numbers: give a recording")
-    return ForeignRecording(name, columns, tuple(notes), texts, headed=headed)
+    return ForeignRecording(name, columns, (*notes, *said), texts, headed=headed)
 
 
 MAX_LISTED_TEXT_COLUMNS = 3
@@ -145,11 +156,15 @@ def read_parquet(path: Path) -> ForeignRecording:
             raise InputError(f"is no Parquet file that can be read: {' '.join(str(error).split())}") from error
         if table.num_rows == 0:
             raise InputError("holds no row: give a recording")
+    names = _entry_names(table)
     for label in table.column_names:
         name, unit = split_name_and_unit(label)
         found = _arrow_columns(name, table[label])
+        if len(found) > 1 and (called := names.get(len(found))) is not None:
+            found = dict(zip((f"{name}/{entry}" for entry in called), found.values(), strict=True))
         if not found:
-            notes.append(f"'{name}' holds no numbers: left out")
+            kind = "lists of numbers of different lengths" if _is_ragged(table[label]) else "no numbers"
+            notes.append(f"'{name}' holds {kind}: left out")
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
         columns |= {part: ForeignColumn(value, "s" if is_date else unit) for part, value in found.items()}
     return ForeignRecording(path.stem, columns, tuple(notes))
@@ -173,6 +188,34 @@ def _check_parquet(file: Any, size: int) -> None:
             f"{about.num_columns} columns, where {MAX_TABLE_COLUMNS} with names of {MAX_NAME_CHARACTERS} letters "
             "are the most: leave some out"
         )
+
+
+def _entry_names(table: "pa.Table") -> dict[int, tuple[str, ...]]:
+    """Names of the entries of lists, by their number: a column such as ``name`` that has the same list in every row."""
+    import pyarrow as pa
+
+    found = {}
+    for label in table.column_names:
+        kind = table[label].type
+        if pa.types.is_list(kind) and pa.types.is_string(kind.value_type) and NAME_WORDS & set(name_words(label)):
+            lists = {tuple(row) for row in table[label].to_pylist() if row}
+            if len(lists) == 1 and len(set(only := lists.pop())) == len(only) and all(map(_is_name, only)):
+                found[len(only)] = only
+    return found
+
+
+def _is_name(text: object) -> bool:
+    return isinstance(text, str) and text.isprintable() and 0 < len(text) <= MAX_NAME_CHARACTERS
+
+
+def _is_ragged(values: "pa.ChunkedArray") -> bool:
+    """Whether a column has lists of numbers, of different lengths."""
+    import pyarrow as pa
+
+    kind = values.type
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind)):
+        return False
+    return bool(pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type))
 
 
 def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray]:

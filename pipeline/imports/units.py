@@ -36,7 +36,7 @@ UPRIGHT_MEAN_ANGLE_TOLERANCE = 0.5
 """Largest distance of the mean swing angle from half a turn at which the angle is measured from the upright [rad]."""
 ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
-ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale?"
+ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale? --drive KIND=all states a servo's"
 """Doubt about positions that are large whole numbers."""
 
 
@@ -57,7 +57,7 @@ def entries_with_inferred_units(
         time: stamps of its rows (n,) [s]; None where every column has its own time.
     """
     positions = {c.body: c for c in claims if c.label.quantity == "q"}
-    sizes = {c.column: _largest(columns[c.column]) for c in claims}
+    sizes = {c.column: largest_magnitude(columns[c.column]) for c in claims}
     angle = _angle_unit([sizes[c.column] for b, c in positions.items() if not (known.slides(b) or c.label.unit)])
     strange = _torque_doubt(claims, sizes, known)
     entries: dict[str, ColumnEntry] = {}
@@ -107,7 +107,8 @@ def _is_whole(columns: Sequence[ForeignColumn]) -> bool:
     return all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns)
 
 
-def _largest(columns: Sequence[ForeignColumn]) -> float:
+def largest_magnitude(columns: Sequence[ForeignColumn]) -> float:
+    """Largest magnitude of the numbers in columns; 0 where there are none."""
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
 
@@ -177,13 +178,18 @@ def _slope(
         return None
     x, v = first.columns[position.column], first.columns[speed.column].value
     stamps = time if time is not None else x.time
-    if stamps is None or len(x.value) != len(v):
+    return None if stamps is None else speed_to_slope(x.value, v, stamps)
+
+
+def speed_to_slope(position: FloatArray, speed: FloatArray, time: FloatArray) -> tuple[float, float] | None:
+    """Ratio of a speed (n,) to the slope of its position (n,), and their correlation; None where nothing moves."""
+    if len(position) != len(speed):
         return None
-    kept = np.isfinite(stamps) & np.isfinite(x.value) & np.isfinite(v)
-    kept &= np.diff(stamps, prepend=-np.inf) > 0.0
+    kept = np.isfinite(time) & np.isfinite(position) & np.isfinite(speed)
+    kept &= np.diff(time, prepend=-np.inf) > 0.0
     if kept.sum() < MIN_JOINTS_TO_INFER_RADIANS:
         return None
-    change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
+    change, v = np.gradient(position[kept], time[kept]), speed[kept]
     size, power, common = float(change @ change), float(v @ v), float(change @ v)
     return (common / size, common / np.sqrt(size * power)) if size and power else None
 

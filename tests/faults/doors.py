@@ -26,6 +26,7 @@ from faults.samples import (
     crane,
     csv,
     foreign_csv,
+    list_csv,
     mcap,
     npz,
     parquet,
@@ -53,6 +54,7 @@ from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map, map_unambiguous_columns
 from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import column_map_toml, read_map
+from pipeline.imports.register_entries import DriveKinds
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
 from urdf.library_output import captured_output
@@ -139,7 +141,9 @@ def compare_model(path):
 def guess_and_import(path):
     """What is guessed is written as a mapping, and that is what is read back."""
     for foreign in read_foreign(path):
-        mapping = guess_map([foreign], RobotJoints(("j0", "j1", "j2")))
+        raw = any(name.startswith("Present_") for name in foreign.columns)
+        drives = DriveKinds.of(["xl330=all"] if raw else [])
+        mapping = guess_map([foreign], RobotJoints(("j0", "j1", "j2")), drives=drives)
         (path.parent / "guessed.toml").write_text(column_map_toml(mapping, f"of {path}"), encoding="utf-8")
         run_from_recording(foreign, read_map(path.parent / "guessed.toml")[""])
 
@@ -147,7 +151,7 @@ def guess_and_import(path):
 def import_mapped(path):
     (foreign,) = read_foreign(path.parent / "foreign.csv")
     for mapping in read_map(path).values():
-        run_from_recording(foreign, mapping)
+        run_from_recording(foreign, mapping, commands=foreign if mapping.commands is not None else None)
 
 
 def import_known(path):
@@ -178,7 +182,7 @@ def doors():
         Door("line.csv", (LINE_CSV.encode(),), lambda path: read_trajectory(path, baxter())),
         Door("effect.py", (EFFECT.encode(),), load_effects),
         Door("base.py", (crane(),), load_base),
-        Door("foreign.csv", (foreign_csv().encode(), foreign_csv(";").encode()), guess_and_import),
+        Door("foreign.csv", (foreign_csv().encode(), foreign_csv(";").encode(), list_csv().encode()), guess_and_import),
         Door("map.toml", (MAP.encode(),), import_mapped, beside={"foreign.csv": foreign_csv()}),
         Door("calibration.toml", (CALIBRATION.encode(),), Calibration.load),
         Door("spec.toml", (SPEC.encode(),), read_spec, beside=settings),

@@ -215,11 +215,26 @@ def foreign_csv(separator: str = ",", rows: int = 60) -> str:
     return separator.join(columns) + "\n" + table + "\n"
 
 
+def list_csv(rows: int = 60) -> str:
+    """A log with lists in its cells, and the registers of a servo."""
+    time = np.arange(rows) / 50
+    lines = [
+        f"{t:.3f},\"['j1', 'j0']\",\"[{np.sin(t):.5f}, {t:.5f}]\",[{t:.2f};0.1],{int(2e3 + 5e2 * t)},{65535 - i}"
+        for i, t in enumerate(time)
+    ]
+    return "\n".join(["t,name,position,q_cmd [rad],Present_Position_2,Present_Current_2", *lines]) + "\n"
+
+
 MAP = """time = { column = "timestamp_ms", unit = "ms" }
 [columns]
 "J1 pos" = { channel = "q.j0", unit = "deg", sign = -1, offset = "90 deg" }
 "J1 trq" = { channel = "tau.j0", unit = "A", torque_constant = "0.12 N m/A", gear_ratio = 100 }
 "J2 pos" = { channel = "q.j1", unit = "deg" }
+"state" = { channel = "duty.j1", unit = "1", scale = 0.001, negative = "bit 10" }
+[commands]
+time = { column = "timestamp_ms", unit = "ms" }
+[commands.columns]
+"J1 pos" = { channel = "q_cmd.j0", unit = "deg", late = "-3 ms" }
 """
 CALIBRATION = """date = 2026-05-04T14:30:00
 source = "PORT"

@@ -9,7 +9,8 @@ from worlds.servo_arm import generate
 
 from armdyn.arm.closed_loop.rollout import encoder_step, simulated_positions, simulation_windows
 from armdyn.arm.drive_scale import drives_with_identified_gains
-from armdyn.arm.drives import KNOWN_DRIVES, chosen_drives
+from armdyn.arm.drives import chosen_drives, read_drives
+from armdyn.arm.known_drives import KNOWN_DRIVES
 from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy, effects_zero_in_simulation
 from armdyn.effects.catalogue import find
@@ -39,6 +40,28 @@ def test_drives_of_any_kind_are_chosen_by_their_law():
     assert chosen_drives(["leg:velocity=elbow"], JOINTS) == {"leg": {"joints": ["elbow"], "law": "velocity"}}
     # The gain of a known kind has the unit of its own law.
     assert chosen_drives(["sts3215:velocity=elbow"], JOINTS)["sts3215"] == {"joints": ["elbow"], "law": "velocity"}
+
+
+@pytest.mark.parametrize("kind", KNOWN_DRIVES)
+def test_a_known_kind_has_settings_that_a_model_file_takes(kind):
+    (servo,) = read_drives(chosen_drives([f"{kind}=all"], JOINTS), dict.fromkeys(JOINTS, False)).values()
+    assert servo.joints == JOINTS
+    # A known gain saturates before the joint has turned once: else its unit, or P, is wrong.
+    assert servo.gain is None or 0.05 < servo.saturating < 2 * np.pi
+
+
+def test_the_known_gains_are_those_that_were_measured():
+    """P e V k_t/R of Rhoban's BAM, and stall torques of Robotis' manuals, which differ by a quarter at most."""
+    measured = {
+        "mx106": (32 * 0.158, 12.0 * 2.1914 / 2.9650, 8.4),
+        "mx64": (32 * 0.158, 12.0 * 1.6225 / 3.9494, 6.0),
+        "xl330-m288": (400 * 4096 / (2 * np.pi * 256 * 885), 5.0 * 0.38670 / 4.0171, 0.52),
+    }
+    for kind, (share, torque, stall) in measured.items():
+        servo = read_drives(chosen_drives([f"{kind}=elbow"], JOINTS), dict.fromkeys(JOINTS, False))[kind]
+        assert servo.gain.value == pytest.approx(share * torque, rel=0.02)
+        assert servo.limit == stall
+        assert servo.limit == pytest.approx(torque, rel=0.25)
 
 
 @pytest.mark.parametrize("text", ["leg=all", "leg:speed=all", "sts3215", "=all", "sts3215="])

@@ -1,0 +1,47 @@
+"""A proposed mapping of columns to channels, as JSON and on the screen."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import typer
+
+from pipeline.console.screen import borderless_table, screen_console
+
+if TYPE_CHECKING:
+    from pipeline.imports.foreign import ForeignRecording
+    from pipeline.imports.mapping import ColumnMap
+
+MAX_LISTED_COLUMNS = 8
+"""Largest number of columns that a printed list names."""
+
+
+def column_map_json(found: "ColumnMap") -> dict[str, object]:
+    """JSON of a proposed mapping: its time, and channel, unit, reason and open question by column."""
+    from pipeline.fields import attributes_as_json
+
+    return {
+        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
+        "columns": {name: attributes_as_json(entry, "channel unit why check") for name, entry in found.entries.items()},
+    }
+
+
+def print_proposal(found: "ColumnMap", recordings: "Sequence[ForeignRecording]") -> None:
+    """Print a proposed mapping as a table, and the columns that are left out or have an open question."""
+    columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
+    from pipeline.imports.mapping import reason_comment
+
+    table = borderless_table("column", "channel", "unit", "why")
+    if found.time:
+        table.add_row(found.time, "time", found.time_unit, reason_comment(found.why, found.check))
+    for column, entry in found.entries.items():
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason_comment(entry.why, entry.check))
+    screen_console().print(table)
+    asked = [column for column, entry in found.entries.items() if entry.check]
+    asked += [found.time] if found.check else []
+    for what, names in (
+        ("left out", [name for name in columns if name not in found.entries and name != found.time]),
+        ("to be looked at", asked),
+    ):
+        if names:
+            more = len(names) - MAX_LISTED_COLUMNS
+            typer.echo(f"{what}: {', '.join(names[:MAX_LISTED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
