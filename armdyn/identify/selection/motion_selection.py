@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.identify.fit import continue_fit, fit
+from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.motion_study import USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
@@ -48,8 +48,9 @@ def select_for_motion(
     found = _settled(_best_start(study, given, say))
     chosen = [found]
     while better := next((path for path in _changed(found, say) if best_path([found, path]) is path), None):
-        found = _settled(better)
+        found = better
         chosen.append(found)
+    chosen.append(found := _settled(found))
     if (last := without_empty_effects(found)) is not found:
         chosen.append(_settled(last))
         found = chosen[-1]
@@ -60,27 +61,30 @@ def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) ->
     """The path to the best of the sets with which a search begins."""
     problem, weighted = study.problem, study.coarsely_weighted(given.fit)
 
-    def begun(effects: Sequence[Candidate], values: np.ndarray) -> LinearPath:
+    def near(effects: Sequence[Candidate], values: np.ndarray) -> Fit:
         own = problem.mask_of_unknowns([name for c in effects for name in c.names])
-        near = fit(
+        return fit(
             problem, given.fit.free | own, np.where(own | given.fit.free, values, problem.start_values()),
             most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance, weighted=weighted,
         )  # fmt: skip
+
+    def begun(effects: Sequence[Candidate], near: Fit) -> LinearPath:
         scorer = study.scorer(near)
         chosen = scorer.evaluate(scorer.split_into_candidates([*study.present, *effects]))
         return LinearPath(study, scorer, chosen, given.effects, near, near)
 
     read, values = study.read_start()
-    found = list[LinearPath]()
+    found = list[tuple[Sequence[Candidate], Fit]]()
     for names, size in STARTS if study.begins_with_usual_effects else ():
         say(f"fitting the motion with {', '.join(names)}")
         usual = [c for c in study.candidates if c.effect in names]
         own = problem.mask_of_unknowns([name for c in usual for name in c.names])
-        found.append(begun(usual, np.where(own, problem.null + size * problem.typical, problem.start_values())))
-    best = sorted(found, key=lambda path: path.fit.chi2)[:1]
+        values_of_start = np.where(own, problem.null + size * problem.typical, problem.start_values())
+        found.append((usual, near(usual, values_of_start)))
+    best = [begun(*min(found, key=lambda one: one[1].chi2))] if found else []
     if read or not best:
         say(f"fitting the motion with {'what its torques tell' if best else 'finer steps'}")
-        best.append(begun(read, values))
+        best.append(begun(read, near(read, values)))
     return best_path(best)
 
 
