@@ -13,12 +13,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre, joint_axes
-from armdyn.arm.symbolic import drive_reading_gains_and_offsets
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import ExportedModelText, Format, arm_of_model_file
+from pipeline.exports.mujoco_drives import add_drives, add_stribeck_frictions, integration, neutral_inertia
+from pipeline.exports.mujoco_start import add_start, play_joint
 from pipeline.exports.parts import (
     EXPRESSIBLE_EFFECTS,
     ExportedJointDynamics,
@@ -29,23 +29,19 @@ from pipeline.exports.parts import (
 from urdf.validate import joint_link
 from urdf.write import xml_number_list
 
-DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
-"""Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
-light link without armature slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
-HARD_STOP = {"solreflimit": "0.004 1", "solimplimit": "0.99 0.999 0.001 0.5 2"}
+DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
+"""Solver parameters of the hardest dry friction that is stable. With default values a light link without armature
+slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
+HARD_STOP = {"solimplimit": "0.99 0.999 0.001 0.5 2"}
 """Solver parameters of the ends of a joint's play, which the link neither enters nor leaves by itself."""
+SOLVER_TIME_STEPS = 2.0
+"""Time constant of both in time steps, the shortest that MuJoCo accepts."""
 PLAY_ARMATURE_SHARE = 0.01
 """Armature of a joint's play, as a share of the inertia that it moves; a drive without rotor would weigh nothing."""
 GRAVITY_SPRING_LEVER = 0.1
 """Distance from the joint's axis to either end of an exported gravity spring [m]; its stiffness follows from it."""
 MIN_MASS_AND_INERTIA = 1e-12
 """Smallest exported mass [kg] and moment of inertia [kg m^2]; MuJoCo refuses less than 1e-15."""
-DEFAULT_TIME_STEP = 2e-3
-"""Default time step of an exported model [s]; a delay that is shorter makes the step as short as the delay."""
-MIN_TIME_STEP = 1e-4
-"""Shortest time step [s] at which MuJoCo applies an actuator's delay correctly."""
-MIN_EXPORTED_DELAY_SECONDS = 2.5e-4
-"""Shortest delay that is exported [s]."""
 LINK_CAPSULE_RADIUS = 0.02
 """Radius of the visible capsules that represent the links in MuJoCo [m]."""
 
@@ -64,16 +60,17 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    option = ET.SubElement(root, "option", gravity=xml_number_list(gravity), integrator="implicitfast")
-    step = min(_delay(model, joint.name) or DEFAULT_TIME_STEP for joint in parts)
-    if step < DEFAULT_TIME_STEP:
-        option.set("timestep", repr(step))
+    by = integration(model, parts)
+    option = {"gravity": xml_number_list(gravity), "integrator": by.integrator, "timestep": repr(by.step)}
+    ET.SubElement(root, "option", option)
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
-    bodies = _add_bodies(world, model, parts)
+    bodies = _add_bodies(world, model, parts, by.step)
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
-    _add_drives(root, model, parts)
+    add_drives(root, model, parts, by)
+    add_stribeck_frictions(root, model, parts, by.step)
+    add_start(root, model, parts)
     for name, servo in model.drives.items():
         notes += [f"supply of {name}: its gain is that at {servo.supply:g} V"] if servo.supply is not None else []
         notes += [f"rate of {name}: limit what it is told to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
@@ -81,58 +78,13 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
 
-def play_joint(joint: str) -> str:
-    """Name of the second joint that an exported joint with play has; it lies between the drive and the link."""
-    return f"{joint}_play"
-
-
-def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> None:
-    """Add an actuator for every joint, which gives the torque (command - offset) / gain, or that of a servo's law."""
-    actuators = ET.SubElement(root, "actuator")
-    limits = model.arm.model.effortLimit.tolist()
-    for joint, effort, (gain, offset) in zip(parts, limits, drive_reading_gains_and_offsets(model), strict=True):
-        attributes, kind = {"name": joint.name, "joint": joint.name}, "motor"
-        servo = model.servo(joint.name)
-        if servo is not None and servo.gain is not None:
-            # A friction that differs by direction is exported as a symmetric one and an offset, also at rest.
-            law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven)
-            if late := _delay(model, joint.name):  # the buffer is long enough for steps of MIN_STEP
-                law |= {"delay": repr(late), "nsample": str(int(np.ceil(late / MIN_TIME_STEP)) + 2), "interp": "linear"}
-            ET.SubElement(actuators, "general", attributes | law)
-            continue
-        if gain != 1.0 or offset:
-            attributes |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
-            kind = "general"
-        if np.isfinite(effort):
-            attributes["ctrlrange"] = f"{offset - gain * effort!r} {offset + gain * effort!r}"
-        ET.SubElement(actuators, kind, attributes)
-
-
-def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
-    """A drive as an affine actuator: force = (k (q_cmd - q) - damping v - offset) / gain, within its limit."""
-    own = {"position": (-k, -servo.damping), "velocity": (0.0, -k)}.get(servo.law, (0.0, 0.0))
-    law = {
-        "gainprm": repr(k / gain),
-        "biastype": "affine",
-        "biasprm": xml_number_list(np.array([-offset, *own]) / gain),
-    }
-    if np.isfinite(servo.largest):
-        law["forcerange"] = f"{(-servo.largest - offset) / gain!r} {(servo.largest - offset) / gain!r}"
-    return law
-
-
-def _delay(model: ArmModel, joint: str) -> float:
-    """Delay of a joint's drive [s]; 0 where it is shorter than `MIN_EXPORTED_DELAY_SECONDS`."""
-    servo, own = model.servo(joint), model.parameters.get(f"command_delay.time[{joint}]")
-    late = (servo.delay or 0.0 if servo is not None else 0.0) + (own.value if own is not None else 0.0)
-    return late if late > MIN_EXPORTED_DELAY_SECONDS else 0.0
-
-
-def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> list[ET.Element]:
+def _add_bodies(
+    world: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDynamics], step: float
+) -> list[ET.Element]:
     """Add a body for every joint, in the order of the joints, and a site at the tool."""
     arm, names, axes = model.arm.model, _link_names(model), joint_axes(model.arm.model)
-    rigid, bodies = model.rigid_body_model_at(model.theta()), list[ET.Element]()
-    inertias = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid)))
+    inertias, bodies = np.diag(neutral_inertia(model)).tolist(), list[ET.Element]()
+    solver_time = f"{SOLVER_TIME_STEPS * step!r} 1"
     for i, joint in enumerate(parts):
         parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
         outer = bodies[parent] if parent >= 0 else world
@@ -149,14 +101,15 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[ExportedJoin
         if joint.stiffness:
             dynamics |= {"stiffness": joint.stiffness, "springref": joint.rest}
         attributes |= {key: repr(value) for key, value in dynamics.items() if value}
-        attributes |= DRY_FRICTION_SOLVER if joint.friction else {}
+        attributes |= {"solreffriction": solver_time, **DRY_FRICTION_SOLVER} if joint.friction else {}
         lower, upper = float(arm.lowerPositionLimit[i]), float(arm.upperPositionLimit[i])
         if np.isfinite(lower) and np.isfinite(upper):
             attributes["range"] = f"{lower!r} {upper!r}"
         ET.SubElement(body, "joint", attributes)
         if joint.play:
-            span = {"name": play_joint(joint.name), "range": f"{-joint.play!r} {joint.play!r}", **HARD_STOP}
-            span["armature"] = repr(PLAY_ARMATURE_SHARE * float(inertias[i]))
+            span = {"name": play_joint(joint.name), "range": f"{-joint.play!r} {joint.play!r}"}
+            span |= {"solreflimit": solver_time, **HARD_STOP}
+            span["armature"] = repr(PLAY_ARMATURE_SHARE * inertias[i])
             ET.SubElement(body, "joint", {key: attributes[key] for key in ("type", "axis")} | span)
         bodies.append(body)
     frame, offset = arm.frames[model.arm.robot.tool_frame_id], np.asarray(model.arm.robot.tool_offset)

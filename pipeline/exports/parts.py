@@ -17,7 +17,8 @@ EXPRESSIBLE_EFFECTS = {
     | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
     "mujoco": LINK_EFFECTS
     | {
-        "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
+        "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction",
+        "joint_stribeck_friction", "rotor_inertia",
         "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
         "command_delay", "backlash",
     },
@@ -50,6 +51,7 @@ class ExportedJointDynamics:
         stiffness: stiffness of a spring in the joint [N m/rad].
         rest: position at which the spring in the joint has no torque [rad].
         play: way of the link to either side of the drive's position [rad].
+        stribeck: additional dry friction at standstill [N m], and the speed at which 1/e of it remains [rad/s].
     """
 
     name: str
@@ -63,6 +65,7 @@ class ExportedJointDynamics:
     stiffness: float
     rest: float
     play: float
+    stribeck: tuple[float, float]
 
 
 def exported_joint_dynamics(model: ArmModel) -> tuple[ExportedJointDynamics, ...]:
@@ -89,6 +92,7 @@ def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) 
         stiffness=value("joint_spring.stiffness"),
         rest=value("joint_spring.rest"),
         play=value(PLAY_PARAMETER),
+        stribeck=(value("joint_stribeck_friction.torque"), value("joint_stribeck_friction.speed")),
     )
 
 

@@ -44,6 +44,15 @@ def test_action_control_agrees_with_plain_numpy(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_servo_arm_is_found_untold_and_by_mujocos_own_identification_when_told(tmp_path: Path) -> None:
+    if not hasattr(pytest.importorskip("mujoco.sysid"), "optimize"):
+        pytest.skip("mujoco.sysid lacks what it needs")
+    (both,) = run("rivals/mujoco_sysid.py", tmp_path, "--quick")["cases"].values()
+    assert {name: found["held_out"] < 5e-3 for name, found in both.items()} == dict.fromkeys(both, True)
+    assert both["armdyn"]["values"]["gain[elbow_flex]"] == pytest.approx(11.5, rel=0.02)
+
+
+@pytest.mark.slow
 def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
     found = run("rivals/information.py", tmp_path, "--quick")
     assert found["sac"]["full_bound"] < 5e-4

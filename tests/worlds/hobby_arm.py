@@ -1,6 +1,6 @@
 """A LeRobot data set of a hobby arm with position servos, as its user has it: degrees, 30 frames a second, no torque.
 
-MuJoCo moves the arm, in steps of 0.5 ms; what it hides are the servos' gain and delay, their frictions and rotors. The
+MuJoCo moves the arm, as armdyn exports it. It hides the servos' gain and delay, their frictions and rotors. The
 encoders read in steps of 1/4096 turn.
 """
 
@@ -15,6 +15,7 @@ from pyarrow import parquet
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import find
 from pipeline.exports.mujoco_file import mujoco_text
+from pipeline.exports.mujoco_start import begin
 
 JOINTS = {  # axis, where it is in the joint before, mass of its link, kg, and how far that reaches, m
     "shoulder_pan": ("0 0 1", "0 0 0.06", 0.12, "0 0 0.05"),
@@ -23,7 +24,7 @@ JOINTS = {  # axis, where it is in the joint before, mass of its link, kg, and h
     "wrist_flex": ("0 1 0", "0 0 0.135", 0.11, "0 0 0.06"),
     "wrist_roll": ("0 0 1", "0 0 0.06", 0.13, "0.02 0 0.08"),
 }
-GAIN, DELAY, FPS, SECONDS, STEP = 8.3, 0.018, 30, 40.0, 5e-4
+GAIN, DELAY, FPS, SECONDS = 8.3, 0.018, 30, 40.0
 HIDDEN = {
     "joint_viscous_friction.coefficient": 0.25, "joint_coulomb_friction.torque": 0.12, "rotor_inertia.inertia": 0.012,
 }  # fmt: skip
@@ -66,15 +67,11 @@ def recorded(urdf: Path, seed: int) -> tuple[np.ndarray, np.ndarray]:
     waves = np.sin(2.0 * np.pi * rate * time[:, None, None] + phase).mean(axis=1)
     told = CENTRE + 1.4 * WIDTH * waves * np.clip(1.6 * np.sin(0.3 * time + seed) + 1.4, 0.0, 1.0)[:, None]
     arm = mujoco.MjModel.from_xml_string(mujoco_text(true_arm(urdf))[0])
-    arm.opt.timestep = STEP
-    data, found = mujoco.MjData(arm), []
-    data.qpos[:] = told[0]
-    for i in range(arm.nu):
-        count = int(arm.actuator_history[i, 0])
-        mujoco.mj_initCtrlHistory(arm, data, i, -STEP * np.arange(count, 0, -1.0), np.full(count, told[0, i]))
-    settling = round(2.0 / STEP)
-    for k in range(settling + round(SECONDS / STEP)):
-        frame = int(max(k - settling, 0) * STEP * FPS + 1e-6)
+    data, found, step = mujoco.MjData(arm), [], arm.opt.timestep
+    begin(arm, data, dict(zip(JOINTS, told[0].tolist(), strict=True)))
+    settling = round(2.0 / step)
+    for k in range(settling + round(SECONDS / step)):
+        frame = int(max(k - settling, 0) * step * FPS + 1e-6)
         if k >= settling and len(found) == frame:
             found.append(data.qpos.copy())
         data.ctrl[:] = told[min(frame, len(told) - 1)]

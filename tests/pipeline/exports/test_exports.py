@@ -36,7 +36,9 @@ from .conftest import by_formulas, states, with_effects
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
 """Effects of arms that say what their drives are told; see test_drives."""
-IN_MUJOCO = sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", "backlash", *DRIVES})
+IN_MUJOCO = sorted(
+    EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", "joint_stribeck_friction", "backlash", *DRIVES}
+)
 
 
 def mujoco_torques(model, q, v, a):
@@ -230,10 +232,10 @@ def test_json_tells_values_deviations_and_links_in_units(bare_arm):
 
 
 def test_what_a_format_cannot_hold_is_named(bare_arm):
-    model = with_effects(bare_arm, ["joint_asymmetric_friction", "joint_stribeck_friction", "torque_offset"])
+    model = with_effects(bare_arm, ["joint_asymmetric_friction", "joint_load_friction", "torque_offset"])
     told = " ".join(mujoco_text(model)[1])
     assert "their mean is used" in told
-    assert "joint_stribeck_friction" in told
+    assert "joint_load_friction" in told
     assert "torque_offset" not in told
     late = with_effects(bare_arm, ["torque_delay"])
     assert all(
@@ -271,9 +273,8 @@ def with_background(arm, named, small, own=()):
 
 
 def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
-    small, named = with_background(
-        bare_arm, ["joint_spring"], sorted(EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_spring", *DRIVES})
-    )
+    others = EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_spring", "joint_stribeck_friction", *DRIVES}
+    small, named = with_background(bare_arm, ["joint_spring"], sorted(others))
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
     ours, theirs = (inverse_dynamics_function(model) for model in (small, named))
