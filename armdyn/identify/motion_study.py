@@ -54,7 +54,8 @@ class MotionStudy(LinearStudy):
         assert isinstance(problem.model, MotionModel)
         own = defaultdict[str, float](float)
         for block in found.blocks:
-            excess = float(block.misfit @ block.misfit) - MAX_NOISE_RATIO * len(block.misfit) * block.noise**2
+            sensor = self.noise[block.run, block.channel]
+            excess = float(block.misfit @ block.misfit) - MAX_NOISE_RATIO * len(block.misfit) * sensor**2
             own[block.channel] += max(excess, 0.0)
         for step, finer in pairwise(SIMULATION_STEPS_SECONDS):
             coarse, fine = (replace(problem.model, step=longest) for longest in (step, finer))
