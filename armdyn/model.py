@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -203,6 +203,10 @@ class Model(EffectModel, Displayable):
     def with_model_channels(self, run: Run) -> Run:
         """A copy of a run in which the further quantities that the model predicts or needs as input are channels."""
         return run
+
+    def without_predictions(self, run: Run, names: Collection[str]) -> Run:
+        """A copy of a run whose measured channels of some names are not compared with the model."""
+        return replace(run, channels={name: c for name, c in run.channels.items() if name not in names})
 
     @property
     def hangs_from_gripper(self) -> bool:

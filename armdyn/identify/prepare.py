@@ -52,7 +52,7 @@ def _of_channels(model: Model, run: Run, training: Sequence[Run]) -> Run:
     """A run without what the model predicts in no training run: a drive may have been at its limit in all of them."""
     fitted = {name for one in training for name in model.predicted_channels(one)}
     beside = set(model.predicted_channels(run)) - fitted
-    return replace(run, channels={k: c for k, c in run.channels.items() if k not in beside}) if beside else run
+    return model.without_predictions(run, beside) if beside else run
 
 
 def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:

@@ -118,14 +118,20 @@ class MotionModel(ArmModel):
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """Names of the positions of joints that move, if the run has a command of every joint."""
         names = [f"q.{joint}" for joint in self.arm.joints] if has_all_position_commands(self, run) else []
-        return tuple(name for name in names if np.ptp(run.channels[name].value) > 0.0)
+        return tuple(n for n in names if n in run.channels and np.ptp(run.channels[n].value) > 0.0)
 
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run with the positions of all joints at the stamps at which the simulation is compared with them."""
+        """The run with the positions of all joints at the stamps at which the simulation is compared with them.
+
+        It says which joints are not compared, as they do not move.
+        """
         del beside
         window = _window(run, self.arm.joints)
         if all(len(run.channels[f"q.{joint}"]) == len(window.time) for joint in self.arm.joints):
             return run
+        still = [joint for joint in self.arm.joints if f"q.{joint}" not in self.predicted_channels(run)]
+        if still:
+            run = replace(run, warnings=(*run.warnings, f"not compared, as at rest: {', '.join(still)}"))
         cut = {
             name: Channel(window.time, window.q[:, j], run.channels[name].unit)
             for j, name in enumerate(f"q.{joint}" for joint in self.arm.joints)
@@ -133,6 +139,12 @@ class MotionModel(ArmModel):
         found = replace(run, channels={**run.channels, **cut})
         found.__dict__["_window"] = window
         return found
+
+    def without_predictions(self, run: Run, names: Collection[str]) -> Run:
+        """A copy of a run in which some joints are at rest, as a simulation needs the positions of all."""
+        still = {name: run.channels[name] for name in names}
+        still = {name: Channel(c.time, np.full(len(c), c.value[0]), c.unit) for name, c in still.items()}
+        return replace(run, channels={**run.channels, **still})
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """Nothing: the noise of positions does not depend on the parameters."""

@@ -188,6 +188,9 @@ def _integrated(
     slides = 1.0 - sticks.astype(float)
     half = step / 2.0 * by_v + step**2 / 4.0 * by_q
     implicit = (by_a + half) * slides[:, :, None] * slides[:, None, :] + _diagonal(1.0 - slides)
+    regular = np.abs(np.linalg.det(implicit)) > 0.0  # impossible values may cancel an inertia
+    slides *= regular[:, None]
+    implicit[~regular] = np.eye(n)
     inverse = np.linalg.inv(implicit) * slides[:, :, None] * slides[:, None, :]
     unit, inertia, stiffness = np.eye(n), inverse @ (by_a - half), -step * (inverse @ by_q)
     push, middle = -step * (inverse @ forces), step / 2.0

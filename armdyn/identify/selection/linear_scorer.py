@@ -214,6 +214,8 @@ class LinearScorer(EffectSetScorer):
     def _correlation_time(self, channel: int, change: np.ndarray) -> float:
         s = self.sums
         units = np.flatnonzero((s.channel == channel) & s.training)
+        if not len(units):  # a joint that moves in held-out runs alone
+            return 1.0
         left = [s.residual(int(unit), self.columns, change * self.typical) for unit in units]
         return float(np.average([correlation_time([one]) for one in left], weights=s.count[units]))
 
