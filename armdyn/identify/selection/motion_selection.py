@@ -19,11 +19,14 @@ from armdyn.identify.selection.select_effects import eliminate, group_joints_by_
 from armdyn.identify.selection.set_score import TIE_NATS
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
-STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0))
+ALL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf")
+STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0), (ALL, 1.0))
 """Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
 with which an arm swings: from 0.1 typical sizes, four of ten choices of recordings of an SO-101 end in a local minimum.
 """
+LIKE_A_LOAD = ("gravity_spring", "joint_spring", "joint_coupling")
+"""Effects with which several joints together imitate a load."""
 MAX_START_FIT_STEPS = 5
 """Largest number of steps of the fit with which a search begins."""
 MAX_REWEIGHTED_FITS = 4
@@ -47,7 +50,7 @@ def select_for_motion(
     """
     found = _settled(_best_start(study, given, say))
     chosen = [found]
-    while better := next((path for path in _changed(found, say) if best_path([found, path]) is path), None):
+    while better := _better(found, say):
         found = better
         chosen.append(found)
     chosen.append(found := _settled(found))
@@ -55,6 +58,32 @@ def select_for_motion(
         chosen.append(_settled(last))
         found = chosen[-1]
     return found, [given, *_steps(chosen, given, say)]
+
+
+def _better(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
+    """A path that is better than the one that was found: with another set, or with the same one elsewhere."""
+    other = next((path for path in _changed(found, say) if best_path([found, path]) is path), None)
+    return _elsewhere(found, say) if other is None else other
+
+
+def _elsewhere(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
+    """The path with a better fit of its set, from usual sizes of what is not negative, and from the drives as read."""
+    study, fitted = found.study, found.fit
+    problem = study.problem
+    names = [name for c in found.chosen_set.effects if c not in found.scorer.given for name in c.names]
+    sizes = problem.mask_of_unknowns(names) & (problem.lower >= problem.null)
+    drives = ~problem.is_effect & fitted.free
+    for size in sorted({size for _, size in STARTS}):
+        say(f"fitting the motion with {size:g} typical sizes")
+        values = np.where(sizes, problem.null + size * problem.typical, fitted.values)
+        values = np.where(drives, problem.start_values(), values)
+        again = fit(
+            problem, fitted.free, values, most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance,
+            weighted=fitted.weighted,
+        )  # fmt: skip
+        if found.scorer.gain(fitted, again) > TIE_NATS:
+            return replace(found, known_fit=continue_fit(again)).relinearised()
+    return None
 
 
 def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
@@ -121,7 +150,22 @@ def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
             one.effects
         ):
             yield path.relinearised()
+    yield from _with_load_instead_of_springs(found, say)
     yield from _completed(found, say)
+
+
+def _with_load_instead_of_springs(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
+    """Fitted paths to sets with a load in place of springs, which imitate its weight on every joint.
+
+    Where springs do so already, the sums, which are at their optimum, do not show the load.
+    """
+    model, now = found.study.problem.model, found.chosen_set
+    springs = [c for c in now.effects if c.effect in LIKE_A_LOAD and c not in found.scorer.given]
+    loads = [c for c in found.scorer.searched_effects if model.changes_link(c.names) and c not in now.effects]
+    for load in loads if springs else ():
+        say(f"fitting the motion with {load.label} in place of {', '.join(c.label for c in springs)}")
+        without = found.with_effects([c for c in now.effects if c not in springs]).relinearised()
+        yield without.with_effects(without.scorer.split_into_candidates([*without.effects, load])).relinearised()
 
 
 def _completed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
