@@ -137,7 +137,7 @@ class SimulatedWindow:
             return q, np.zeros_like(q)
         v = self._at(time, self.v)
         a = np.gradient(v, time, axis=0) if len(time) > 1 else np.zeros_like(v)
-        sides = play_sides(model, theta, (q, v, a))
+        sides = play_sides(model, theta, (q, v, a), time)
         return q - np.array(plays(model, theta)) * sides, sides
 
     def _at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
