@@ -27,7 +27,7 @@ MAX_GIVEN_FIT_STEPS = 3
 
 MAX_STEP_ERROR_NATS = 0.5
 """Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
-MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.1, 1.2
+MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.2, 1.2
 """Largest error of a step over the model's own, which is what is left beyond so many variances of the noise."""
 USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
 """Frictions that most servos have, in which a simulation sticks and slides."""

@@ -1,8 +1,8 @@
 """Play of an arm's joints between the drive, which reads its own position, and the link, whose position is recorded.
 
-The link hangs at one end of its play as long as the torque that moves it keeps its sign: q_link = q - b sign(load), with
-b half of the whole play and q the drive's position. Gravity acts on the links where they are. The way to the other end
-takes no time for the drive; the link is recorded where it falls meanwhile.
+The link hangs at one end of its play as long as the torque that moves it keeps its sign: q_link = q - b sign(load),
+with b half of the whole play and q the drive's position. Gravity acts on the links where they are. The way to the other
+end takes no time for the drive; the link is recorded where it falls meanwhile.
 """
 
 from typing import Any

@@ -19,7 +19,7 @@ from armdyn.identify.selection.select_effects import eliminate, group_joints_by_
 from armdyn.identify.selection.set_score import TIE_NATS
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
-ALL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf")
+ALL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
 STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0), (ALL, 1.0))
 """Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
@@ -29,7 +29,7 @@ LIKE_A_LOAD = ("gravity_spring", "joint_spring", "joint_coupling")
 """Effects with which several joints together imitate a load."""
 MAX_START_FIT_STEPS = 5
 """Largest number of steps of the fit with which a search begins."""
-MAX_REWEIGHTED_FITS = 4
+MAX_REWEIGHTED_FITS = 2
 """Largest number of fits of a set, each with weights from the errors that the one before leaves."""
 SCORED_ADDITIONS = 8
 """Number of additions to a set, those with the largest predicted scores, whose score is computed in each round."""
@@ -49,8 +49,8 @@ def select_for_motion(
         The path to the chosen set, and the steps, each with effects in the order in which they were chosen.
     """
     found = _settled(_best_start(study, given, say))
-    chosen = [found]
-    while better := _better(found, say):
+    chosen, loads = [found], set[Candidate]()
+    while better := _better(found, loads, say):
         found = better
         chosen.append(found)
     chosen.append(found := _settled(found))
@@ -60,10 +60,17 @@ def select_for_motion(
     return found, [given, *_steps(chosen, given, say)]
 
 
-def _better(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
-    """A path that is better than the one that was found: with another set, or with the same one elsewhere."""
-    other = next((path for path in _changed(found, say) if best_path([found, path]) is path), None)
-    return _elsewhere(found, say) if other is None else other
+def _better(found: LinearPath, loads: set[Candidate], say: ProgressCallback) -> LinearPath | None:
+    """A path that is better than the one that was found: with another set, or with the same one elsewhere.
+
+    Args:
+        found: the path.
+        loads: loads that were tried in place of springs; those that are tried now are added.
+        say: called with a text on the progress.
+    """
+    other = next((path for path in _changed(found, loads, say) if best_path([found, path]) is path), None)
+    is_first = isinstance(found.study, MotionStudy) and found.study.begins_with_usual_effects
+    return _elsewhere(found, say) if other is None and is_first else other
 
 
 def _elsewhere(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
@@ -128,7 +135,7 @@ def _settled(found: LinearPath) -> LinearPath:
     return found.relinearised()
 
 
-def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
+def _changed(found: LinearPath, tried: set[Candidate], say: ProgressCallback) -> Iterator[LinearPath]:
     """Fitted paths to sets with fewer effects or more, those that are foretold to be the best first."""
     scorer, now = found.scorer, found.chosen_set
     free = [c for c in now.effects if c not in scorer.given]
@@ -150,11 +157,13 @@ def _changed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
             one.effects
         ):
             yield path.relinearised()
-    yield from _with_load_instead_of_springs(found, say)
+    yield from _with_load_instead_of_springs(found, tried, say)
     yield from _completed(found, say)
 
 
-def _with_load_instead_of_springs(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
+def _with_load_instead_of_springs(
+    found: LinearPath, tried: set[Candidate], say: ProgressCallback
+) -> Iterator[LinearPath]:
     """Fitted paths to sets with a load in place of springs, which imitate its weight on every joint.
 
     Where springs do so already, the sums, which are at their optimum, do not show the load.
@@ -162,7 +171,8 @@ def _with_load_instead_of_springs(found: LinearPath, say: ProgressCallback) -> I
     model, now = found.study.problem.model, found.chosen_set
     springs = [c for c in now.effects if c.effect in LIKE_A_LOAD and c not in found.scorer.given]
     loads = [c for c in found.scorer.searched_effects if model.changes_link(c.names) and c not in now.effects]
-    for load in loads if springs else ():
+    for load in [c for c in loads if c not in tried] if springs else ():
+        tried.add(load)
         say(f"fitting the motion with {load.label} in place of {', '.join(c.label for c in springs)}")
         without = found.with_effects([c for c in now.effects if c not in springs]).relinearised()
         yield without.with_effects(without.scorer.split_into_candidates([*without.effects, load])).relinearised()
