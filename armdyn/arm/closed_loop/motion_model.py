@@ -35,6 +35,8 @@ TYPICAL_GAIN_SHARE, TYPICAL_DELAY_SECONDS, MAX_DELAY_SECONDS = 0.1, 0.005, 0.2
 """Typical change of a drive's gain, as a share of it, and of its delay, and the largest delay."""
 MAX_POSITION_CHANGE = 10.0
 """Change of a position, rad or m, by a typical change of a parameter, beyond which it is that of an unstable motion."""
+PLAY_DIFFERENCE = 1e-3
+"""Relative change of a play in the difference quotient of a link's way behind its drive."""
 LOST_POSITION = 50.0
 """Position, rad or m, at which a simulation that runs away is held."""
 
@@ -179,13 +181,33 @@ class MotionModel(ArmModel):
             name = f"{PLAY_PARAMETER}[{joint}]"
             if name in self.names and (i := self.names.index(name)) in own:
                 by[:, :, i] += begun[j] * slopes[:, :, len(own) + len(places) + j]
-                by[:, j, i] -= sides[:, j]
+                by[:, j, i] -= self._lag_slope(found, theta, window.time, (i, j), sides[:, j])
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
         return prediction_from_channels(
             [(f"q.{joint}", window.time, _held(read[:, j]), by[:, j]) for j, joint in self._moving(run)]
         )
+
+    def _lag_slope(
+        self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray, where: tuple[int, int], sides: np.ndarray
+    ) -> np.ndarray:
+        """(n,) derivative of a link's way behind its drive by its play.
+
+        Args:
+            found: the motion of the drives.
+            theta: (p,) parameters.
+            time: (n,) increasing times, s.
+            where: indices of the play among the parameters, and of its joint.
+            sides: (n,) places of the link in its play.
+        """
+        i, j = where
+        if theta[i] <= 0.0:
+            return sides
+        moved = theta.copy()
+        moved[i] *= 1.0 + PLAY_DIFFERENCE
+        there = self._read(found, moved, time)[1][:, j]
+        return np.asarray(there + (there - sides) / PLAY_DIFFERENCE)
 
     @np.errstate(all="ignore")
     def _read(self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
