@@ -31,6 +31,8 @@ MIN_ENCODER_STEP = 1e-6
 """Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
 MAX_ROLLOUT_ERROR = 2.0 * np.pi
 """Error, rad or m, beyond which a simulated joint has left the motion; its size has then no meaning."""
+MAX_FALL_STEP_SECONDS = 0.01
+"""Longest step, s, of a link's fall through its play."""
 SAMPLED_LOADS = 50
 """Number of moments of a window whose loads say which of them are small."""
 SETTLING_SECONDS, MAX_SETTLING_SHARE = 0.5, 0.05
@@ -135,10 +137,15 @@ class SimulatedWindow:
         q = self._at(time, self.q)
         if not has_play(model):
             return q, np.zeros_like(q)
-        v = self._at(time, self.v)
-        a = np.gradient(v, time, axis=0) if len(time) > 1 else np.zeros_like(v)
-        sides = play_sides(model, theta, (q, v, a), time)
-        return q - np.array(plays(model, theta)) * sides, sides
+        way, at = np.array(plays(model, theta)), time
+        if np.any(way > 0.0):  # between the samples, links fall through their plays
+            every = max(1, int(MAX_FALL_STEP_SECONDS / (self.edges[1] - self.edges[0])))
+            at = self.edges[::every]
+        place, v = self._at(at, self.q), self._at(at, self.v)
+        a = np.gradient(v, at, axis=0) if len(at) > 1 else np.zeros_like(v)
+        found = play_sides(model, theta, (place, v, a), at)
+        sides = np.column_stack([np.interp(time, at, found[:, j]) for j in range(found.shape[1])])
+        return q - way * sides, sides
 
     def _at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(time, self.edges, values[:, j]) for j in range(values.shape[1])])

@@ -200,17 +200,19 @@ def best_path(paths: Sequence[LinearPath]) -> LinearPath:
     return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))
 
 
-def without_empty_effects(found: LinearPath) -> LinearPath:
-    """The path without effects all of whose values are within `MIN_VALUE_STDS` of nothing."""
+def without_empty_effects(found: LinearPath, least: float = MIN_VALUE_STDS) -> LinearPath:
+    """The path without effects all of whose values are within `least` deviations of nothing."""
     found = found.relinearised()
-    while empty := empty_effects(found.study, found.fit, found.chosen_set.effects):
+    while empty := empty_effects(found.study, found.fit, found.chosen_set.effects, least):
         fewer = [[c for c in found.chosen_set.effects if c is not gone] for gone in empty]
         found = found.with_effects(max(fewer, key=lambda effects: found.scorer.evaluate(effects).score)).relinearised()
     return found
 
 
-def empty_effects(study: LinearStudy, fit: Fit, effects: Sequence[Candidate]) -> list[Candidate]:
-    """Those of some effects all of whose fitted values together are within `MIN_VALUE_STDS` deviations of nothing."""
+def empty_effects(
+    study: LinearStudy, fit: Fit, effects: Sequence[Candidate], least: float = MIN_VALUE_STDS
+) -> list[Candidate]:
+    """Those of some effects all of whose fitted values together are within `least` deviations of nothing."""
     problem, covariance = study.problem, uncertainty(study, fit).covariance
     values = {
         c: np.flatnonzero(problem.mask_of_unknowns(c.names) & fit.free) for c in effects if c not in study.present
@@ -218,7 +220,7 @@ def empty_effects(study: LinearStudy, fit: Fit, effects: Sequence[Candidate]) ->
     sizes = {
         c: wald_distance((fit.values - problem.null)[own], covariance[np.ix_(own, own)]) for c, own in values.items()
     }
-    return [c for c, size in sizes.items() if size <= MIN_VALUE_STDS]
+    return [c for c, size in sizes.items() if size <= least]
 
 
 def _with_unsure_values_held(found: LinearPath) -> LinearPath:

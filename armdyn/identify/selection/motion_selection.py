@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.motion_study import USUAL_FRICTIONS, MotionStudy
@@ -27,6 +28,8 @@ with which an arm swings: from 0.1 typical sizes, four of ten choices of recordi
 """
 LIKE_A_LOAD = ("gravity_spring", "joint_spring", "joint_coupling")
 """Effects with which several joints together imitate a load."""
+CHANCE_LEVEL = 0.01
+"""Probability that the largest effect of a catalogue without any true one passes, by its deviation in the fit."""
 MAX_START_FIT_STEPS = 5
 """Largest number of steps of the fit with which a search begins."""
 MAX_REWEIGHTED_FITS = 2
@@ -54,7 +57,8 @@ def select_for_motion(
         found = better
         chosen.append(found)
     chosen.append(found := _settled(found))
-    if (last := without_empty_effects(found)) is not found:
+    least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
+    if (last := without_empty_effects(found, least)) is not found:
         chosen.append(_settled(last))
         found = chosen[-1]
     return found, [given, *_steps(chosen, given, say)]
