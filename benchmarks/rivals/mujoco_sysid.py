@@ -46,7 +46,7 @@ RIVALS = {"mujoco.sysid": False, "mujoco.sysid, one gain": True}
 """Whether it is told that all servos have one gain, as armdyn takes it of a kind of servos."""
 MOST = {SIMULATED: 1.25, RECORDED: 1.0}
 """Largest error of armdyn's motion over the toolbox's best. The simulated arm moves in the toolbox's own simulator, by
-the very play that it is told of; armdyn takes play as a link that changes its side at once."""
+the very play that it is told of; in armdyn a drive carries its link also while it falls through its play."""
 
 
 @dataclass(frozen=True)
