@@ -77,9 +77,8 @@ def motion_slopes(
         middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     sticks = (v[1:] == 0.0) | away[:, None]
     way = np.sign(v[1:])
-    _, asked = drives.asked_at(*middle)
-    begun = _begun(drives)
-    total = begun + (np.cumsum(asked, axis=0) - asked) * step
+    asked = drives.asked_at(*middle)
+    total = drives.total + (np.cumsum(asked, axis=0) - asked) * step
     volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
     signals = np.hstack([*middle, np.diff(v, axis=0) / step, way, volts, total, *_inputs(drives)])
     links, by_links = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
@@ -102,7 +101,8 @@ def motion_slopes(
         asked_more = np.zeros_like(forces)
         asked_more[:, :, size:] = _through_inputs(asked_by_input, drives, others)
         start = np.zeros((n, forces.shape[2]))
-        start[:, size:] = np.array([_begun(other) - begun for other in others]).reshape(-1, n).T
+        for i, other in enumerate(others):
+            start[:, size + i] = other.total - drives.total
         integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more, start)
     return _integrated(by_q, by_v, by_a, forces, sticks, step, integral)
 
@@ -125,11 +125,6 @@ def _gravity_slopes(model: ArmModel, theta: np.ndarray) -> np.ndarray:
             changed[i] += GRAVITY_DIFFERENCE * p.typical
             found[:, i] = (model.gravity_at(changed) - at) / (GRAVITY_DIFFERENCE * p.typical)
     return found
-
-
-def _begun(drives: DriveInputs) -> np.ndarray:
-    """(nj,) sums of the torques that were asked of the drives before the first step."""
-    return np.zeros(drives.given.shape[1]) if drives.total is None else drives.total
 
 
 def _inputs(drives: DriveInputs) -> list[np.ndarray]:

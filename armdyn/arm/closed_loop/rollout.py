@@ -31,6 +31,8 @@ MIN_ENCODER_STEP = 1e-6
 """Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
 MAX_ROLLOUT_ERROR = 2.0 * np.pi
 """Error, rad or m, beyond which a simulated joint has left the motion; its size has then no meaning."""
+INTEGRAL_EFFECT = "servo_integral"
+"""Effect for which a window's drives have summed up their torques before it."""
 MAX_FALL_STEP_SECONDS = 0.01
 """Longest step, s, of a link's fall through its play."""
 SAMPLED_LOADS = 50
@@ -229,14 +231,16 @@ def drive_inputs(
     model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
 ) -> DriveInputs:
     """Inputs of a simulation over the (n,) steps between `edges`, s; the recording tells what came before."""
+    found = _drive_inputs(model, theta, run, servos, edges)
+    if not any(effect.name == INTEGRAL_EFFECT for effect in model.effects):
+        return found
     motion = measured_motion(run, model.arm.joints)
     before = int((edges[0] - motion.start) / (edges[1] - edges[0]) + 1e-9)
-    found = _drive_inputs(model, theta, run, servos, edges)
-    if not before:
+    if before <= 0:
         return found
     earlier = edges[0] + (edges[1] - edges[0]) * np.arange(-before, 1)
     at = motion.at((earlier[1:] + earlier[:-1]) / 2.0)
-    _, asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(at.q, at.v)
+    asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(at.q, at.v)
     return replace(found, total=asked.sum(axis=0) * (edges[1] - edges[0]))
 
 

@@ -55,7 +55,7 @@ class DriveInputs:
         gain: (nj,) k, N m/rad or N/m.
         damping: (nj,) d, N m s/rad or N s/m.
         voltage: (n, nj) relative excess of supply voltages over those of the gains; None means 0.
-        total: (nj,) sums of the torques that were asked before the first step, for integral action; None means 0.
+        total: (nj,) sums over time of the torques before the first step, N m s or N s, for integral action.
     """
 
     given: np.ndarray
@@ -66,17 +66,17 @@ class DriveInputs:
     gain: np.ndarray
     damping: np.ndarray
     voltage: np.ndarray | None = None
-    total: np.ndarray | None = None
+    total: np.ndarray | float = 0.0
 
-    def asked_at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, nj) torques of the drives before limit and feed-forward, and with them, at the middle of each step.
+    def asked_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(n, nj) torques of the drives in n steps, by the law above.
 
         Args:
-            q: (n, nj) positions.
-            v: (n, nj) velocities.
+            q: (n, nj) positions in the middle of the steps.
+            v: (n, nj) velocities, likewise.
         """
         wanted = self.gain * (self.q_cmd - q) + self.damping * (self.v_cmd - v)
-        return wanted, self.given + self.on * np.clip(wanted, -self.limit, self.limit)
+        return self.given + self.on * np.clip(wanted, -self.limit, self.limit)
 
     @classmethod
     def off(cls, count: int, joints: int) -> "DriveInputs":
@@ -115,7 +115,7 @@ def simulate_arm(
     rows = np.hstack(
         [drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, UNLIMITED_TORQUE), drives.on, volts]
     )
-    state = np.concatenate([*start, np.zeros(joints), np.zeros(joints) if drives.total is None else drives.total])
+    state = np.concatenate([*start, np.zeros(joints), np.zeros(joints) + drives.total])
     found = np.empty((count + 1, len(state)))
     inputs = np.zeros((SIGNALS_PER_JOINT * joints, ARM_STEPS_PER_CALL))
     inputs[:] = rows[:1].T

@@ -20,8 +20,8 @@ from armdyn.identify.selection.select_effects import eliminate, group_joints_by_
 from armdyn.identify.selection.set_score import TIE_NATS
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
-ALL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
-STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0), (ALL, 1.0))
+EVERY_USUAL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
+STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0), (EVERY_USUAL, 1.0))
 """Effects with which a search may begin, and the size of their values in typical sizes. Hobby servos have dry friction,
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
 with which an arm swings: from 0.1 typical sizes, four of ten choices of recordings of an SO-101 end in a local minimum.
