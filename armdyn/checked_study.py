@@ -5,7 +5,6 @@ inspected before an effect is named or a value is reported, and impossible fitte
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -17,14 +16,12 @@ from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
-from armdyn.errors import ArmdynError
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.lost_motion import unless_lost
 from armdyn.identify.motion_fit import fit_to_motion
 from armdyn.identify.motion_study import MotionStudy
-from armdyn.identify.repair import Repair, add, fitted_model, repair, with_likely_effects
+from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
@@ -40,8 +37,8 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
-EFFECTS_UNSEEN_BY_MOTION = frozenset({"torque_gain", "torque_delay", "link_inertia"})
-"""Effects on a measured torque, and links, whose motion under a servo says far less of them than a description."""
+EFFECTS_OF_TORQUE_SENSORS = frozenset({"torque_gain", "torque_delay"})
+"""Effects on a measured torque, which no motion shows."""
 Say: TypeAlias = Callable[[str], None]
 
 
@@ -217,8 +214,7 @@ class CheckedStudy:
     def repair(self, say: Say | None = None) -> Repair:
         """Find the effects that the model lacks and add them, until the remaining error is noise or no effect helps.
 
-        Where recordings contain commands but no torques, effects are chosen by the motion, and the search may begin
-        with what the torques that follow from the drives' laws tell.
+        Where recordings contain commands but no torques, effects are chosen by the motion.
         """
         return self._repair_torques(say) if self.commanded is None else self._repair_motion(say)
 
@@ -254,17 +250,13 @@ class CheckedStudy:
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
         assert arm is not None
         assert declared is not None
-        read = None
-        assert isinstance(self.study, LinearStudy)
-        with suppress(ArmdynError):  # torques that cannot be read are no start
-            read = with_likely_effects(self.study, say).arm_model_or_none()
-        effects = [effect for effect in self.effects if effect.name not in EFFECTS_UNSEEN_BY_MOTION]
+        effects = [effect for effect in self.effects if effect.name not in EFFECTS_OF_TORQUE_SENSORS]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
-        found = repair(study if read is None else study.beginning_with(MotionModel.of(read, declared.drives)), say)
+        found = repair(study, say)
         if (step := study.suited_step(found.steps[-1].fit)) < model.step:
             finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
-            found = repair(finer.beginning_with(found.model, usual=False), say)
+            found = repair(finer.beginning_with(found.model), say)
         whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
         assert whole is not None
         assert alone is not None

@@ -180,14 +180,15 @@ def fit(
     return Fit(problem, free, found.values, tuple(blocks), found.outcome, weighted=weighted)
 
 
-def continue_fit(found: Fit) -> Fit:
-    """Continue a fit that ran out of steps, as long as further steps lower the cost noticeably."""
+def continue_fit(found: Fit, tolerance: float = 0.02) -> Fit:
+    """Continue a fit that ran out of steps, as long as further steps lower the cost noticeably; see `fit`."""
     for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
         again = fit(
-            found.problem, found.free, found.values, most_steps=STEPS_PER_FIT_CONTINUATION, weighted=found.weighted
-        )
+            found.problem, found.free, found.values, most_steps=STEPS_PER_FIT_CONTINUATION, tolerance=tolerance,
+            weighted=found.weighted,
+        )  # fmt: skip
         before, found = found, replace(again, process_noise_values=found.process_noise_values)
         # Where the residual is far above the noise, it takes the noise's place.
         gross = max(1.0, found.chi2_per_sample) if found.weighted is None else 1.0

@@ -13,6 +13,7 @@ from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import INDEPENDENT_MODEL_ERROR_SAMPLES, LinearScorer
+from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.selection.sums import INDIRECT_UNKNOWN_FIT_STEPS, sums, with_thresholds
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import model_error_dominates
@@ -29,12 +30,19 @@ CACHED_SCORERS = 3
 
 
 class LinearStudy(Study):
-    """Fits a model whose predictions are linear in most parameters, with any effects, to runs; see `Study`."""
+    """Fits a model whose predictions are linear in most parameters, with any effects, to runs; see `Study`.
+
+    Attributes:
+        uncertain: see `LinearScorer`.
+        leaves_out: see `LinearScorer`.
+    """
 
     most_steps, tolerance = MAX_ADDED_EFFECT_FIT_STEPS, FIT_TOLERANCE_STDS
     indirect_steps = INDIRECT_UNKNOWN_FIT_STEPS
     later_ties = False
     sums_predict = True
+    uncertain: Collection[str] = ()
+    leaves_out = True
 
     @property
     def independent_errors(self) -> float:
@@ -132,6 +140,19 @@ class LinearStudy(Study):
             for channel, error in channel_rmse(given.blocks).items()
         )
 
+    def worth(self, scorer: LinearScorer, at: Fit, one: EffectSetScore, scale: LinearScorer) -> float:
+        """Log likelihood, nats, of what a set predicts of runs to which it was not fitted, less its complexity.
+
+        Args:
+            scorer: scorer that is linearised at the fit of the set.
+            at: this fit.
+            one: the set, with its score by this scorer.
+            scale: scorer with the errors that count, so that several sets are comparable.
+        """
+        del at
+        errors = scorer.prediction_errors(scorer.prior_widths(one.effects, 0.0))
+        return scale.log_likelihood(errors) - scale.complexity_penalty(one.effects)
+
     def scorer(self, at: Fit) -> LinearScorer:
         """Scorer of sets of effects, linearised at a fit; the last few are cached."""
         found = self._scorers.pop(at, None)
@@ -158,4 +179,7 @@ class LinearStudy(Study):
         absent = [c for c in atoms if not np.any(free & everything.mask_of_unknowns(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free, self.indirect_steps)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
-        return LinearScorer(around, always, atoms, own, self.catalogue_size, self.independent_errors)
+        return LinearScorer(
+            around, always, atoms, own, self.catalogue_size, self.independent_errors, self.uncertain,
+            leaves_out=self.leaves_out,
+        )  # fmt: skip

@@ -12,7 +12,10 @@ from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.model import Model
+from armdyn.parameter import Prior
 
 INDEPENDENT_ERROR_SECONDS = 1.0
 """Length of a stretch of a recording, s, with errors that are independent of the next. With 5 s the load friction and
@@ -21,6 +24,8 @@ where a joint follows a slow wave."""
 MAX_FIT_STEPS, FIT_TOLERANCE_STDS = 4, 0.1
 """Largest number of steps of the other fits, and length of a step, in standard deviations, that is not worth the time:
 each step simulates all recordings."""
+START_SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Shares of a predicted change of all values that are tried as the start of a fit."""
 MAX_GIVEN_FIT_STEPS = 3
 """Largest number of steps of the fit of gain and delay alone, which cannot make up for the friction that is missing."""
 
@@ -29,6 +34,10 @@ MAX_STEP_ERROR_NATS = 0.5
 """Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
 MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.2, 1.2
 """Largest error of a step over the model's own, which is what is left beyond so many variances of the noise."""
+LINKS, LINK_WIDTH = frozenset({"link_inertia"}), 0.3
+"""Effect on links, and prior width of what a link differs by from its description, in typical sizes: 9 % of mass,
+centre and extent. A servo tells a link's weight by how far it sags, so that one which is described wrongly looks like
+springs and frictions."""
 USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
 """Frictions that most servos have, in which a simulation sticks and slides."""
 
@@ -37,13 +46,19 @@ class MotionStudy(LinearStudy):
     """Fits of an arm's simulated motion; see `Study`.
 
     Attributes:
-        read: another answer to the same question, with which a search may begin.
-        begins_with_usual_effects: whether a search may begin with effects that servo arms usually have.
+        answer: an answer with longer steps, with which a search begins; None begins with usual effects.
     """
 
     most_steps, tolerance, indirect_steps = MAX_FIT_STEPS, FIT_TOLERANCE_STDS, 0
-    read: Model | None = None
-    begins_with_usual_effects = True
+    uncertain, leaves_out = LINKS, False
+    answer: Model | None = None
+
+    def with_whole_catalogue(self, model: Model) -> Model:
+        """See `Study`; links that the model does not change are known by their description."""
+        whole = super().with_whole_catalogue(model)
+        links = {n: p for n, p in whole.parameters.items() if p.effect in self.uncertain and n not in model.parameters}
+        known = {n: replace(p, prior=Prior(p.null, LINK_WIDTH * p.typical)) for n, p in links.items()}
+        return whole.with_parameters(known)
 
     def suited_step(self, found: Fit) -> float:
         """The longest step of the simulation, s, whose error is small beside the model's own at a fit.
@@ -73,19 +88,19 @@ class MotionStudy(LinearStudy):
                 return step
         return SIMULATION_STEPS_SECONDS[-1]
 
-    def beginning_with(self, read: Model, *, usual: bool = True) -> "MotionStudy":
-        """The same study, whose search of effects may begin with another answer, or with usual effects as well."""
+    def beginning_with(self, answer: Model) -> "MotionStudy":
+        """The same study, whose search of effects begins with an answer."""
         study = copy(self)
-        study.read, study.begins_with_usual_effects = read, usual
+        study.answer = answer
         return study
 
-    def read_start(self) -> tuple[tuple[Candidate, ...], np.ndarray]:
-        """Effects of the answer with which a search may begin, none without one, and (P,) values."""
+    def effects_of_answer(self, answer: Model) -> tuple[tuple[Candidate, ...], np.ndarray]:
+        """Named effects of an answer with which a search begins, and (P,) values."""
         problem, values = self.problem, self.problem.start_values()
-        known = {} if self.read is None else {n: p for n, p in self.read.parameters.items() if n in problem.model.names}
+        known = {n: p for n, p in answer.parameters.items() if n in problem.model.names}
         for name, p in known.items():
             values[problem.mask_of_unknowns([name])] = p.value
-        own = {name for name, p in known.items() if p.effect and p.fitted}
+        own = {name for name, p in known.items() if p.effect and p.fitted and p.effect not in self.uncertain}
         parts = [c.without_parameters(set(c.names) - own) for c in self.candidates]
         return tuple(c for c in parts if c.names), values
 
@@ -94,6 +109,19 @@ class MotionStudy(LinearStudy):
         return fit(
             self.problem, wanted, self.problem.start_values(), most_steps=MAX_GIVEN_FIT_STEPS, tolerance=self.tolerance
         )
+
+    def values_predicted_by_scorer(self, scorer: EffectSetScorer, one: EffectSetScore) -> np.ndarray:
+        """See `Study`; as far along the way as the simulated motion follows the linear prediction."""
+        assert isinstance(scorer, LinearScorer)
+        free = np.zeros(len(self.problem.columns), dtype=bool)
+        tried = [self.own(scorer.values_part_way(one, share), scorer.problem) for share in START_SHARES]
+        return min(tried, key=lambda values: np.nan_to_num(self.problem.cost(values, free), nan=np.inf))
+
+    def worth(self, scorer: LinearScorer, at: Fit, one: EffectSetScore, scale: LinearScorer) -> float:
+        """See `LinearStudy.worth`; the training runs are judged by their fit, and held-out runs are simulated."""
+        del scorer
+        errors = scale.mean_squared_errors_of(at.blocks, self.held_out_blocks(at))
+        return scale.log_likelihood(errors) - scale.complexity_penalty(one.effects)
 
     def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """None: each would need a fit of its own, and held-out runs are simulated as whole motions."""

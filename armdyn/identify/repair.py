@@ -17,11 +17,9 @@ from armdyn.identify.explained_share import RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.selection.arm_selection import likely_path
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, background_names, background_values, repair_step, search
 from armdyn.identify.sentence import NamedEffect, RepairResidual, Verdict, named_effects, repair_sentences
@@ -136,14 +134,6 @@ def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
     `armdyn.identify.selection.background`.
     """
     return _concluded(study, search(study, progress))
-
-
-@one_thread
-def with_likely_effects(study: LinearStudy, progress: ProgressCallback | None = None) -> Model:
-    """The model of a study with likely effects and their values: a start for a search by other errors."""
-    given = SearchStep((), (), study.present, study.first(), study.tests(study.first(), study.present))
-    found = likely_path(study, given, progress or (lambda _: None))
-    return model_of_step(study, replace(given, effects=found.effects, fit=found.fit))
 
 
 @one_thread

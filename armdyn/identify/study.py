@@ -94,7 +94,7 @@ class Study(ABC):
         self.recorded = frozenset(name for run in self.runs for name in run.all_channels)
         shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
-        extended = model.with_fixed_null_effects(self.effects.values())
+        extended = self.with_whole_catalogue(model)
         self.problem = Problem(extended, self.runs, self.noise)
         present = (effect for effect in model.effects if effect.quantities)
         self.present = tuple(
@@ -113,6 +113,10 @@ class Study(ABC):
         self._in_turn: dict[Fit, list[Fit]] = {}
         self._exam: dict[Fit, list[Fit]] = {}
         self.present_names = [name for c in self.present for name in c.names]
+
+    def with_whole_catalogue(self, model: Model) -> Model:
+        """The model with all effects of the catalogue, the new ones at their null values and fixed."""
+        return model.with_fixed_null_effects(self.effects.values())
 
     def with_other_catalogue(
         self, catalogue: Sequence[Effect], model: Model | None = None, catalogue_size: int = 0

@@ -41,7 +41,14 @@ class LinearPath(EffectPath):
     @cached_property
     def fit(self) -> Fit:
         """The fit after the last step."""
-        return continue_fit(self._fitted(self.effects, self.chosen_set)) if self.known_fit is None else self.known_fit
+        if self.known_fit is not None:
+            return self.known_fit
+        return continue_fit(self.first_fit, self.study.tolerance)
+
+    @cached_property
+    def first_fit(self) -> Fit:
+        """The first few steps of the fit, which tell whether it is worth its time."""
+        return self._fitted(self.effects, self.chosen_set) if self.known_fit is None else self.known_fit
 
     def relinearised(self) -> "LinearPath":
         """The same set, with a scorer that is linearised at its fit."""
@@ -78,7 +85,7 @@ def select_for_arm(
         last one for the background, where there is one.
     """
     around = study.scorer(given.fit)
-    found = likely_path(study, given, say)
+    found = _to_fixed_point(_first(study, given, say), say)
     found = without_empty_effects(_with_bodies_looked_at_anew(found, say))
     while unnamed := _sure_unnamed_effects(found):
         other = found.with_effects((*found.chosen_set.effects, *unnamed))
@@ -89,11 +96,6 @@ def select_for_arm(
     found = _with_unsure_values_held(found)
     steps = [given, *found.with_indistinguishable_effects(found.steps(say))]
     return around, [*steps, *_background(found, steps[-1], say)]
-
-
-def likely_path(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> LinearPath:
-    """The path to the set with which `select_for_arm` begins, and with which a search by other errors may begin."""
-    return _to_fixed_point(_first(study, given, say), say)
 
 
 def _sure_unnamed_effects(found: LinearPath) -> list[Candidate]:
@@ -184,17 +186,11 @@ def best_path(paths: Sequence[LinearPath]) -> LinearPath:
     """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values."""
     if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]
-    ended, errors = [], []
-    for path in paths:
-        at_end = path.relinearised()
-        ended.append(at_end)
-        errors.append(at_end.scorer.prediction_errors(at_end.scorer.prior_widths(at_end.chosen_set.effects, 0.0)))
+    ended = [path.relinearised() for path in paths]
     scale = ended[-1].scorer  # one scale for all: the errors of the wide model depend on the point of linearisation
     worth = [
-        scale.log_likelihood(error) - scale.complexity_penalty(one.chosen_set.effects)
-        if np.isfinite(one.chosen_set.score)
-        else -np.inf
-        for one, error in zip(ended, errors, strict=True)
+        one.study.worth(one.scorer, one.fit, one.chosen_set, scale) if np.isfinite(one.chosen_set.score) else -np.inf
+        for one in ended
     ]
     tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - TIE_NATS]
     return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))

@@ -19,13 +19,14 @@ A joint that moves in one run only cannot be predicted from the other runs: ther
 predicted in turn (`LinearScorer.folds`).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 from math import log, sqrt
 
 import numpy as np
 
 from armdyn.identify.fit import Fit
+from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore, EffectSetScorer
 from armdyn.identify.selection.sums import Sums
@@ -95,6 +96,10 @@ class LinearScorer(EffectSetScorer):
         given: effects that the model has already; see `EffectSetScorer`.
         catalogue_size: see `EffectSetScorer`.
         independent_errors: number of independent samples of the model's own error in one channel.
+        uncertain: effects that every set has without a name, with their own priors, and that are not searched, such as
+            links that may differ a little from their description.
+        leaves_out: whether training runs are predicted from one another. Else they are judged by their fit, for a model
+            that is linear only near a fit to all runs.
 
     Attributes:
         columns: (c,) indices of the unknowns: those that are always fitted first, then those of the candidates.
@@ -115,8 +120,12 @@ class LinearScorer(EffectSetScorer):
         given: Sequence[Candidate] = (),
         catalogue_size: int = 0,
         independent_errors: float = INDEPENDENT_MODEL_ERROR_SAMPLES,
+        uncertain: Collection[str] = (),
+        *,
+        leaves_out: bool = True,
     ) -> None:
         super().__init__(sums.problem, candidates, given, catalogue_size)
+        self._uncertain, self._leaves_out = uncertain, leaves_out
         p, self.sums, self._independent_errors = sums.problem, sums, independent_errors
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
         of_effects = p.mask_of_unknowns([name for c in candidates for name in c.names])
@@ -129,6 +138,9 @@ class LinearScorer(EffectSetScorer):
         }
         self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
         self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
+        self._unnamed = np.zeros(len(C))
+        for one in (c for c in candidates if c.effect in uncertain and c not in given):
+            self._unnamed[self.positions[one]] = self._wide[self.positions[one]]
         self._latent = sums.driver[C] != C
         # An effect that is present at the expansion's point returns to null in sets without it.
         self._absent = np.where(self._latent, 0.0, (p.null - sums.values)[C] / t)
@@ -196,7 +208,8 @@ class LinearScorer(EffectSetScorer):
             self._samples[:] = [self._counted(k) for k in (TRAINING_ROW, HELD_OUT_ROW)]
             self._normals.clear()
             change = self.best_change(widths, self.training)
-            widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
+            seen = np.minimum(np.hypot(1.0, change - self._null), self._wide)
+            widths = np.where((widths > 0.0) & (self._unnamed == 0.0), seen, widths)
             self._variance = np.maximum(self.mean_squared_errors(change), noise)
             least = np.minimum(least, self._variance)
         self._variance = least
@@ -232,14 +245,15 @@ class LinearScorer(EffectSetScorer):
         """(c,) weight of a squared error in training runs."""
         return np.asarray(self._samples[TRAINING_ROW] / (self._counted(TRAINING_ROW) * self._variance[TRAINING_ROW]))
 
-    def prior_widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
+    def prior_widths(self, effects: Iterable[Candidate], width: float, *, described: bool = False) -> np.ndarray:
         """(c,) prior widths of the unknowns, in typical sizes: wide for some effects and the base, narrow for others.
 
         Args:
             effects: effects that are fitted with wide priors.
             width: prior width of all other effects; 0 leaves them out.
+            described: leave out the effects that every set has without a name, as if their description were exact.
         """
-        found = np.zeros(len(self.columns))
+        found = np.zeros(len(self.columns)) if described else self._unnamed.copy()
         rest = self._of(self.searched_effects if width else ())
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
@@ -249,11 +263,12 @@ class LinearScorer(EffectSetScorer):
 
     @cached_property
     def searched_effects(self) -> tuple[Candidate, ...]:
-        """Candidates without those that are sums of simpler ones, as asymmetric friction is of dry friction and offset.
+        """Candidates, without those of every set and without sums of others, as asymmetric friction is of two effects.
 
         Either would be as good, and a search that adds one effect at a time would end with whichever came first.
         """
-        return tuple(c for c in self.candidates if c in self.given or not self._is_sum(c))
+        searched = (c for c in self.candidates if c.effect not in self._uncertain)
+        return tuple(c for c in searched if c in self.given or not self._is_sum(c))
 
     def _is_sum(self, one: Candidate) -> bool:
         """Whether an effect is the sum of simpler effects on its joint."""
@@ -329,8 +344,8 @@ class LinearScorer(EffectSetScorer):
         Args:
             widths: (c,) prior widths of the unknowns.
         """
-        held_out = self.mean_squared_errors(self.best_change(widths, self.training))[HELD_OUT_ROW]
-        return np.array([self.leave_one_out_errors(widths), held_out])
+        fitted, held_out = self.mean_squared_errors(self.best_change(widths, self.training))
+        return np.array([self.leave_one_out_errors(widths) if self._leaves_out else fitted, held_out])
 
     def prediction_log_likelihood(self, widths: np.ndarray) -> float:
         """Log likelihood of training runs that are predicted from the others, plus that of held-out runs.
@@ -346,13 +361,21 @@ class LinearScorer(EffectSetScorer):
 
     def gain(self, before: Fit, after: Fit) -> float:
         """Gain of log likelihood, nats, of the training runs from one fit to another one."""
-        found = []
-        for fit in (before, after):
-            errors = np.zeros((2, len(self._noise)))
-            for block in fit.blocks:
-                errors[TRAINING_ROW, self.sums.channels.index(block.channel)] += float(block.misfit @ block.misfit)
-            found.append(self._log_likelihoods(errors / np.maximum(self._counted(TRAINING_ROW), 1.0))[TRAINING_ROW])
+        errors = [self.mean_squared_errors_of(fit.blocks, ()) for fit in (before, after)]
+        found = [self._log_likelihoods(one)[TRAINING_ROW] for one in errors]
         return float(found[1] - found[0])
+
+    def mean_squared_errors_of(
+        self, training: Sequence[ResidualBlock], held_out: Sequence[ResidualBlock]
+    ) -> np.ndarray:
+        """(2, c) mean squared error, by channel, of residuals of the training and of the held-out runs."""
+        total, count = np.zeros((2, len(self._noise))), np.zeros((2, len(self._noise)))
+        for row, blocks in ((TRAINING_ROW, training), (HELD_OUT_ROW, held_out)):
+            for block in blocks:
+                place = row, self.sums.channels.index(block.channel)
+                total[place] += float(block.misfit @ block.misfit)
+                count[place] += len(block.misfit)
+        return total / np.maximum(count, 1.0)
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
@@ -369,7 +392,7 @@ class LinearScorer(EffectSetScorer):
         change = self.best_change(widths, self.training)
         errors, own = self.mean_squared_errors(change), self._of(effects)
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
-        predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]])
+        predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]]) if self._leaves_out else errors
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
         freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
         worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
@@ -547,6 +570,11 @@ class LinearScorer(EffectSetScorer):
     def values(self, one: EffectSetScore) -> np.ndarray:
         """(P,) predicted values of all unknowns at a set's minimum; see `EffectSetScorer.values`."""
         return self.changed_values(one.change / self.typical)
+
+    def values_part_way(self, one: EffectSetScore, share: float) -> np.ndarray:
+        """(P,) values of all unknowns a share of the way to a set's predicted minimum, without other effects."""
+        free = self.prior_widths(one.effects, 0.0) > 0.0
+        return self.changed_values(np.where(free, share, 1.0) * one.change / self.typical)
 
     def changed_values(self, change: np.ndarray) -> np.ndarray:
         """(P,) values of all unknowns after a (c,) change of the scorer's unknowns, in typical sizes."""
