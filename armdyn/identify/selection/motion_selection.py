@@ -17,7 +17,7 @@ from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
-from armdyn.identify.selection.set_score import TIE_NATS
+from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
 EVERY_USUAL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
@@ -64,12 +64,31 @@ def select_for_motion(
         found = better
         chosen.append(found)
     chosen.append(found := _settled(found))
-    least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
-    if (last := without_empty_effects(found, least)) is not found:
-        chosen.append(_settled(last))
-        found = chosen[-1]
+    if (last := _without_chance_effects(found)) is not found:
+        chosen.append(found := _settled(last))
     steps = [given, *_steps(chosen, given, say)]
     return found, [*steps, *_links(found, steps[-1])]
+
+
+def _without_chance_effects(found: LinearPath) -> LinearPath:
+    """The path without effects that a catalogue shows by chance, or that are not worth their freedom in evidence.
+
+    A search charges no freedom, since from a set that lacks much even a true effect seems to be worth little.
+    """
+
+    def evidence(one: EffectSetScore) -> float:
+        likelihood = one.likelihood + one.held_out_log_likelihood
+        return likelihood - one.occam_penalty_nats - found.scorer.complexity_penalty(one.effects)
+
+    least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
+    found = without_empty_effects(found, least)
+    while free := [c for c in found.chosen_set.effects if c not in found.scorer.given]:
+        fewer = [found.scorer.evaluate([c for c in found.chosen_set.effects if c is not gone]) for gone in free]
+        best = max(fewer, key=evidence)
+        if evidence(best) < evidence(found.chosen_set):
+            break
+        found = found.with_set(best).relinearised()
+    return found
 
 
 def _better(found: LinearPath, loads: set[Candidate], say: ProgressCallback) -> LinearPath | None:
