@@ -17,7 +17,7 @@ from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
-from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore
+from armdyn.identify.selection.set_score import TIE_NATS
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
 EVERY_USUAL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
@@ -75,19 +75,19 @@ def _without_chance_effects(found: LinearPath) -> LinearPath:
 
     A search charges no freedom, since from a set that lacks much even a true effect seems to be worth little.
     """
-
-    def evidence(one: EffectSetScore) -> float:
-        likelihood = one.likelihood + one.held_out_log_likelihood
-        return likelihood - one.occam_penalty_nats - found.scorer.complexity_penalty(one.effects)
-
     least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
     found = without_empty_effects(found, least)
-    while free := [c for c in found.chosen_set.effects if c not in found.scorer.given]:
-        fewer = [found.scorer.evaluate([c for c in found.chosen_set.effects if c is not gone]) for gone in free]
-        best = max(fewer, key=evidence)
-        if evidence(best) < evidence(found.chosen_set):
+    while parts := [(c,) for c in found.chosen_set.effects if c not in found.scorer.given]:
+        gone = found.scorer.promising_removals(found.chosen_set, parts)[0]
+        other = found.with_effects([c for c in found.chosen_set.effects if c not in gone]).relinearised()
+        scale = other.scorer
+        before, after = (
+            one.study.worth(one.scorer, one.fit, one.chosen_set, scale) - one.chosen_set.occam_penalty_nats
+            for one in (found, other)
+        )
+        if after < before:
             break
-        found = found.with_set(best).relinearised()
+        found = other
     return found
 
 
