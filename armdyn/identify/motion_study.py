@@ -118,10 +118,13 @@ class MotionStudy(LinearStudy):
         return min(tried, key=lambda values: np.nan_to_num(self.problem.cost(values, free), nan=np.inf))
 
     def worth(self, scorer: LinearScorer, at: Fit, one: EffectSetScore, scale: LinearScorer) -> float:
-        """See `LinearStudy.worth`; the training runs are judged by their fit, and held-out runs are simulated."""
+        """See `LinearStudy.worth`; training runs are judged by their fit, and freedom costs what it does in evidence.
+
+        The linear scores that propose a set do not charge it, since they promise too little where a motion bends.
+        """
         del scorer
         errors = scale.mean_squared_errors_of(at.blocks, self.held_out_blocks(at))
-        return scale.log_likelihood(errors) - scale.complexity_penalty(one.effects)
+        return scale.log_likelihood(errors) - scale.complexity_penalty(one.effects) - one.occam_penalty_nats
 
     def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """None: each would need a fit of its own, and held-out runs are simulated as whole motions."""

@@ -71,20 +71,14 @@ def select_for_motion(
 
 
 def _without_chance_effects(found: LinearPath) -> LinearPath:
-    """The path without effects that a catalogue shows by chance, or that are not worth their freedom in evidence.
-
-    A search charges no freedom, since from a set that lacks much even a true effect seems to be worth little.
-    """
+    """The path without effects that a catalogue shows by chance, or that are not worth their freedom in evidence."""
     least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
     found = without_empty_effects(found, least)
     while parts := [(c,) for c in found.chosen_set.effects if c not in found.scorer.given]:
         gone = found.scorer.promising_removals(found.chosen_set, parts)[0]
         other = found.with_effects([c for c in found.chosen_set.effects if c not in gone]).relinearised()
         scale = other.scorer
-        before, after = (
-            one.study.worth(one.scorer, one.fit, one.chosen_set, scale) - one.chosen_set.occam_penalty_nats
-            for one in (found, other)
-        )
+        before, after = (one.study.worth(one.scorer, one.fit, one.chosen_set, scale) for one in (found, other))
         if after < before:
             break
         found = other
