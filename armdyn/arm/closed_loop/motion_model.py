@@ -110,7 +110,10 @@ class MotionModel(ArmModel):
             sure = std < MAX_IDENTIFIED_GAIN_RELATIVE_STD * servo.gain.value
             drives[name] = replace(servo, gain=replace(servo.gain, std=whole), unloaded=std, determined=sure)
         kept = MappingProxyType({n: p for n, p in self.parameters.items() if p.effect})
-        return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), background=self.background)
+        small = self.background
+        if small is not None:
+            small = replace(small, named_only={n: value for n, value in small.named_only.items() if n in kept})
+        return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), background=small)
 
     def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """The same model, so that all sets of effects share one compiled simulator, with fewer derivatives."""

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from armdyn.effects.catalogue import find
 from armdyn.identify.lost_motion import unless_lost
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
+from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.recording.gaps import run_until
 from armdyn.run import Run
 
@@ -60,6 +62,31 @@ def test_the_motion_is_as_far_off_as_the_encoder_reads_and_the_error_falls(repai
     assert all(e.rms < encoder for e in repaired.after.rollout)
     errors = [np.linalg.norm(list(step.held_out_rmse.values())) for step in repaired.path]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_links_that_are_described_wrongly_get_no_name_and_leave_the_others_their_values(recorded, tmp_path):
+    _, runs = recorded
+    file = tmp_path / "off.urdf"
+    robot = ElementTree.fromstring(hobby_arm.urdf_text())
+    for i, body in enumerate(robot.iter("inertial")):
+        for one, names in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"])):
+            element = body.find(one)
+            for name in names:
+                element.set(name, str(float(element.get(name)) * (0.92 if i % 2 else 1.08)))
+    file.write_text(ElementTree.tostring(robot, encoding="unicode"))
+    drives = {"servo": {"joints": list(hobby_arm.JOINTS), "law": "position", "limit": "3.35 N m"}}
+    found = CheckedStudy.of(arm_model(file).with_drives(drives), runs[:1], runs[1:]).repair()
+    named = found.model.without_background()
+    assert {effect.name for effect in named.effects} == {name.partition(".")[0] for name in hobby_arm.HIDDEN}
+    for name, true in hobby_arm.HIDDEN.items():
+        for joint in hobby_arm.JOINTS:
+            assert abs(named.value(f"{name}[{joint}]") - true) < 3.0 * named.parameters[f"{name}[{joint}]"].std
+    assert found.verdict is Verdict.EXPLAINED
+    write_model_file(tmp_path / "model.toml", ModelFile(found.model, {}))
+    again = read_model_file(tmp_path / "model.toml").model
+    assert again.background is not None
+    assert set(again.background.named_only) == set(named.parameters)
+    assert all(name.startswith("link_inertia.") for name in again.background.names)
 
 
 def test_a_motion_that_runs_away_or_is_worse_than_its_commands_is_lost(repaired):
