@@ -35,12 +35,13 @@ MAX_START_FIT_STEPS = 5
 MAX_REWEIGHTED_FITS = 2
 """Largest number of fits of a set, each with weights from the errors that the one before leaves."""
 MAX_FIRST_LOSS_NATS = 50.0
-"""Loss of likelihood after the first steps of a fit of another set, nats, that further steps hardly make up for."""
+"""Loss of likelihood after the first steps of a fit of another set, nats, beyond which it ends; not calibrated."""
 FINAL_STEPS, FINAL_TOLERANCE_STDS = 8, 0.05
 """Largest number of steps of the fits that are reported, after those of the search, and their tolerance; see `fit`."""
 MIN_SHARE_OF_LINKS = 0.2
 """Share of the squared error of predicted runs that links have to remove, so that they differ from their description.
-With exact links it is at most 8 % in MuJoCo, where dry friction creeps; with links that are 5 to 10 % off, 90 %."""
+With exact links it is 4 to 8 % in one simulated arm; with links 5 to 10 % off, from less than a fifth to nearly all:
+where it is less, the values of named effects are up to 3 % off and their deviations do not say so."""
 SCORED_ADDITIONS = 8
 """Number of additions to a set, those with the largest predicted scores, whose score is computed in each round."""
 

@@ -64,7 +64,21 @@ def test_the_motion_is_as_far_off_as_the_encoder_reads_and_the_error_falls(repai
     assert errors == sorted(errors, reverse=True)
 
 
-def test_links_that_are_described_wrongly_get_no_name_and_leave_the_others_their_values(recorded, tmp_path):
+@pytest.mark.parametrize(
+    "heavier",
+    [
+        0,
+        pytest.param(
+            1,
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.xfail(strict=True, reason="links are left as described: values 3 % off, stated as 0.5 %"),
+            ],
+        ),
+    ],
+)
+def test_links_that_are_described_wrongly_get_no_name_and_leave_the_others_their_values(recorded, tmp_path, heavier):
+    """Every other link is described 8 % too heavy, the rest 8 % too light, and the other way round."""
     _, runs = recorded
     file = tmp_path / "off.urdf"
     robot = ElementTree.fromstring(hobby_arm.urdf_text())
@@ -72,7 +86,7 @@ def test_links_that_are_described_wrongly_get_no_name_and_leave_the_others_their
         for one, names in (("mass", ["value"]), ("inertia", ["ixx", "iyy", "izz"])):
             element = body.find(one)
             for name in names:
-                element.set(name, str(float(element.get(name)) * (0.92 if i % 2 else 1.08)))
+                element.set(name, str(float(element.get(name)) * (1.08 if i % 2 == heavier else 0.92)))
     file.write_text(ElementTree.tostring(robot, encoding="unicode"))
     drives = {"servo": {"joints": list(hobby_arm.JOINTS), "law": "position", "limit": "3.35 N m"}}
     found = CheckedStudy.of(arm_model(file).with_drives(drives), runs[:1], runs[1:]).repair()
