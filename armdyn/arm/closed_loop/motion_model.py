@@ -6,13 +6,14 @@ effects and rigid bodies is simulated over whole recordings from their first sta
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Self
 
 import numpy as np
 
 from armdyn.arm.closed_loop.motion_slopes import INPUT_DIFFERENCE, window_slopes
-from armdyn.arm.closed_loop.play import PLAY_PARAMETER, has_play
+from armdyn.arm.closed_loop.play import PLAY_PARAMETER
 from armdyn.arm.closed_loop.rollout import (
     SimulatedWindow,
     SimulationWindow,
@@ -37,6 +38,8 @@ MAX_POSITION_CHANGE = 10.0
 """Change of a position, rad or m, by a typical change of a parameter, beyond which it is that of an unstable motion."""
 PLAY_DIFFERENCE = 1e-3
 """Relative change of a play in the difference quotient of a link's way behind its drive."""
+CACHED_ARMS = 32
+"""Number of arms at different parameters that are cached: all recordings are simulated with the same ones."""
 LOST_POSITION = 50.0
 """Position, rad or m, at which a simulation that runs away is held."""
 
@@ -81,8 +84,19 @@ class MotionModel(ArmModel):
         return cls(model.effects, parameters, model.arm, model.drives, background=model.background)
 
     def arm_at(self, theta: np.ndarray) -> ArmModel:
-        """The arm with the values and drives at (p,) parameters `theta`."""
-        values = dict(zip(self.names, theta.tolist(), strict=True))
+        """The arm with the values and drives at (p,) parameters `theta`; the last few are cached."""
+        key = theta.tobytes()
+        if key not in self._arms:
+            if len(self._arms) >= CACHED_ARMS:
+                del self._arms[next(iter(self._arms))]
+            self._arms[key] = self._arm_with(dict(zip(self.names, theta.tolist(), strict=True)))
+        return self._arms[key]
+
+    @cached_property
+    def _arms(self) -> dict[bytes, ArmModel]:
+        return {}
+
+    def _arm_with(self, values: Mapping[str, float]) -> ArmModel:
         drives = {
             name: replace(
                 servo,
@@ -164,7 +178,9 @@ class MotionModel(ArmModel):
     def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
         """(n,) simulated positions by channel."""
         window, found = _window(run, self.arm.joints), self._simulated(run, theta)
-        read = _held(self._read(found, theta, window.time)[0])
+        arm = self.arm_at(theta)
+        with np.errstate(all="ignore"):
+            read = _held(found.links_at(arm, arm.theta(), window.time))
         return {f"q.{joint}": read[:, j] for j, joint in self._moving(run)}
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
@@ -176,13 +192,15 @@ class MotionModel(ArmModel):
             found = self._simulated(run, theta)
             wanted, changed = [arm.names.index(self.names[i]) for i in own], [model for model, _ in others]
             slopes = window_slopes(arm, changed, window, found, SLOPE_STEP_SHARE * self.step, wanted)
+            read = found.links_at(arm, arm.theta(), window.time)
         by = np.zeros((len(window.time), len(arm.arm.joints), len(theta)))
         by[:, :, own] = slopes[:, :, : len(own)]
-        read, sides = self._read(found, theta, window.time)
-        begun = start_sides(arm, arm.theta(), window) if has_play(self) else np.zeros(len(arm.arm.joints))
-        for j, joint in enumerate(self.arm.joints):
-            name = f"{PLAY_PARAMETER}[{joint}]"
-            if name in self.names and (i := self.names.index(name)) in own:
+        of_play = [self.names[i].startswith(f"{PLAY_PARAMETER}[") for i in own]
+        if any(of_play):
+            with np.errstate(all="ignore"):
+                begun, sides = start_sides(arm, arm.theta(), window), found.sides_at(arm, arm.theta(), window.time)
+            for i in np.array(own)[of_play].tolist():
+                j = self.arm.joints.index(self.parameters[self.names[i]].joint)
                 by[:, :, i] += begun[j] * slopes[:, :, len(own) + len(places) + j]
                 by[:, j, i] -= self._lag_slope(found, theta, window.time, (i, j), sides[:, j])
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
@@ -209,14 +227,10 @@ class MotionModel(ArmModel):
             return sides
         moved = theta.copy()
         moved[i] *= 1.0 + PLAY_DIFFERENCE
-        there = self._read(found, moved, time)[1][:, j]
+        arm = self.arm_at(moved)
+        with np.errstate(all="ignore"):
+            there = found.sides_at(arm, arm.theta(), time)[:, j]
         return np.asarray(there + (there - sides) / PLAY_DIFFERENCE)
-
-    @np.errstate(all="ignore")
-    def _read(self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `SimulatedWindow.links_at`."""
-        arm = self.arm_at(theta)
-        return found.links_at(arm, arm.theta(), time)
 
     @np.errstate(all="ignore")
     def _simulated(self, run: Run, theta: np.ndarray) -> SimulatedWindow:

@@ -14,8 +14,7 @@ A joint that sticks does not move: its dv is 0 and its dq stays, until it slides
 velocity, so that dq and dv are continuous there.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -23,7 +22,7 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.closed_loop.play import has_play, plays
-from armdyn.arm.closed_loop.rollout import SimulatedWindow, SimulationWindow, drive_inputs
+from armdyn.arm.closed_loop.rollout import INTEGRAL_EFFECT, SimulatedWindow, SimulationWindow, drive_inputs
 from armdyn.arm.closed_loop.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
@@ -67,53 +66,81 @@ def motion_slopes(
         step: length of a step, s.
         wanted: indices of the k parameters; None means all.
     """
+    parts = [states.copy() for _, states in _stretches(model, theta, motion, drives, others, step, wanted)]
+    return np.concatenate([parts[0][:1], *(states[1:] for states in parts)])
+
+
+def _stretches(
+    model: ArmModel,
+    theta: np.ndarray,
+    motion: tuple[np.ndarray, np.ndarray],
+    drives: DriveInputs,
+    others: Sequence[DriveInputs],
+    step: float,
+    wanted: Sequence[int] | None,
+) -> Iterator[tuple[int, np.ndarray]]:
+    """First step of each stretch of m <= `SAMPLES_PER_CALL` steps, and (m + 1, nj, ...) derivatives at their edges.
+
+    Whole recordings would not fit into a processor's cache, so the next stretch overwrites them. For the arguments see
+    `motion_slopes`.
+    """
     columns = np.arange(len(theta)) if wanted is None else np.array(wanted, dtype=int)
     (q, v), n, size = motion, len(model.arm.joints), len(columns)
-    count = len(q) - 1
+    count, width = len(q) - 1, size + len(others)
     middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     away = ~(np.abs(np.hstack([q[1:], v[1:]])).max(axis=1) < MAX_STATE)
     if away.any():
         q, v = (np.where(np.abs(part) < MAX_STATE, part, 0.0) for part in (q, v))
         middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
-    sticks = (v[1:] == 0.0) | away[:, None]
-    way = np.sign(v[1:])
+    slides = ((v[1:] != 0.0) & ~away[:, None]).astype(float)
     asked = drives.asked_at(*middle)
     total = drives.total + (np.cumsum(asked, axis=0) - asked) * step
     volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
-    signals = np.hstack([*middle, np.diff(v, axis=0) / step, way, volts, total, *_inputs(drives)])
-    links, by_links = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
+    inputs = _inputs(drives)
+    signals = np.hstack([*middle, np.diff(v, axis=0) / step, np.sign(v[1:]), volts, total, *inputs])
+    changes = np.array([_inputs(other) for other in others]).reshape(-1, *np.shape(inputs)) - inputs
+    links, of_changes = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
     for i, (change, derivatives) in model.changed_links(theta).items():
         links[i] += change
-        by_links[10 * i : 10 * (i + 1)] = derivatives
+        of_changes[10 * i : 10 * (i + 1)] = derivatives
+    by_links, by_gravity = _nonzero(of_changes[:, columns]), _nonzero(_gravity_slopes(model, theta)[:, columns])
     function = _compiled(model.arm, model.servo_joints, model.effects, model.names)
-    found = _evaluated(function, signals, np.concatenate([links.ravel(), model.gravity_at(theta), theta]))
-    by_q, by_v, by_a, of_links, of_gravity, of_theta, *rest = (part.reshape(count, n, -1) for part in found)
-    by_total, asked_by_q, asked_by_v = (part[:, :, 0] for part in rest[:3])
-    by_input, asked_by_input = rest[3 : 3 + len(INPUTS)], rest[3 + len(INPUTS) :]
-    forces = np.zeros((count, n, size + len(others)))
-    forces[:, :, :size] = of_theta[:, :, columns]
-    for of, by in ((of_links, by_links[:, columns]), (of_gravity, _gravity_slopes(model, theta)[:, columns])):
-        own = np.flatnonzero(by.any(axis=0))  # few parameters change links or the base
-        forces[:, :, own] += of @ by[:, own]
-    forces[:, :, size:] = _through_inputs(by_input, drives, others)
-    integral = None
-    if np.any(by_total):
-        asked_more = np.zeros_like(forces)
-        asked_more[:, :, size:] = _through_inputs(asked_by_input, drives, others)
-        start = np.zeros((n, forces.shape[2]))
+    values = np.concatenate([links.ravel(), model.gravity_at(theta), theta])
+    integrates = any(theta[i] != 0.0 for i, p in enumerate(model.parameters.values()) if p.effect == INTEGRAL_EFFECT)
+    states = np.zeros((SAMPLES_PER_CALL + 1, (3 if integrates else 2) * n, width + 2 * n))
+    states[0, : 2 * n, width:] = np.eye(2 * n)
+    if integrates:  # the change of the integral is a third state
         for i, other in enumerate(others):
-            start[:, size + i] = other.total - drives.total
-        integral = _Integral(by_total, asked_by_q, asked_by_v, asked_more, start)
-    return _integrated(by_q, by_v, by_a, forces, sticks, step, integral)
+            states[0, 2 * n :, size + i] = other.total - drives.total
+    forces, asked_more = np.zeros((2, SAMPLES_PER_CALL, n, width))
+    for begin in range(0, count, SAMPLES_PER_CALL):
+        part = slice(begin, min(begin + SAMPLES_PER_CALL, count))
+        m = part.stop - begin
+        found = _evaluated(function, signals[part], values)
+        by_q, by_v, by_a, of_links, of_gravity, of_theta, by_total, asked_by_q, asked_by_v = (
+            one.reshape(m, n, -1) for one in found[:9]
+        )
+        forces[:m, :, :size] = of_theta[:, :, columns]
+        for of, (given, own) in ((of_links, by_links), (of_gravity, by_gravity)):
+            forces[:m, :, own] += of @ given
+        by_input, asked_by_input = np.split(np.array(found[9:]), 2)
+        forces[:m, :, size:] = np.einsum("imj,oimj->mjo", by_input, changes[:, :, part])
+        if integrates:
+            asked_more[:m, :, size:] = np.einsum("imj,oimj->mjo", asked_by_input, changes[:, :, part])
+        integral = (by_total, asked_by_q, asked_by_v, asked_more[:m]) if integrates else None
+        following, pushes = _transitions((by_q, by_v, by_a), forces[:m], slides[part], step, integral)
+        states[1 : m + 1, :, :width] = pushes
+        states[1 : m + 1, :, width:] = 0.0
+        for before, after, transition in zip(states[:m], states[1 : m + 1], following, strict=True):
+            after += transition @ before
+        yield begin, states[: m + 1, :n]
+        states[0] = states[m]
 
 
-def _through_inputs(by_input: Sequence[np.ndarray], drives: DriveInputs, others: Sequence[DriveInputs]) -> np.ndarray:
-    """(n, nj, m) changes of a torque under m other inputs, by its (n, nj, 1) derivatives by each of `INPUTS`."""
-    found = np.zeros((*drives.given.shape, len(others)))
-    for i, other in enumerate(others):
-        for by, here, there in zip(by_input, _inputs(drives), _inputs(other), strict=True):
-            found[:, :, i] += by[:, :, 0] * (there - here)
-    return found
+def _nonzero(derivatives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns that are not zero, and their indices: few parameters change links or the base."""
+    own = np.flatnonzero(derivatives.any(axis=0))
+    return derivatives[:, own], own
 
 
 def _gravity_slopes(model: ArmModel, theta: np.ndarray) -> np.ndarray:
@@ -134,77 +161,52 @@ def _inputs(drives: DriveInputs) -> list[np.ndarray]:
     return [*given, drives.gain * shape, drives.damping * shape]
 
 
-def _diagonal(values: np.ndarray) -> np.ndarray:
-    """(m, n, n) diagonal matrices of (m, n) values."""
-    return values[:, :, None] * np.eye(values.shape[1])
-
-
 def _evaluated(function: PreallocatedFunction, signals: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
     """Outputs of a function of `SAMPLES_PER_CALL` samples for (m, s) signals, each (m, k), row-major."""
-    found = [np.empty((len(signals), len(output))) for output in function.outputs]
-    for begin in range(0, len(signals), SAMPLES_PER_CALL):
-        part = signals[begin : begin + SAMPLES_PER_CALL]
-        inputs = np.vstack([part, np.repeat(part[-1:], SAMPLES_PER_CALL - len(part), axis=0)]).T
-        for whole, output in zip(found, function(inputs, values), strict=True):
-            whole[begin : begin + len(part)] = output.T[: len(part)]
-    return found
+    inputs = np.vstack([signals, np.repeat(signals[-1:], SAMPLES_PER_CALL - len(signals), axis=0)]).T
+    return [output.T[: len(signals)] for output in function(inputs, values)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Integral:
-    """Integral action.
-
-    Attributes:
-        by_total: (m, n) R_total.
-        by_q: (m, n) derivatives of the torques that are asked of the drives by positions.
-        by_v: (m, n) those by velocities.
-        by_force: (m, n, k) those by forces.
-        start: (n, k) those of the sums of these torques at the start.
-    """
-
-    by_total: np.ndarray
-    by_q: np.ndarray
-    by_v: np.ndarray
-    by_force: np.ndarray
-    start: np.ndarray
+def _diagonal(values: np.ndarray) -> np.ndarray:
+    """(m, n, n) diagonal matrices of (m, n) or (m, n, 1) values."""
+    return values.reshape(*values.shape[:2], 1) * np.eye(values.shape[1])
 
 
-def _integrated(
-    by_q: np.ndarray,
-    by_v: np.ndarray,
-    by_a: np.ndarray,
+def _transitions(
+    by_motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     forces: np.ndarray,
-    sticks: np.ndarray,
+    slides: np.ndarray,
     step: float,
-    integral: _Integral | None,
-) -> np.ndarray:
-    """(m + 1, n, k + 2 n) changes of positions by (m, n, k) forces and by the start, by the equation of the module."""
-    count, n, size = forces.shape
-    slides = 1.0 - sticks.astype(float)
+    integral: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(m, s, s) transitions and (m, s, k) pushes of the states' changes in m steps, by the equation of the module.
+
+    Args:
+        by_motion: (m, n, n) R_q, R_v and R_a.
+        forces: (m, n, k) R_theta.
+        slides: (m, n) 0 where a joint sticks, else 1.
+        step: length of a step, s.
+        integral: for integral action, (m, n, 1) R_total, derivatives of the torques that are asked of the drives by
+            positions and by velocities, and (m, n, k) those by parameters.
+    """
+    (by_q, by_v, by_a), n = by_motion, forces.shape[1]
     half = step / 2.0 * by_v + step**2 / 4.0 * by_q
-    implicit = (by_a + half) * slides[:, :, None] * slides[:, None, :] + _diagonal(1.0 - slides)
+    moves = slides[:, :, None] * slides[:, None, :]
+    implicit = (by_a + half) * moves + _diagonal(1.0 - slides)
     regular = np.abs(np.linalg.det(implicit)) > 0.0  # impossible values may cancel an inertia
-    slides *= regular[:, None]
     implicit[~regular] = np.eye(n)
-    inverse = np.linalg.inv(implicit) * slides[:, :, None] * slides[:, None, :]
+    inverse = np.linalg.inv(implicit) * moves * regular[:, None, None]
     unit, inertia, stiffness = np.eye(n), inverse @ (by_a - half), -step * (inverse @ by_q)
     push, middle = -step * (inverse @ forces), step / 2.0
     rows = [[unit + middle * stiffness, middle * (unit + inertia)], [stiffness, inertia]]  # of dq and dv
     pushes = [middle * push, push]
-    if integral is not None:  # the change of the integral is a third state
-        through = -step * (inverse @ _diagonal(integral.by_total))
-        rows = [[*rows[0], middle * through], [*rows[1], through]]
-        keeps = np.broadcast_to(unit, by_a.shape)
-        rows.append([step * _diagonal(integral.by_q), step * _diagonal(integral.by_v), keeps])
-        pushes.append(step * integral.by_force)
-    following, states = np.block(rows), np.zeros((count + 1, len(rows) * n, size + 2 * n))
-    states[0, : 2 * n, size:] = np.eye(2 * n)
     if integral is not None:
-        states[0, 2 * n :, :size] = integral.start
-    states[1:, :, :size] = np.concatenate(pushes, axis=1)
-    for before, after, transition in zip(states[:-1], states[1:], following, strict=True):
-        after += transition @ before
-    return states[:, :n]
+        by_total, asked_by_q, asked_by_v, asked_more = integral
+        through = -step * (inverse @ _diagonal(by_total))
+        rows = [[*rows[0], middle * through], [*rows[1], through]]
+        rows.append([step * _diagonal(asked_by_q), step * _diagonal(asked_by_v), np.broadcast_to(unit, by_a.shape)])
+        pushes.append(step * asked_more)
+    return np.block(rows), np.concatenate(pushes, axis=1)
 
 
 @lru_cache(maxsize=16)
@@ -267,8 +269,15 @@ def window_slopes(
         drive_inputs(one, one.theta(), window.run, [one.servo(joint) for joint in one.arm.joints], edges)
         for one in (model, *others)
     )
-    slopes = motion_slopes(model, model.theta(), (q, v), here, there, float(edges[1] - edges[0]), wanted)
-    return interpolate_rows(slopes, edges, window.time)
+    found, step, last = None, float(edges[1] - edges[0]), len(edges) - 1
+    place = np.clip(np.searchsorted(edges, window.time, "right") - 1, 0, last - 1)
+    for begin, states in _stretches(model, model.theta(), (q, v), here, there, step, wanted):
+        inside = (place >= begin) & (place < begin + len(states) - 1)
+        if found is None:
+            found = np.empty((len(window.time), *states.shape[1:]))
+        found[inside] = interpolate_rows(states, edges[begin : begin + len(states)], window.time[inside])
+    assert found is not None
+    return found
 
 
 def interpolate_rows(values: np.ndarray, edges: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.closed_loop.play import has_play, play_sides, plays
+from armdyn.arm.closed_loop.play import play_sides, plays
 from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
@@ -131,14 +131,13 @@ class SimulatedWindow:
     q: np.ndarray
     v: np.ndarray
 
-    def links_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, nj) positions of the links at (n,) increasing times, s, and the ends of their plays at which they hang.
+    def links_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(n, nj) positions of the links at (n,) increasing times, s."""
+        q, way = self._at(time, self.q), np.array(plays(model, theta))
+        return q - way * self.sides_at(model, theta, time) if np.any(way > 0.0) else q
 
-        Without play these are 0, and the positions those of the drives; see `play_sides`.
-        """
-        q = self._at(time, self.q)
-        if not has_play(model):
-            return q, np.zeros_like(q)
+    def sides_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(n, nj) ends of their plays at which the links hang at (n,) increasing times, s; see `play_sides`."""
         way, at = np.array(plays(model, theta)), time
         if np.any(way > 0.0):  # between the samples, links fall through their plays
             every = max(1, int(MAX_FALL_STEP_SECONDS / (self.edges[1] - self.edges[0])))
@@ -146,8 +145,7 @@ class SimulatedWindow:
         place, v = self._at(at, self.q), self._at(at, self.v)
         a = np.gradient(v, at, axis=0) if len(at) > 1 else np.zeros_like(v)
         found = play_sides(model, theta, (place, v, a), at)
-        sides = np.column_stack([np.interp(time, at, found[:, j]) for j in range(found.shape[1])])
-        return q - way * sides, sides
+        return np.column_stack([np.interp(time, at, found[:, j]) for j in range(found.shape[1])])
 
     def _at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(time, self.edges, values[:, j]) for j in range(values.shape[1])])
@@ -194,7 +192,7 @@ def simulated_positions(
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     found = simulate_window(model, theta, window, own, longest)
-    return found.links_at(model, theta, window.time)[0]
+    return found.links_at(model, theta, window.time)
 
 
 def simulate_window(
@@ -205,16 +203,23 @@ def simulate_window(
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
     start = window.start
-    if has_play(model):  # the start is that of the links, which is not where the drives are
-        start = (start[0] + np.array(plays(model, theta)) * start_sides(model, theta, window), start[1])
+    way = np.array(plays(model, theta))
+    if np.any(way > 0.0):  # the start is that of the links, which is not where the drives are
+        start = (start[0] + way * start_sides(model, theta, window), start[1])
     q, v = simulate_arm(model, theta, start, drive_inputs(model, theta, window.run, servos, edges), step)
     return SimulatedWindow(edges, q, v)
 
 
 def start_sides(model: ArmModel, theta: np.ndarray, window: SimulationWindow) -> np.ndarray:
     """(nj,) ends of their plays at which the links hang at the start of a window; see `play_sides`."""
-    at = measured_motion(window.run, model.arm.joints).at(np.linspace(window.begin, window.end, SAMPLED_LOADS))
-    return play_sides(model, theta, (at.q, at.v, at.a))[0]
+    return play_sides(model, theta, _sampled_motion(window, model.arm.joints))[0]
+
+
+@cached_with_first_argument
+def _sampled_motion(window: SimulationWindow, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measured positions, velocities and accelerations of a window at `SAMPLED_LOADS` moments."""
+    at = measured_motion(window.run, joints).at(np.linspace(window.begin, window.end, SAMPLED_LOADS))
+    return at.q, at.v, at.a
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
@@ -234,14 +239,23 @@ def drive_inputs(
     found = _drive_inputs(model, theta, run, servos, edges)
     if not any(effect.name == INTEGRAL_EFFECT for effect in model.effects):
         return found
-    motion = measured_motion(run, model.arm.joints)
-    before = int((edges[0] - motion.start) / (edges[1] - edges[0]) + 1e-9)
-    if before <= 0:
+    step = float(edges[1] - edges[0])
+    earlier, q, v = _motion_before(run, model.arm.joints, float(edges[0]), step)
+    if len(earlier) < 2:
         return found
-    earlier = edges[0] + (edges[1] - edges[0]) * np.arange(-before, 1)
+    asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(q, v)
+    return replace(found, total=asked.sum(axis=0) * step)
+
+
+@cached_with_first_argument
+def _motion_before(
+    run: Run, joints: tuple[str, ...], begin: float, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges of the steps of a recording up to `begin`, s, and measured positions and velocities in their middles."""
+    motion = measured_motion(run, joints)
+    earlier = begin + step * np.arange(-max(int((begin - motion.start) / step + 1e-9), 0), 1)
     at = motion.at((earlier[1:] + earlier[:-1]) / 2.0)
-    asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(at.q, at.v)
-    return replace(found, total=asked.sum(axis=0) * (edges[1] - edges[0]))
+    return earlier, at.q, at.v
 
 
 def _drive_inputs(
