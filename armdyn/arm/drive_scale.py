@@ -31,8 +31,8 @@ from armdyn.arm.readings import drive_error, is_read_from_commands
 from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
-from armdyn.linear.correlation import correlation_time
-from armdyn.linear.solve import BoundedSolution, scale_to_unit_diagonal, solve_bounded
+from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.solve import BoundedSolution, scale_to_unit_diagonal, solve_bounded
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from armdyn.linear.solve import marginal_information
+from armdyn.estimation.solve import marginal_information
 
 ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its symmetric (P, P) derivative by the information matrix."""

@@ -7,6 +7,8 @@ from typing import cast
 import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
+from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.solve import marginal_information
 from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
@@ -17,8 +19,6 @@ from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.linear.correlation import correlation_time
-from armdyn.linear.solve import marginal_information
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run

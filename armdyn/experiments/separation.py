@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.estimation.solve import solve_bounded
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.identify.least_squares import QuadraticExpansion, descend
 from armdyn.identify.selection.set_score import TIE_NATS
-from armdyn.linear.solve import solve_bounded
 
 TIE_CHI2 = 2.0 * TIE_NATS
 """Difference of chi2 up to which a diagnosis does not distinguish two effects, if the residual is only noise."""

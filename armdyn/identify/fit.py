@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.solve import scale_to_unit_diagonal
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, sample_count
-from armdyn.linear.solve import scale_to_unit_diagonal
 from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 

@@ -29,8 +29,8 @@ from armdyn.arm.closed_loop.rollout import (
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.linear.correlation import correlation_time
-from armdyn.linear.solve import solve_bounded
+from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.solve import solve_bounded
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 

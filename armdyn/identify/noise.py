@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from armdyn.estimation.correlation import correlation_time, lagged_products
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
-from armdyn.linear.correlation import correlation_time, lagged_products
 
 WHITENESS_LAGS = 20
 """Number of lags, in samples, that the whiteness test uses."""

@@ -12,6 +12,7 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
+from armdyn.estimation.solve import solve_positive
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE
 from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
@@ -20,7 +21,6 @@ from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer
 from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
-from armdyn.linear.solve import solve_positive
 
 MIN_EXCESS_ERROR_RATIO_TO_COMPARE = 1.0
 """Ratio of the squared error above the noise to the noise variance from which on sets are compared by whole runs."""

@@ -12,6 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, Motion, measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
+from armdyn.estimation.solve import solve_bounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.description import AS_DESCRIBED, DescriptionCorrection, with_sign_of_total
 from armdyn.inspection.evidence import (
@@ -24,7 +25,6 @@ from armdyn.inspection.evidence import (
 )
 from armdyn.inspection.kinematics import local_averages
 from armdyn.inspection.missing_effects import MissingEffects
-from armdyn.linear.solve import solve_bounded
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 

@@ -24,9 +24,9 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.linear.correlation import correlation_time
-from armdyn.linear.normal_equations import NormalEquations
-from armdyn.linear.solve import log_det, solve_bounded
+from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.solve import log_det, solve_bounded
 
 SIZE_RANGE_OF_MISSING_EFFECTS, LARGEST_SIZE_OF_BOUNDED_EFFECTS = (0.1, 3.0), 10.0
 """Range of the common size of the missing effects of one kind, in their typical sizes; and the largest one of effects
@@ -87,13 +87,8 @@ class ChannelReadings:
     def sums(self) -> "ReadingSums":
         """What the evidence needs of these readings."""
         gap = self.measured - self.described
-        turned = np.swapaxes(self.columns, 1, 2)
-        equations = NormalEquations(
-            turned @ self.columns,
-            (turned @ gap[..., None])[..., 0],
-            np.sum(gap**2, axis=1),
-            np.full(len(gap), float(gap.shape[1])),
-        )
+        each = [NormalEquations.of_samples(X, r) for X, r in zip(self.columns, gap, strict=True)]
+        equations = NormalEquations.stacked(each)
         scale = np.maximum(np.sqrt(np.mean(self.measured**2, axis=1)), self.min_rms)
         floor = (self.model_error_floor * scale) ** 2
         return ReadingSums(equations, self.sizes, scale, floor, self.weight, self.log_factor, self.log_odds)
@@ -130,10 +125,7 @@ class ReadingSums:
         """Join recordings whose effects have the same sizes."""
         if len(parts) == 1:
             return parts[0]
-        each = [part.equations for part in parts]
-        equations = NormalEquations(
-            *(np.concatenate([getattr(e, name) for e in each]) for name in ("gram", "slope", "square", "count"))
-        )
+        equations = NormalEquations.stacked([part.equations for part in parts])
         scale, floor, weight, log_factor = (
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("scale", "floor", "weight", "log_factor")

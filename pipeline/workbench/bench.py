@@ -145,7 +145,7 @@ class Workbench:
                 (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(
                     unit, one.columns, one.change
                 )
-                for unit in range(len(sums.count))
+                for unit in range(len(sums.equations.count))
             }
         absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
         known = {column.name: None for column in self.study.problem.columns if column.name not in absent}

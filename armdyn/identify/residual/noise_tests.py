@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from armdyn.estimation.solve import solve_bounded
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.linear.solve import solve_bounded
 
 MIN_INIMITABLE_DERIVATIVE_SHARE = 1e-3
 """An effect is not identifiable if less than this share of its derivatives remains without the part that the fitted

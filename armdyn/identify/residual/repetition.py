@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from armdyn.estimation.correlation import correlation_time
 from armdyn.identify.fit import Fit
-from armdyn.linear.correlation import correlation_time
 
 BIN_COUNT = 20
 """Number of bins of a quantity, with as many samples each."""

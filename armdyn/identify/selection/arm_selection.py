@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.posterior import wald_distance
 from armdyn.identify.fit import Fit, channel_rmse, continue_fit, fit
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.selection.background import background_widths, sure_unnamed_effects
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import LinearScorer, wald_distance
+from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import search_set
 from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore

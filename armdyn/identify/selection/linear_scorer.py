@@ -25,14 +25,15 @@ from math import log, sqrt
 
 import numpy as np
 
+from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.posterior import NormalPrior, Posterior, freedom_nats, size_nats, wald_distance
+from armdyn.estimation.solve import inverse_positive, solve_positive
 from armdyn.identify.fit import Fit
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore, EffectSetScorer
 from armdyn.identify.selection.sums import Sums
-from armdyn.linear.correlation import correlation_time
-from armdyn.linear.normal_equations import NormalEquations
-from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 INDEPENDENT_MODEL_ERROR_SAMPLES = 20.0
 """Number of independent samples of a model's own error in one channel, however long a recording is. With 8 the springs
@@ -77,15 +78,6 @@ def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
     return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
 
 
-def wald_distance(values: np.ndarray, covariance: np.ndarray) -> float:
-    """Distance of values (k,) from nothing in standard deviations, sqrt(x' C^-1 x) with their (k, k) covariance.
-
-    Values without variance, which are on a bound, do not count (Wald, Trans. Am. Math. Soc. 54, 1943).
-    """
-    own = np.flatnonzero(np.diag(covariance) > 0.0)
-    return float(np.sqrt(max(values[own] @ solve_positive(covariance[np.ix_(own, own)], values[own]), 0.0)))
-
-
 class LinearScorer(EffectSetScorer):
     """Scores sets of effects with one linearisation of the model.
 
@@ -127,7 +119,7 @@ class LinearScorer(EffectSetScorer):
         super().__init__(sums.problem, candidates, given, catalogue_size)
         self._uncertain, self._leaves_out = uncertain, leaves_out
         p, self.sums, self._independent_errors = sums.problem, sums, independent_errors
-        moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
+        moved = np.einsum("uii->i", sums.equations.gram[sums.training]) > 0.0
         of_effects = p.mask_of_unknowns([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)
         self.columns = np.append(base, np.flatnonzero(of_effects & moved))
@@ -166,11 +158,10 @@ class LinearScorer(EffectSetScorer):
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
             for k, rows in enumerate(np.array_split(np.arange(len(r)), STRETCHES_PER_RUN if s.training[i] else 1)):
-                parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
+                parts.append(NormalEquations.of_samples(X[rows], r[rows]))
                 unit.append(i)
                 stretch.append(k)
-        equations = NormalEquations(*(np.array(part) for part in zip(*parts, strict=True)))
-        return equations, np.array(unit), np.array(stretch)
+        return NormalEquations.stacked(parts), np.array(unit), np.array(stretch)
 
     def _folds(self, stretch: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """See `folds`; (U,) `stretch` is the stretch of the run to which each sum belongs."""
@@ -230,7 +221,7 @@ class LinearScorer(EffectSetScorer):
         if not len(units):  # a joint that moves in held-out runs alone
             return 1.0
         left = [s.residual(int(unit), self.columns, change * self.typical) for unit in units]
-        return float(np.average([correlation_time([one]) for one in left], weights=s.count[units]))
+        return float(np.average([correlation_time([one]) for one in left], weights=s.equations.count[units]))
 
     @property
     def effective_noise(self) -> dict[tuple[str, str], float]:
@@ -292,15 +283,16 @@ class LinearScorer(EffectSetScorer):
         """
         free = widths > 0.0
         change = np.where(free, 0.0, self._absent)
-        c, gone = np.flatnonzero(free), np.flatnonzero(change)
-        G, slope = self._normal(units)
-        w = widths[c]
-        A = w[:, None] * G[np.ix_(c, c)] * w
-        A.flat[:: len(c) + 1] += 1.0
-        right = w * (slope[c] - G[np.ix_(c, gone)] @ change[gone]) + self._centre[c] / w
-        found = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
-        change[c] = np.clip(found, self._lower[c], self._upper[c])  # rounding must not hide a bound
+        change[free] = self._posterior(widths, units).change
         return change
+
+    def _posterior(self, widths: np.ndarray, units: np.ndarray) -> Posterior:
+        """Posterior of the unknowns with a width, while all others are at null; see `best_change`."""
+        free = widths > 0.0
+        c, gone = np.flatnonzero(free), np.flatnonzero(~free & (self._absent != 0.0))
+        G, slope = self._normal(units)
+        prior = NormalPrior(widths[c], self._centre[c], self._lower[c], self._upper[c])
+        return prior.posterior(G[np.ix_(c, c)], slope[c] - G[np.ix_(c, gone)] @ self._absent[gone])
 
     def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(c, c) and (c,) weighted sums of X'X and X'r over units (u,)."""
@@ -312,11 +304,7 @@ class LinearScorer(EffectSetScorer):
     def _of_stages(self) -> NormalEquations:
         """Sums of every channel over all training runs, then over all held-out runs."""
         stage = np.where(self._is_training, TRAINING_ROW, HELD_OUT_ROW) * len(self._noise) + self._channel
-        parts = (self.equations.gram, self.equations.slope, self.equations.square, self.equations.count)
-        found = [np.zeros((2 * len(self._noise), *part.shape[1:])) for part in parts]
-        for total, part in zip(found, parts, strict=True):
-            np.add.at(total, stage, part)
-        return NormalEquations(*found)
+        return self.equations.grouped(stage, 2 * len(self._noise))
 
     def mean_squared_errors(self, change: np.ndarray) -> np.ndarray:
         """(2, c) mean squared error of every channel in training and in held-out runs after a (c,) change of unknowns.
@@ -391,18 +379,18 @@ class LinearScorer(EffectSetScorer):
         widths = self.prior_widths(effects, 0.0)
         change = self.best_change(widths, self.training)
         errors, own = self.mean_squared_errors(change), self._of(effects)
-        A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
+        information, unit = self._normal(self.training)[0][np.ix_(own, own)], np.ones(len(own))
         predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]]) if self._leaves_out else errors
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
-        freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
+        freedom = float(freedom_nats(information, unit) + size_nats((change - self._null)[own]))
         worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
         return EffectSetScore(
             effects=effects,
-            score=worth if self._is_inside(change, own) else -np.inf,
+            score=worth if self._is_inside(widths, change, own) else -np.inf,
             likelihood=likelihood,
             held_out_log_likelihood=held_out_log_likelihood,
             occam_penalty_nats=freedom,
-            effective_parameter_count=len(own) - float(np.trace(np.linalg.inv(A))),
+            effective_parameter_count=len(own) - float(np.trace(inverse_positive(information + np.diag(unit)))),
             columns=self.columns,
             change=change * self.typical,
             misfit=float(self._misfit(errors)),
@@ -421,18 +409,14 @@ class LinearScorer(EffectSetScorer):
         """(k,) positions of the effects' unknowns among the columns."""
         return np.concatenate([np.zeros(0, dtype=int), *(self.positions[c] for c in effects)])
 
-    def _is_inside(self, change: np.ndarray, own: np.ndarray) -> bool:
+    def _is_inside(self, widths: np.ndarray, change: np.ndarray, own: np.ndarray) -> bool:
         """Whether no effect relies on a value that the runs pull beyond its bound.
 
         A bound at which the effect is absent, and one that they do not pull beyond by more than chance, do not count.
         """
-        x = change[own]
-        on = own[((x <= self._lower[own]) | (x >= self._upper[own])) & (x != self._null[own])]
-        if len(on) == 0:
-            return True
-        G, slope = self._normal(self.training)
-        pull = slope[on] - G[on] @ change
-        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < ACCEPTANCE_NATS))
+        beyond = np.zeros(len(widths))
+        beyond[widths > 0.0] = self._posterior(widths, self.training).gain_beyond_bound_nats
+        return bool(np.all((beyond < ACCEPTANCE_NATS)[own] | (change == self._null)[own]))
 
     def approximate_addition_scores(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
         """(k,) approximate scores of a set with each of k additions, without full solutions, to find promising ones.
@@ -454,7 +438,7 @@ class LinearScorer(EffectSetScorer):
         c = np.flatnonzero(widths > 0.0)
         G, slope = self._normal(self.training)
         left = slope - G @ x
-        response = -np.linalg.solve(G[np.ix_(c, c)] + np.diag(widths[c] ** -2.0), G[c])
+        response = -inverse_positive(G[np.ix_(c, c)] + np.diag(widths[c] ** -2.0)) @ G[c]
         S = G + G[:, c] @ response
         moved, freedom = np.zeros((len(widths), len(options))), np.zeros(len(options))
         added = [own[widths[own] == 0.0] for own in map(self._of, options)]
@@ -465,7 +449,7 @@ class LinearScorer(EffectSetScorer):
             d = np.clip(solve_positive(A, left[own]), (self._lower - x)[own], (self._upper - x)[own])
             moved[own, same[:, None]] = d
             moved[np.ix_(c, same)] = np.einsum("cmi,mi->cm", response[:, own], d)
-            freedom[same] = 0.5 * log_det(A) + np.sum(np.log1p(d**2), axis=1)
+            freedom[same] = freedom_nats(A - np.eye(size), np.ones(size)) + size_nats(d)
         errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
         return errors.T.reshape(len(options), 2, -1), freedom
 
@@ -516,11 +500,9 @@ class LinearScorer(EffectSetScorer):
 
     def _fitted_change(self, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(c,) change of the unknowns from null in a fit with (c,) prior widths, and (c, c) its covariance."""
-        c, change = np.flatnonzero(widths > 0.0), self.best_change(widths, self.training) - self._null
+        change, c = self.best_change(widths, self.training) - self._null, np.flatnonzero(widths > 0.0)
         covariance = np.zeros((len(widths), len(widths)))
-        covariance[np.ix_(c, c)] = np.linalg.inv(
-            self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
-        )
+        covariance[np.ix_(c, c)] = self._posterior(widths, self.training).covariance
         return change, covariance
 
     def effects_without_sure_value(self, effects: Iterable[Candidate], width: float, least: float) -> list[Candidate]:
@@ -602,8 +584,7 @@ class LinearScorer(EffectSetScorer):
         Standard deviations of unknowns that are not fitted are 0.
         """
         widths = self.prior_widths(one.effects, 0.0)
-        c = np.flatnonzero(widths > 0.0)
-        inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
         deviations = np.zeros(len(self.sums.values))
-        deviations[self.columns[c]] = self.typical[c] * np.sqrt(np.diag(np.linalg.inv(inner)))
+        spread = np.sqrt(np.diag(self._posterior(widths, self.training).covariance))
+        deviations[self.columns[widths > 0.0]] = self.typical[widths > 0.0] * spread
         return self.values(one), deviations

@@ -13,11 +13,12 @@ from functools import partial
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.solve import solve_bounded
 from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.thresholds import likeliest_thresholds
-from armdyn.linear.solve import solve_bounded
 
 INDIRECT_UNKNOWN_FIT_STEPS = 3
 """Number of steps of the fits that optimise unknowns which act only through another one."""
@@ -35,10 +36,7 @@ class Sums:
         run: (U,) index of each unit's run.
         channel: (U,) index of each unit's channel.
         training: (U,) bool, False for runs that are only predicted.
-        gram: (U, P, P) products X'X of the derivatives X of the predictions with respect to the unknowns.
-        slope: (U, P) products X'r with the residual r, measured minus predicted.
-        square: (U,) squared residuals r'r.
-        count: (U,) number of samples.
+        equations: sums over the samples of each unit.
         noise: (U,) standard deviation of one sample.
         driver: (P,) index of the unknown through which an unknown acts, or its own index. For example, the position of
             a payload acts only if its mass (the driver) is not zero, so its derivative is taken at a typical mass.
@@ -55,10 +53,7 @@ class Sums:
     run: np.ndarray
     channel: np.ndarray
     training: np.ndarray
-    gram: np.ndarray
-    slope: np.ndarray
-    square: np.ndarray
-    count: np.ndarray
+    equations: NormalEquations
     noise: np.ndarray
     driver: np.ndarray
     size: np.ndarray
@@ -91,19 +86,6 @@ class Sums:
         absent[columns] = False
         values[absent] = self.problem.null[absent]
         return values
-
-    def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """(u,) mean squared errors of some units after a change of some unknowns.
-
-        Args:
-            columns: (c,) indices of the changed unknowns.
-            change: (c,) their change.
-            units: (u,) indices of the units.
-        """
-        gram = self.gram[units[:, None, None], columns[:, None], columns]
-        slope = self.slope[units[:, None], columns]
-        total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
-        return np.maximum(total, 0.0) / self.count[units]
 
     def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(n,) residual of one unit after a change of some unknowns, in the channel's unit.
@@ -162,10 +144,13 @@ def sums(
         run=np.array([runs.index(block.run) for block in blocks]),
         channel=np.array([channels.index(block.channel) for block in blocks]),
         training=np.array([block.run in training for block in blocks]),
-        gram=np.array([gram for gram, _ in products]) * noise[:, None, None] ** 2,
-        slope=np.array([slope for _, slope in products]) * noise[:, None] ** 2,
-        square=np.array([float(block.misfit @ block.misfit) for block in blocks]),
-        count=np.array([len(block.residual) for block in blocks], dtype=float),
+        equations=NormalEquations(
+            np.array([gram for gram, _ in products]) * noise[:, None, None] ** 2,
+            np.array([slope for _, slope in products]) * noise[:, None] ** 2,
+            np.array([float(block.misfit @ block.misfit) for block in blocks]),
+            np.array([len(block.residual) for block in blocks], dtype=float),
+            np.zeros(len(blocks)),
+        ),
         noise=noise,
         driver=driver,
         size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),

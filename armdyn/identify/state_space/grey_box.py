@@ -177,7 +177,7 @@ class GreyBox:
             weights = tuple(a.glitch_weights(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
             begin = replace(best, sample_weights=weights)
             picked = zip(tables.tables, found.noise_indices, found.noise_factors, strict=True)
-            left = [float(t.square[i]) / level**2 for t, i, level in picked]
+            left = [float(t.equations.square[i]) / level**2 for t, i, level in picked]
             point, arounds = self._moved(begin, sum(left[: self.training]), arounds, found.change, free)
             if point is begin:
                 break
@@ -208,7 +208,7 @@ class GreyBox:
     def _left(self, point: LinearisationPoint, arounds: Sequence["LinearisedRun"]) -> float:
         """Squared innovations of the training runs at a point's values and noise."""
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
-        return float(sum(evaluate_one_noise(a, n).square[0] for a, n in pairs))
+        return float(sum(evaluate_one_noise(a, n).equations.square[0] for a, n in pairs))
 
     def identifiable(self, point: LinearisationPoint, wanted: np.ndarray) -> np.ndarray:
         """Find the unknowns that runs and priors identify although the motion has kicks of the largest allowed size.
@@ -264,7 +264,7 @@ class GreyBox:
             found = tables.evidence(free)
             if not np.isfinite(found.log_evidence):
                 break
-            left = sum(float(t.square[0]) for t in tables.tables[: self.training])
+            left = sum(float(t.equations.square[0]) for t in tables.tables[: self.training])
             point, arounds = self._moved(before, left, arounds, found.change, free)
             if point is before:
                 break

@@ -1,17 +1,17 @@
 """One run, linearised around its measured motion, with kicks (process noise) between short pieces of it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     ColouredNoise,
-    Innovations,
     LinearisedChannelSamples,
     PieceChain,
     WhitenedSums,
@@ -250,7 +250,7 @@ class LinearisedRun:
             (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
 
-    def innovations(self, noises: Sequence[RunNoise], kicks: np.ndarray) -> Innovations:
+    def innovations(self, noises: Sequence[RunNoise], kicks: np.ndarray) -> NormalEquations:
         """Sums of the innovations (prediction errors) of the run at several noise settings.
 
         Args:
@@ -269,10 +269,7 @@ class LinearisedRun:
             (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
         )
         found = filter_run(parts, self.chain.of(acting), kicks)
-        S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
-        gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
-        gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
-        return replace(found, gram=gram, slope=slope)
+        return found.among(np.flatnonzero(self._wanted)[acting], len(self._wanted))
 
     @cached_property
     def _acting(self) -> np.ndarray:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.physics.pieces import ChannelSamples
 
 MAX_ROWS_PER_PIECE = 100
@@ -245,29 +246,10 @@ class PieceChain:
         return replace(self, end_state_by_unknowns=self.end_state_by_unknowns[:, :, acting], start=start)
 
 
-@dataclass(frozen=True, eq=False)
-class Innovations:
-    """Sums over the whitened innovations (prediction errors) of a run, at S noise settings.
-
-    Attributes:
-        gram: (S, P, P) products X'X of their derivatives X with respect to the unknowns.
-        slope: (S, P) products X'r with the innovations r.
-        square: (S,) squared innovations r'r.
-        log_std: (S,) sum of the logarithms of the innovations' standard deviations.
-        rows: number of rows (averaged samples).
-    """
-
-    gram: np.ndarray
-    slope: np.ndarray
-    square: np.ndarray
-    log_std: np.ndarray
-    rows: float
-
-
 @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
 def filter_run(
     parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: PieceChain, kicks: np.ndarray
-) -> Innovations:
+) -> NormalEquations:
     """Filter a run by a Kalman filter over its pieces, which eliminates the states.
 
     Args:
@@ -277,7 +259,7 @@ def filter_run(
         kicks: (K,) standard deviations of the kicks.
 
     Returns:
-        Sums over the innovations at C K noise settings.
+        Normal equations of the innovations (prediction errors), with a unit for each of C K noise settings.
     """
     filter_ = _Filter(chain, kicks)
     whole: np.ndarray | float = 0.0
@@ -296,7 +278,8 @@ def filter_run(
         every = every + (log_std[:, None] + logs).ravel()
         rows += count
     found = np.asarray(whole)
-    return Innovations(found[:, :-1, :-1], found[:, :-1, -1], found[:, -1, -1], np.asarray(every), rows)
+    settings = np.full(len(found), float(rows))
+    return NormalEquations(found[:, :-1, :-1], found[:, :-1, -1], found[:, -1, -1], settings, np.asarray(every))
 
 
 class _Filter:

@@ -11,6 +11,9 @@ from itertools import product
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats
+from armdyn.estimation.solve import log_det, solve_positive
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_run import (
     LINEARISED_PRIOR_STD_TYPICAL_SIZES,
@@ -19,7 +22,6 @@ from armdyn.identify.state_space.grey_run import (
     scale_noise,
 )
 from armdyn.identify.state_space.innovations import ColouredNoise
-from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 TRIED_LOG_KICK_SIZES = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the tried sizes of the kicks, relative to the accuracy with which one piece of the motion
@@ -41,49 +43,29 @@ NOISE_OPTIMISATION_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class NoiseTable:
-    """Sums over the innovations (prediction errors) of one run, at S noise settings.
+    """Normal equations of one run's innovations (prediction errors) at S noise settings.
 
     Attributes:
         noises: the S noise settings.
-        gram: (S, P, P) products X'X of the innovations' derivatives X with respect to the unknowns.
-        slope: (S, P) products X'r with the innovations r.
-        square: (S,) squared innovations r'r.
-        log_std: (S,) sums of the logarithms of the innovations' standard deviations.
-        rows: number of innovations of the run.
+        equations: a unit for each of them.
         kick_count: number of different sizes of the kicks, which follow one another in `noises`.
     """
 
     noises: tuple[RunNoise, ...]
-    gram: np.ndarray
-    slope: np.ndarray
-    square: np.ndarray
-    log_std: np.ndarray
-    rows: float
+    equations: NormalEquations
     kick_count: int
 
-    def after_change(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "NoiseTable":
-        """The table after a change of some unknowns, reduced to other ones.
-
-        Args:
-            columns: (c,) indices of the changed unknowns.
-            change: (c,) change.
-            kept: (k,) indices of the unknowns of the returned table.
-        """
-        X, d = self.gram[:, columns], change
-        slope = self.slope[:, kept] - X[:, :, kept].transpose(0, 2, 1) @ d
-        square = self.square - 2.0 * self.slope[:, columns] @ d + (X[:, :, columns] @ d) @ d
-        return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
-
-    def likelihood(self, level: np.ndarray) -> np.ndarray:
-        """(S,) log likelihoods of the run, with (S,) factors on all standard deviations of the noise."""
-        return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
+    @property
+    def rows(self) -> float:
+        """Number of innovations of the run."""
+        return float(self.equations.count[0])
 
 
 def evaluate_noises(around: LinearisedRun, noises: Sequence[RunNoise], kicks: np.ndarray) -> NoiseTable:
     """Evaluate a linearised run at each of some sensor noises, combined with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, process_noise_std=float(kick)) for noise in noises for kick in kicks)
-    return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
+    return NoiseTable(every, found, len(kicks))
 
 
 def evaluate_one_noise(around: LinearisedRun, noise: RunNoise) -> NoiseTable:
@@ -225,10 +207,11 @@ class RunNoiseTables:
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
             known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
-            self._width = np.minimum(LINEARISED_PRIOR_STD_TYPICAL_SIZES * problem.typical, known)
-        self._typical = np.minimum(problem.typical, self._width)
+            width = np.minimum(LINEARISED_PRIOR_STD_TYPICAL_SIZES * problem.typical, known)
+        self._typical = np.minimum(problem.typical, width)
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
-        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
+        centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
+        self._prior = NormalPrior(width, centre, problem.lower - values, problem.upper - values)
 
     def coarsened(self, like: SetEvidence) -> "RunNoiseTables":
         """Tables with fewer noise settings, for a quick comparison of many sets of effects.
@@ -247,13 +230,8 @@ class RunNoiseTables:
                 ]
             )
             begin.append(int(np.argmin(np.abs(at - pick))))
-            thinned.append(
-                replace(
-                    table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
-                    square=table.square[at], log_std=table.log_std[at],
-                    kick_count=len(range(0, table.kick_count, COARSE_STRIDES[1])),
-                )
-            )  # fmt: skip
+            kicks = len(range(0, table.kick_count, COARSE_STRIDES[1]))
+            thinned.append(NoiseTable(tuple(table.noises[i] for i in at), table.equations.only(at), kicks))
         return RunNoiseTables(thinned, self.values, self.problem, self.training, self._removable, begin)
 
     @np.errstate(all="ignore")
@@ -267,9 +245,10 @@ class RunNoiseTables:
         c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
         gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
         away = (p.null - self.values)[gone]
-        parts = [t.after_change(gone, away, c) for t in self.tables]
+        parts = [t.equations.after_change(gone, away, c) for t in self.tables]
+        prior = self._prior.only(c)
         R = self.training
-        picks = list(self._begin or (len(t.square) // 2 for t in self.tables))
+        picks = list(self._begin or (len(t.noises) // 2 for t in self.tables))
         levels, value = [1.0] * len(parts), -np.inf
 
         def summed(runs: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -284,18 +263,19 @@ class RunNoiseTables:
             for r in range(R):
                 others = [i for i in range(R) if i != r]
                 over, level = self._over(parts[r], *summed(others), c, levels[r])
-                over = over + sum(float(parts[i].likelihood(np.array(levels[i]))[picks[i]]) for i in others)
+                over = over + sum(float(parts[i].log_likelihood(np.array(levels[i]))[picks[i]]) for i in others)
                 picks[r] = int(np.argmax(over))
                 levels[r] = float(level[picks[r]])
                 value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kick_count)
         H, g = summed(range(R))
-        d, cost, pulled = self._bounded(H, g, c)
-        value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
+        best = prior.posterior(H, g)
+        d = best.change
+        value -= 0.5 * (best.squared_error_change - float(prior.unbounded_change(H, g)[1]))
         change = np.zeros(len(self.values))
         change[c], change[gone] = d, away
         own = c[p.is_effect[c]]
         sizes = (self.values + change - p.null)[own] / p.typical[own]
-        spread = float(np.sum(np.log1p(sizes**2)))
+        spread = float(size_nats(sizes))
         predicted = 0.0
         for r in range(R, len(parts)):
             said, picks[r], levels[r] = self._predicted(r, change, c, H, np.flatnonzero(free & (self._owner == r)))
@@ -303,8 +283,8 @@ class RunNoiseTables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((pulled > MAX_GAIN_BEYOND_BOUND_NATS) & ends & p.is_effect[c])
-        occam = float(self._freedom(H, c)) + spread
+        inside = not np.any((best.gain_beyond_bound_nats > MAX_GAIN_BEYOND_BOUND_NATS) & ends & p.is_effect[c])
+        occam = float(freedom_nats(H, self._typical[c])) + spread
         return SetEvidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 
     def _predicted(
@@ -323,52 +303,29 @@ class RunNoiseTables:
             own: (m,) indices of the unknowns of the run alone.
         """
         loose, moved = np.concatenate([c, own]), np.flatnonzero(change)
-        part = self.tables[r].after_change(moved, change[moved], loose)
-        A = np.diag(np.concatenate([self._width[c], self.problem.typical[own]]) ** -2.0)
+        table = self.tables[r]
+        part = table.equations.after_change(moved, change[moved], loose)
+        A = np.diag(np.concatenate([self._prior.width[c], self.problem.typical[own]]) ** -2.0)
         A[: len(c), : len(c)] += known
         square = part.square - np.sum(part.slope * solve_positive(A + part.gram, part.slope), axis=1)
-        level = np.sqrt(np.maximum(square / part.rows, 1.0))
-        over = replace(part, square=square).likelihood(level) - 0.5 * (log_det(A + part.gram) - log_det(A))
+        level = np.sqrt(np.maximum(square / part.count, 1.0))
+        over = replace(part, square=square).log_likelihood(level) - 0.5 * (log_det(A + part.gram) - log_det(A))
         pick = int(np.argmax(over))
-        return float(over[pick]) + _peak(over, pick, part.kick_count), pick, float(level[pick])
-
-    def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(S, c) best change, and (S,) the change of the squared error, negative where it falls."""
-        t = self._width[c]
-        d = solve_positive(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
-        off = (d - self._centre[c]) / t
-        squares = np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1)
-        return d, squares + np.sum(off**2, axis=1)
-
-    def _freedom(self, H: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(S,) nats that the freedom of the unknowns c costs, from (S, c, c) information on them."""
-        T = self._typical[c]
-        return 0.5 * log_det(T[:, None] * H * T + np.eye(len(c)))
+        return float(over[pick]) + _peak(over, pick, table.kick_count), pick, float(level[pick])
 
     def _over(
-        self, part: "NoiseTable", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
+        self, part: NormalEquations, H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """(S,) evidence at every noise of one run's table, given the sums of the other runs, and (S,) its level."""
         levels = np.full(len(part.square), level)
         for k in range(self._rounds + 1):
             H = part.gram / levels[:, None, None] ** 2 + H0
-            d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
+            d, added = self._prior.only(c).unbounded_change(H, part.slope / levels[:, None] ** 2 + g0)
             if k < self._rounds:
                 own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
                 own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
-                levels = np.sqrt(np.maximum(own / part.rows, 1.0))
-        return part.likelihood(levels) - 0.5 * added - self._freedom(H, c), levels
-
-    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-        """(c,) best change within the bounds, its change of squared error, and (c,) gain beyond the bounds, nats."""
-        p, t = self.problem, self._width[c]
-        lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
-        A = H + np.diag(t**-2.0)
-        found = solve_bounded(A, g + self._centre[c] / t**2, lower, upper)
-        d = found.x
-        off = (d - self._centre[c]) / t
-        pulled = np.where(found.on_bound != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
-        return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
+                levels = np.sqrt(np.maximum(own / part.count, 1.0))
+        return part.log_likelihood(levels) - 0.5 * added - freedom_nats(H, self._typical[c]), levels
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:

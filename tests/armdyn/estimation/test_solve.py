@@ -1,11 +1,10 @@
-"""Sums of samples, and small quadratic problems against another library and the conditions of their minimum."""
+"""Small quadratic problems against another library and the conditions of their minimum."""
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from armdyn.linear.normal_equations import NormalEquations
-from armdyn.linear.solve import BoundedSolution, log_det, solve_bounded, solve_positive
+from armdyn.estimation.solve import BoundedSolution, inverse_positive, log_det, solve_bounded, solve_positive
 
 
 def drawn(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -87,18 +86,4 @@ def test_determinant_and_solution_do_not_depend_on_the_unknowns_units(exponent: 
     there = A * np.outer(unit, unit)
     np.testing.assert_allclose(log_det(there), np.linalg.slogdet(A)[1] + 2.0 * np.log(unit).sum(), rtol=1e-10)
     np.testing.assert_allclose(solve_positive(there, b * unit) * unit, np.linalg.solve(A, b), rtol=1e-9)
-
-
-def test_sums_tell_errors_and_fits_as_the_samples_do() -> None:
-    rng = np.random.default_rng(0)
-    X, r = [rng.standard_normal((n, 4)) for n in (30, 50)], [rng.standard_normal(n) for n in (30, 50)]
-    sums = NormalEquations(
-        np.array([x.T @ x for x in X]), np.array([x.T @ y for x, y in zip(X, r, strict=True)]),
-        np.array([y @ y for y in r]), np.array([30.0, 50.0]),
-    )  # fmt: skip
-    change = np.array([0.3, 0.0, -2.0, 1.0])
-    left = [float(np.sum((y - x @ change) ** 2)) for x, y in zip(X, r, strict=True)]
-    np.testing.assert_allclose(sums.squared_error(change, np.array([0, 1])), left)
-    gram, slope = sums.weighted(np.array([1.0, 4.0]), np.array([0, 1]))
-    stacked, target = np.vstack([X[0], 2.0 * X[1]]), np.concatenate([r[0], 2.0 * r[1]])
-    np.testing.assert_allclose(np.linalg.solve(gram, slope), np.linalg.lstsq(stacked, target)[0])
+    np.testing.assert_allclose(inverse_positive(there) * np.outer(unit, unit), np.linalg.inv(A), rtol=1e-8)

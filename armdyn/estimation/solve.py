@@ -58,6 +58,12 @@ def solve_positive(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(unit, (b / size)[..., None])[..., 0] / size)
 
 
+def inverse_positive(A: np.ndarray) -> np.ndarray:
+    """(..., n, n) inverses of positive definite matrices (..., n, n)."""
+    size, unit = scale_to_unit_diagonal(A)
+    return np.asarray(np.linalg.inv(unit) / (size[..., :, None] * size[..., None, :]))
+
+
 def log_det(A: np.ndarray) -> np.ndarray:
     """(...) logarithms of the determinants of (..., n, n) positive definite matrices."""
     size, unit = scale_to_unit_diagonal(A)

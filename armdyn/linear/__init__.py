@@ -1,1 +1,0 @@
-"""Linear algebra shared by fits, evidence and the design of experiments."""

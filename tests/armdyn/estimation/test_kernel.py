@@ -1,0 +1,140 @@
+"""Properties of the kernel: sums say what samples say, whatever their order, units and scale; closed forms of scipy."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import lsq_linear
+from scipy.stats import multivariate_normal
+
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats, wald_distance
+
+SEEDS = st.integers(0, 2**32 - 1)
+UNKNOWNS, STDS = 4, (0.5, 2.0, 1.0)
+
+
+def drawn(seed: int) -> tuple[list[np.ndarray], list[np.ndarray], NormalEquations]:
+    """Derivatives and residuals of three units, and their sums."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(UNKNOWNS, 30, len(STDS))
+    X, r = [rng.standard_normal((n, UNKNOWNS)) for n in counts], [rng.standard_normal(n) for n in counts]
+    parts = [NormalEquations.of_samples(*one) for one in zip(X, r, STDS, strict=True)]
+    return X, r, NormalEquations.stacked(parts)
+
+
+def prior_of(seed: int, bound: float = np.inf) -> NormalPrior:
+    rng = np.random.default_rng([seed, 1])
+    centre = np.zeros(UNKNOWNS) if bound < np.inf else rng.standard_normal(UNKNOWNS)
+    bounds = np.full(UNKNOWNS, bound) * rng.uniform(0.5, 1.5, UNKNOWNS)
+    return NormalPrior(rng.uniform(0.1, 3.0, UNKNOWNS), centre, -bounds, bounds)
+
+
+def whole(X: list[np.ndarray], r: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of all units over their noise."""
+    return (
+        np.vstack([x / s for x, s in zip(X, STDS, strict=True)]),
+        np.concatenate([y / s for y, s in zip(r, STDS, strict=True)]),
+    )
+
+
+def close(found, expected, tolerance: float = 1e-8) -> None:
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_sums_tell_errors_likelihoods_and_fits_as_the_samples_do(seed):
+    X, r, sums = drawn(seed)
+    change, units = np.random.default_rng(seed).standard_normal(UNKNOWNS), np.arange(len(STDS))
+    left = [(y - x @ change) / s for x, y, s in zip(X, r, STDS, strict=True)]
+    squares = [e @ e for e in left]
+    close(sums.squared_error(change, units), squares)
+    close(sums.squared_errors(change[:, None])[:, 0], squares)
+    close(sums.grouped(np.array([0, 1, 0]), 3).squared_error(change, units), [squares[0] + squares[2], squares[1], 0.0])
+    moved = sums.after_change(np.array([0, 2]), change[[0, 2]], np.array([1, 3]))
+    close(moved.squared_error(change[[1, 3]], units), squares)
+    close(
+        moved.among(np.array([1, 3]), 5).squared_error(np.array([9.0, change[1], 9.0, change[3], 9.0]), units), squares
+    )
+    density = [
+        multivariate_normal(cov=(2.0 * s) ** 2).logpdf(y - x @ change).sum() + 0.5 * len(y) * np.log(2.0 * np.pi)
+        for x, y, s in zip(X, r, STDS, strict=True)
+    ]
+    at = sums.after_change(np.arange(UNKNOWNS), change, np.arange(UNKNOWNS))
+    close(at.log_likelihood(np.full(len(STDS), 2.0)), density)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_order_units_and_scale_do_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    X, r, sums = drawn(seed)
+    mixed = [rng.permutation(len(y)) for y in r]
+    again = [NormalEquations.of_samples(x[m], y[m], s) for x, y, m, s in zip(X, r, mixed, STDS, strict=True)]
+    size, weight, units = 10.0 ** rng.uniform(-3, 3, UNKNOWNS), np.ones(len(STDS)), np.arange(len(STDS))
+    prior = prior_of(seed, 0.2)
+    there = NormalPrior(*(part / size for part in (prior.width, prior.centre, prior.lower, prior.upper)))
+    here = prior.posterior(*sums.weighted(weight, units))
+    scaled = there.posterior(*NormalEquations.stacked(again[::-1]).scaled(size).weighted(weight, units))
+    close(scaled.change * size, here.change)
+    close(scaled.covariance * np.outer(size, size), here.covariance)
+    close(scaled.gain_beyond_bound_nats, here.gain_beyond_bound_nats)
+    close(scaled.squared_error_change, here.squared_error_change)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_a_posterior_is_the_least_squares_solution_of_samples_and_priors_within_bounds(seed):
+    X, r, sums = drawn(seed)
+    prior = prior_of(seed, 0.2)
+    found = prior.posterior(*sums.weighted(np.ones(len(STDS)), np.arange(len(STDS))))
+    columns, target = whole(X, r)
+    peer = lsq_linear(
+        np.vstack([columns, np.diag(1.0 / prior.width)]), np.append(target, prior.centre / prior.width),
+        (prior.lower, prior.upper), method="bvls", tol=1e-14,
+    )  # fmt: skip
+    close(found.change, peer.x, 1e-7)
+    close(found.squared_error_change, 2.0 * peer.cost - target @ target, 1e-6)
+    pull = found.slope - found.information @ found.change + (prior.centre - found.change) / prior.width**2
+    assert np.all((found.on_bound == 0) | (pull * found.on_bound >= -1e-9))
+    close(pull[found.on_bound == 0], 0.0, 1e-7)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_evidence_is_the_density_of_the_samples_with_the_unknowns_integrated_out(seed):
+    """With the prior mean 0: log p(r) = [-r'r + reduction - log det(1 + W H W)] / 2."""
+    X, r, sums = drawn(seed)
+    prior = NormalPrior(prior_of(seed).width, *(np.full(UNKNOWNS, k) for k in (0.0, -np.inf, np.inf)))
+    columns, target = whole(X, r)
+    information, slope = sums.weighted(np.ones(len(STDS)), np.arange(len(STDS)))
+    change, squares = prior.unbounded_change(information, slope)
+    close(change, prior.posterior(information, slope).change)
+    level = -0.5 * (target @ target + squares) - freedom_nats(information, prior.width)
+    marginal = multivariate_normal(cov=np.eye(len(target)) + columns * prior.width**2 @ columns.T).logpdf(target)
+    close(level - 0.5 * len(target) * np.log(2.0 * np.pi), marginal, 1e-7)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_what_is_predicted_is_what_a_fit_without_a_unit_predicts_of_it(seed):
+    X, r, sums = drawn(seed)
+    prior, others = prior_of(seed), np.array([0, 1])
+    found = prior.posterior(*sums.weighted(np.ones(2), others))
+    columns, target = (part[: sum(len(y) for y in r[:2])] for part in whole(X, r))
+    refit = np.linalg.lstsq(
+        np.vstack([columns, np.diag(1.0 / prior.width)]), np.append(target, prior.centre / prior.width)
+    )[0]
+    close(sums.squared_error(found.change, np.array([2])), [np.sum((r[2] - X[2] @ refit) ** 2)])
+    close(found.covariance, np.linalg.inv(columns.T @ columns + np.diag(prior.width**-2.0)))
+
+
+def test_the_price_of_a_size_is_that_of_a_cauchy_distribution():
+    weight = quad(lambda x: np.exp(-size_nats(np.array([x]))), -np.inf, np.inf)[0]
+    close(weight, np.pi)
+
+
+def test_a_wald_distance_is_that_of_scaled_axes_and_leaves_out_values_without_variance():
+    close(wald_distance(np.array([3.0, 8.0]), np.diag([1.0, 4.0])), 5.0)
+    close(wald_distance(np.array([3.0, 8.0]), np.diag([1.0, 0.0])), 3.0)
