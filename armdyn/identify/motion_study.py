@@ -124,7 +124,8 @@ class MotionStudy(LinearStudy):
         """
         del scorer
         errors = scale.mean_squared_errors_of(at.blocks, self.held_out_blocks(at))
-        return scale.log_likelihood(errors) - scale.complexity_penalty(one.effects) - one.occam_penalty_nats
+        price = scale.complexity_penalty(one.effects) + one.occam_penalty_nats + scale.unnamed_nats(at)
+        return scale.log_likelihood(errors) - price
 
     def cross_predictions_of_training(self, found: Fit) -> list[Fit]:
         """None: each would need a fit of its own, and held-out runs are simulated as whole motions."""

@@ -30,6 +30,7 @@ from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, Posterior, freedom_nats, size_nats, wald_distance
 from armdyn.estimation.solve import inverse_positive, solve_positive
 from armdyn.identify.fit import Fit
+from armdyn.identify.problem import transfer_values
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore, EffectSetScorer
@@ -348,10 +349,21 @@ class LinearScorer(EffectSetScorer):
         return float(self._log_likelihoods(errors).sum())
 
     def gain(self, before: Fit, after: Fit) -> float:
-        """Gain of log likelihood, nats, of the training runs from one fit to another one."""
+        """Gain of log probability, nats, of the training runs from one fit to another one."""
         errors = [self.mean_squared_errors_of(fit.blocks, ()) for fit in (before, after)]
         found = [self._log_likelihoods(one)[TRAINING_ROW] for one in errors]
-        return float(found[1] - found[0])
+        return float(found[1] - found[0]) + self.unnamed_nats(before) - self.unnamed_nats(after)
+
+    def unnamed_nats(self, at: Fit) -> float:
+        """Nats that the values of a fit cost which every set has without a name: the farther off, the less likely."""
+        values = transfer_values(at.values, at.problem, self.problem)
+        return float(self._unnamed_nats((values - self.sums.values)[self.columns] / self.typical))
+
+    def _unnamed_nats(self, change: np.ndarray) -> np.ndarray:
+        """(...) nats of (c, ...) changes of the unknowns, in typical sizes; see `unnamed_nats`."""
+        own = self._unnamed > 0.0
+        away = (change[own].T - self._centre[own]) / self._unnamed[own]
+        return np.asarray(0.5 * np.sum(away**2, axis=-1))
 
     def mean_squared_errors_of(
         self, training: Sequence[ResidualBlock], held_out: Sequence[ResidualBlock]
@@ -382,8 +394,8 @@ class LinearScorer(EffectSetScorer):
         information, unit = self._normal(self.training)[0][np.ix_(own, own)], np.ones(len(own))
         predicted = np.array([self.leave_one_out_errors(widths), errors[HELD_OUT_ROW]]) if self._leaves_out else errors
         likelihood, held_out_log_likelihood = self._log_likelihoods(errors).tolist()
-        freedom = float(freedom_nats(information, unit) + size_nats((change - self._null)[own]))
-        worth = self.log_likelihood(predicted) - self.complexity_penalty(effects)
+        freedom = self._freedom_nats(own) + float(size_nats((change - self._null)[own]))
+        worth = self.log_likelihood(predicted) - self.complexity_penalty(effects) - float(self._unnamed_nats(change))
         return EffectSetScore(
             effects=effects,
             score=worth if self._is_inside(widths, change, own) else -np.inf,
@@ -395,6 +407,15 @@ class LinearScorer(EffectSetScorer):
             change=change * self.typical,
             misfit=float(self._misfit(errors)),
         )
+
+    def _freedom_nats(self, own: np.ndarray) -> float:
+        """Nats that the freedom of the unknowns (k,) `own` costs, beside that of the values that every set has."""
+        G, unnamed = self._normal(self.training)[0], np.setdiff1d(np.flatnonzero(self._unnamed), own)
+        found = [
+            freedom_nats(G[np.ix_(part, part)], np.append(np.ones(len(part) - len(unnamed)), self._unnamed[unnamed]))
+            for part in (np.append(own, unnamed), unnamed)
+        ]
+        return float(found[0] - found[1])
 
     def _misfit(self, errors: np.ndarray) -> np.ndarray:
         """(...) misfit as in `EffectSetScore.misfit`, from (..., 2, c) mean squared errors."""
@@ -423,14 +444,16 @@ class LinearScorer(EffectSetScorer):
 
         They are those of the fitted runs, less what freedom costs in evidence (MacKay, Neural Computation 4, 1992).
         """
-        errors, freedom = self._first_order(now, options)
+        errors, freedom, unnamed = self._first_order(now, options)
         prices = self.complexity_penalties(now.effects, options)
-        return self._log_likelihoods(errors).sum(axis=-1) - now.occam_penalty_nats - freedom - prices
+        return self._log_likelihoods(errors).sum(axis=-1) - now.occam_penalty_nats - freedom - prices - unnamed
 
     def _first_order(
         self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(k, 2, c) predicted mean squared errors of a set with each of k additions, (k,) nats of their freedom.
+
+        The last result are (k,) nats of the values that every set has; see `unnamed_nats`.
 
         The unknowns of the set adapt linearly; only those of the addition respect their bounds.
         """
@@ -450,8 +473,9 @@ class LinearScorer(EffectSetScorer):
             moved[own, same[:, None]] = d
             moved[np.ix_(c, same)] = np.einsum("cmi,mi->cm", response[:, own], d)
             freedom[same] = freedom_nats(A - np.eye(size), np.ones(size)) + size_nats(d)
-        errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
-        return errors.T.reshape(len(options), 2, -1), freedom
+        changed = x[:, None] + moved
+        errors = self._stages.squared_errors(changed) / np.maximum(self._stages.count, 1.0)[:, None]
+        return errors.T.reshape(len(options), 2, -1), freedom, self._unnamed_nats(changed)
 
     def set_with_next_reported_effect(
         self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]
