@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from armdyn.arm.closed_loop.motion_model import MotionModel
 from armdyn.arm.closed_loop.rollout import has_all_position_commands
+from armdyn.arm.model import EFFECTS_STATED_BY_DRIVE
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
@@ -37,8 +38,6 @@ from armdyn.threads import one_thread
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
-EFFECTS_OF_TORQUE_SENSORS = frozenset({"torque_gain", "torque_delay"})
-"""Effects on a measured torque, which no motion shows."""
 Say: TypeAlias = Callable[[str], None]
 
 
@@ -250,7 +249,8 @@ class CheckedStudy:
         arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
         assert arm is not None
         assert declared is not None
-        effects = [effect for effect in self.effects if effect.name not in EFFECTS_OF_TORQUE_SENSORS]
+        # No motion shows what is wrong with a torque sensor.
+        effects = [effect for effect in self.effects if effect.name not in EFFECTS_STATED_BY_DRIVE]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
         found = repair(study, say)

@@ -3,14 +3,17 @@
 from collections.abc import Mapping
 
 from armdyn.arm.model import ArmModel
-from armdyn.effects.catalogue import find
+from armdyn.arm.slots import ARMATURE, COSINE, DAMPING, FRICTION, REST_TORQUE, SINE, STIFFNESS, slots_of
+from armdyn.effects.catalogue import CATALOGUE, find
 
-DYNAMICS_ATTRIBUTES = {
-    "joint_viscous_friction.coefficient": "damping",
-    "joint_coulomb_friction.torque": "friction",
-    "rotor_inertia.inertia": "armature",
-}
-"""Attribute of `urdf.robot.JointDynamics` with the described value of an effect's parameter, by its name."""
+DYNAMICS_ATTRIBUTES = {DAMPING: "damping", FRICTION: "friction", ARMATURE: "armature"}
+"""Attribute of `urdf.robot.JointDynamics` with the described value of an effect's only slot."""
+
+
+def _parameters_of(*slots: str) -> list[str]:
+    """Parameters of the first effect of the catalogue with exactly these slots."""
+    effect = next(one for one in CATALOGUE.values() if slots_of(one).names == {*slots})
+    return [f"{effect.name}.{short}" for short in effect.quantities]
 
 
 def with_described_effects(model: ArmModel) -> ArmModel:
@@ -31,7 +34,8 @@ def _described(model: ArmModel) -> list[Mapping[str, Mapping[str, float]]]:
     """Values by parameter and joint, for each effect with a value that is not zero."""
     robot = model.arm.robot
     found: list[Mapping[str, Mapping[str, float]]] = []
-    for parameter, name in DYNAMICS_ATTRIBUTES.items():
+    for slot, name in DYNAMICS_ATTRIBUTES.items():
+        (parameter,) = _parameters_of(slot)
         drives = {joint: getattr(dynamics, name) for joint, dynamics in robot.joint_dynamics.items()}
         found.append({parameter: {joint: value for joint, value in drives.items() if value}})
     linear: dict[str, tuple[float, float]] = {}
@@ -45,8 +49,8 @@ def _described(model: ArmModel) -> list[Mapping[str, Mapping[str, float]]]:
             sine, cosine = turning.get(spring.joint, (0.0, 0.0))
             turning[spring.joint] = sine + spring.sine, cosine + spring.cosine
     for springs, names in (
-        (linear, ("joint_spring.stiffness", "joint_spring.rest")),
-        (turning, ("gravity_spring.sine", "gravity_spring.cosine")),
+        (linear, _parameters_of(STIFFNESS, REST_TORQUE)),
+        (turning, _parameters_of(SINE, COSINE)),
     ):
         found.append({name: {joint: values[k] for joint, values in springs.items()} for k, name in enumerate(names)})
     return [quantities for quantities in found if any(quantities.values())]

@@ -15,10 +15,8 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import joint_axes, parent_joints
+from armdyn.arm.slots import slots_of
 from armdyn.errors import InputError
-
-DRIVE_GAIN_AND_OFFSET_EFFECTS = frozenset({"torque_offset", "torque_gain", "servo_gain"})
-"""Effects on the gain and offset between a drive's torque and its command or reading."""
 
 
 def inverse_dynamics_function(model: ArmModel) -> ca.Function:
@@ -70,7 +68,7 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
 
 def drive_reading_gains_and_offsets(model: ArmModel) -> list[tuple[float, float]]:
     """Gain and offset, N m or N, of each drive's command or reading."""
-    present = {effect.name for effect in model.effects if effect.name in DRIVE_GAIN_AND_OFFSET_EFFECTS}
+    present = {effect.name for effect in model.effects if slots_of(effect).scales_reading}
     return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only_effects(present))[-1]]
 
 

@@ -29,6 +29,7 @@ from armdyn.arm.closed_loop.rollout import (
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.slots import slots_of
 from armdyn.estimation.correlation import correlation_time
 from armdyn.estimation.solve import solve_bounded
 from armdyn.recording.units import KnownQuantity
@@ -56,8 +57,8 @@ encoder's step always count with their square: otherwise they would shift torque
 MIN_POSITION_ERROR_AUTOCORRELATION = 0.05
 """Autocorrelation below which the sum for the correlation time of the position errors ends."""
 
-EFFECTS_ON_INPUTS = ("torque_delay", "command_delay")
-"""Effects that change what reaches a drive, and when, instead of a torque."""
+OF_EFFECTS = ("parameter", "input")
+"""Kinds of unknowns that are parameters of effects."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class _Unknown:
 
     Attributes:
         name: name of the parameter, or of the drive group for a gain or delay.
-        of: ``"parameter"``, ``"gain"`` or ``"delay"``.
+        of: ``"parameter"``, ``"input"`` for one that changes when something reaches a drive, ``"gain"`` or ``"delay"``.
         typical: typical size.
         lower: lower bound.
         upper: upper bound.
@@ -83,7 +84,7 @@ class _Unknown:
     @property
     def acts_through_inputs(self) -> bool:
         """Whether it changes the inputs of the drives."""
-        return self.of != "parameter" or self.name.partition(".")[0] in EFFECTS_ON_INPUTS
+        return self.of != "parameter"
 
 
 def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
@@ -113,20 +114,23 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
     ):
         values, spread = _Descent(model, usable, unknowns, length, step).down(values)
     moved = _with(model, unknowns, values)
-    told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
+    told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of in OF_EFFECTS and std > 0.0}
     return moved.with_parameters({n: replace(moved.parameters[n], std=std) for n, std in told.items()})
 
 
 def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
     found = []
     held = model.background.names if model.background is not None else ()
+    late = {effect.name for effect in model.effects if slots_of(effect).delays}
     for name, p in model.parameters.items():
         if p.effect == "torque_gain" or not (p.fitted or name in held):
             continue
         mean, spread = (0.0, np.inf) if p.prior is None else (p.prior.mean, p.prior.std)
         if name in held and model.background is not None:
             mean, spread = p.value, max(model.background.width, 1e-6) * p.typical
-        found.append(_Unknown(name, "parameter", p.typical, p.lower, p.upper, (mean, spread)))
+        found.append(
+            _Unknown(name, "input" if p.effect in late else "parameter", p.typical, p.lower, p.upper, (mean, spread))
+        )
     for name, servo in model.drives.items():
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
@@ -139,7 +143,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
 
 
 def _value(model: ArmModel, unknown: _Unknown) -> float:
-    if unknown.of == "parameter":
+    if unknown.of in OF_EFFECTS:
         return model.value(unknown.name)
     servo = model.drives[unknown.name]
     assert servo.gain is not None
@@ -172,7 +176,7 @@ class _Cost:
 def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> ArmModel:
     parameters, drives = {}, dict(model.drives)
     for unknown, value in zip(unknowns, values.tolist(), strict=True):
-        if unknown.of == "parameter":
+        if unknown.of in OF_EFFECTS:
             parameters[unknown.name] = replace(model.parameters[unknown.name], value=value)
         elif unknown.of == "delay":
             drives[unknown.name] = replace(drives[unknown.name], delay=value)

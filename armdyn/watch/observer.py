@@ -29,6 +29,7 @@ from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import CREEP_SPEED
 from armdyn.arm.physics import Expression
+from armdyn.arm.slots import slots_of
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.errors import InputError
@@ -54,8 +55,6 @@ MAX_DETECTION_SECONDS = 0.05
 LOW_PASS_STAGE_BANDWIDTH, TORQUE_LOW_PASS_STAGES, PREDICTION_LOW_PASS_STAGES = 100.0, 8, 5
 """Bandwidth of the stages, 1/s; number of low-passes for torque, and for prediction. On three simulated arms 6 and 3
 low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
-SHORT_DELAY_EFFECTS = frozenset({"torque_delay", "command_delay"})
-"""Effects that remember for a shorter time than F; the observer leaves them out."""
 RESIDUAL_MEAN_STATE_INDEX = 2 * (FILTER_ORDER + 1)
 """Index of the running mean of the residual in the state, in blocks of nj."""
 FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 4
@@ -279,7 +278,7 @@ def without_past_dependent_effects(model: ArmModel) -> ArmModel:
     """
     late = {effect.name for effect in model.effects if depends_on_past(effect)}
     for effect in model.named_effects:
-        if effect.name in late and effect.name not in SHORT_DELAY_EFFECTS:
+        if effect.name in late and not slots_of(effect).delays:  # shorter than F remembers
             raise InputError(
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"

@@ -35,13 +35,15 @@ import mujoco
 import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.slots import slots_of
 from armdyn.arm.symbolic import inverse_dynamics_function
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, repair
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import EXPRESSIBLE_EFFECTS, INEXPRESSIBLE_REASONS
+from pipeline.exports.parts import INEXPRESSIBLE_REASONS, MUJOCO_SLOTS, held_effects
 
 generated = hidden_table.generator("generated_arm")
 
@@ -49,10 +51,16 @@ TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.95, "second": 0.98}
 DEVIATIONS = 3.0
 CLOSE = 1.2
 """Largest error of the exported model over the error of the model itself."""
+OF_DRIVES = {
+    name
+    for name, one in CATALOGUE.items()
+    if one.acts_on in ("joint", "drive") and {*slots_of(one).names, slots_of(one).depends_on} & {*INEXPRESSIBLE_REASONS}
+}
+"""Effects on what a drive is told or reads, which are no part of an exported arm's torques."""
 EXPORTED = tuple(
     effect
     for effect in generated.EFFECTS
-    if effect in EXPRESSIBLE_EFFECTS["mujoco"] | set(INEXPRESSIBLE_REASONS)
+    if effect in held_effects(CATALOGUE.values(), MUJOCO_SLOTS) | OF_DRIVES
     and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
 )
 LENGTHS, COUNTS = (12.0, 30.0, 60.0, 120.0), (1, 6)
@@ -189,13 +197,11 @@ def exported_error(seed: int) -> tuple[float, float]:
     """Rms error of the exported and of the repaired model against the true torque on new motions [N m]."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
-    arm = mended.with_only_effects(
-        [effect.name for effect in mended.effects if effect.name not in INEXPRESSIBLE_REASONS]
-    )
+    arm = mended.with_only_effects([effect.name for effect in mended.effects if effect.name not in OF_DRIVES])
     dynamics, compiled = inverse_dynamics_function(arm), mujoco.MjModel.from_xml_string(mujoco_text(mended)[0])
     data, squares = mujoco.MjData(compiled), []
     for world in robot.fresh():
-        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in INEXPRESSIBLE_REASONS])[1]
+        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in OF_DRIVES])[1]
         for q, v, a, torque in zip(*world.motion.at(world.stamps), true, strict=True):
             data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
             mujoco.mj_inverse(compiled, data)

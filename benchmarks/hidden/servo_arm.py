@@ -35,13 +35,15 @@ from generated_arm import DEVIATIONS, found_shares, judged
 from armdyn.arm.closed_loop.rollout import simulated_position_errors, simulated_positions
 from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
+from pipeline.exports.parts import MUJOCO_SLOTS, held_effects
 
 generated = hidden_table.generator("servo_arm")
+IN_MUJOCO = held_effects(CATALOGUE.values(), MUJOCO_SLOTS)
 TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.93, "roll-out": 1.0}
 CLOSE, ALIKE = 1.2, 1.05
 """Largest error over that of the truth; largest error of an export over the model's own."""
@@ -100,14 +102,10 @@ def examine(seed: int) -> hidden_table.Row:
 
 def exported_errors(seed: int) -> list[float]:
     """Rms errors of the positions in the held-out run [rad]: MuJoCo's, and the model's own."""
-    arm = generated.generate(
-        seed, tuple(effect for effect in generated.EFFECTS if effect in EXPRESSIBLE_EFFECTS["mujoco"])
-    )
+    arm = generated.generate(seed, tuple(effect for effect in generated.EFFECTS if effect in IN_MUJOCO))
     *training, held_out = arm.runs
     mended = CheckedStudy.of(arm.known, training, [held_out], trusted=True).repair().model
-    mended = mended.with_only_effects(
-        [effect.name for effect in mended.effects if effect.name in EXPRESSIBLE_EFFECTS["mujoco"]]
-    )
+    mended = mended.with_only_effects([effect.name for effect in mended.effects if effect.name in IN_MUJOCO])
     text = mujoco_text(mended)[0]
     there = in_mujoco.errors_in_mujoco(text, mended, held_out)
     own = [simulated_positions(mended, mended.theta(), w) - w.q for w in in_mujoco.stretches(mended, held_out)]

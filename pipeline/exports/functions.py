@@ -16,6 +16,7 @@ import casadi as ca
 from armdyn import __version__
 from armdyn.arm.composition import torque_functions_with_effects
 from armdyn.arm.model import ArmModel
+from armdyn.arm.slots import slots_of
 from armdyn.effects.effect import recorded_columns
 from armdyn.errors import InputError
 from armdyn.model import Model
@@ -26,9 +27,6 @@ from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import ExportedModelText, Format
 from pipeline.exports.parts import inexpressible_background, inexpressible_effects
-
-EFFECTS_OF_PAST_INPUTS = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
-"""Effects that depend on past inputs, so that no function of one instant can express them."""
 
 
 class ExportedFunction(NamedTuple):
@@ -76,7 +74,6 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
 
 def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     from armdyn.arm.symbolic import (
-        DRIVE_GAIN_AND_OFFSET_EFFECTS,
         drive_command_function,
         inverse_dynamics_function,
         servo_torque_function,
@@ -103,7 +100,7 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
             {"tau": f"torques, {unit}"},
         )
     ]
-    if held & DRIVE_GAIN_AND_OFFSET_EFFECTS:
+    if any(slots_of(effect).scales_reading for effect in kept.effects):
         found.append(
             ExportedFunction(
                 drive_command_function(kept),
@@ -122,7 +119,8 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
                 {"tau": f"torques, {unit}"},
             )
         )
-    return found, inexpressible_effects(model, held - EFFECTS_OF_PAST_INPUTS, "a function", symmetric=False)
+    instant = {effect.name for effect in kept.effects if not slots_of(effect).needs_more_than_motion}
+    return found, inexpressible_effects(model, instant, "a function", symmetric=False)
 
 
 def _observer_of(model: ArmModel) -> ExportedFunction:
@@ -277,7 +275,7 @@ def _exported(
     """The functions in one language, with a comment on what they lack; `of` are the options of `exported_functions`."""
     functions, notes = exported_functions(file.model, **of)
     lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
-    held = {effect.name for effect in file.model.effects} - EFFECTS_OF_PAST_INPUTS
+    held = {effect.name for effect in file.model.effects if not slots_of(effect).needs_more_than_motion}
     return ExportedModelText(write(functions, lines), notes, held, functions[0].function.name())
 
 

@@ -20,9 +20,10 @@ from pipeline.exports.format import ExportedModelText, Format, arm_of_model_file
 from pipeline.exports.mujoco_drives import add_drives, add_stribeck_frictions, integration, neutral_inertia
 from pipeline.exports.mujoco_start import add_start, play_joint
 from pipeline.exports.parts import (
-    EXPRESSIBLE_EFFECTS,
+    MUJOCO_SLOTS,
     ExportedJointDynamics,
     exported_joint_dynamics,
+    held_effects,
     inexpressible_effects,
     require_physical_inertia,
 )
@@ -50,7 +51,9 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """MuJoCo's XML of an arm with the values of its model, and sentences on effects that it cannot express."""
     arm, parts, gravity = model.arm.model, exported_joint_dynamics(model), model.gravity()
     notes = [
-        *inexpressible_effects(model, EXPRESSIBLE_EFFECTS["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
+        *inexpressible_effects(
+            model, held_effects(model.effects, MUJOCO_SLOTS), "MuJoCo", uneven_drives=model.servo_joints
+        ),
         "shapes: capsules stand for the links, nothing collides",
         *(
             f"play of {joint.name}: its link stands at {joint.name} + {play_joint(joint.name)}"
@@ -181,10 +184,10 @@ def _link_names(model: ArmModel) -> list[str]:
 
 
 def _export(file: ModelFile, output: Path, _about: str) -> ExportedModelText:
-    text, notes = mujoco_text(arm_of_model_file(file, output))
-    return ExportedModelText(
-        text, notes, EXPRESSIBLE_EFFECTS["mujoco"], f"python -m mujoco.viewer --mjcf={quote(str(output))}"
-    )
+    model = arm_of_model_file(file, output)
+    text, notes = mujoco_text(model)
+    usage = f"python -m mujoco.viewer --mjcf={quote(str(output))}"
+    return ExportedModelText(text, notes, held_effects(model.effects, MUJOCO_SLOTS), usage)
 
 
 FORMATS = (Format(".xml", "MuJoCo model", _export),)

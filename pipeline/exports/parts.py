@@ -1,38 +1,66 @@
 """An arm as simulators describe it: inertias, damping, friction, armature, springs; and the effects that do not fit."""
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.arm.closed_loop.play import PLAY_PARAMETER
 from armdyn.arm.model import ArmModel
+from armdyn.arm.slots import (
+    ARMATURE,
+    COMMAND_DELAY,
+    COSINE,
+    DAMPING,
+    FADING_FRICTION,
+    FADING_SPEED,
+    FRICTION,
+    GAIN,
+    GRAVITY,
+    LINK,
+    OFFSET,
+    PAST_COMMANDS,
+    PLAY,
+    READING_DELAY,
+    REST_TORQUE,
+    SINE,
+    STIFFNESS,
+    TORQUE,
+    VOLTAGE,
+    slots_of,
+)
+from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.model import Model
 from urdf.mend import impossible_inertia_reason
 
-LINK_EFFECTS = frozenset({"link_inertia", "payload"})
-EXPRESSIBLE_EFFECTS = {
-    "urdf": LINK_EFFECTS
-    | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
-    "mujoco": LINK_EFFECTS
-    | {
-        "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction",
-        "joint_stribeck_friction", "rotor_inertia",
-        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
-        "command_delay", "backlash",
-    },
+URDF_SLOTS = frozenset({LINK, GRAVITY, DAMPING, FRICTION})
+MUJOCO_SLOTS = URDF_SLOTS | {
+    ARMATURE, STIFFNESS, REST_TORQUE, SINE, COSINE, FADING_FRICTION, FADING_SPEED, GAIN, OFFSET, COMMAND_DELAY, PLAY,
 }  # fmt: skip
-"""Effects that a format can express, by format."""
+"""Parameters of a joint that a format has; see `armdyn.arm.slots`."""
 INEXPRESSIBLE_REASONS = {
-    "torque_offset": "belongs to the drive's command, not to the arm",
-    "torque_gain": "belongs to the drive's command, not to the arm",
-    "command_delay": "shift the commands by it",
-    "servo_integral": "needs what was before",
-    "supply_voltage": "the gain is that of the usual voltage",
-    "torque_delay": "belongs to the torque sensor, not to the arm",
+    GAIN: "belongs to the drive's command, not to the arm",
+    OFFSET: "belongs to the drive's command, not to the arm",
+    COMMAND_DELAY: "shift the commands by it",
+    READING_DELAY: "belongs to the torque sensor, not to the arm",
+    PAST_COMMANDS: "needs what was before",
+    VOLTAGE: "the gain is that of the usual voltage",
 }
-"""Reason why no simulator's format can express an effect, by effect."""
+"""Reason why a format cannot express an effect, by the slot that it lacks, or by what the effect depends on."""
+
+
+def held_effects(effects: Iterable[Effect], slots: Collection[str]) -> frozenset[str]:
+    """Names of those of some effects that a format with some slots can express.
+
+    Of a friction that differs by direction, a format with friction alone expresses the mean.
+    """
+    found = set[str]()
+    for effect in effects:
+        lacking = (own := slots_of(effect).names) - set(slots)
+        if own and (not lacking or (lacking == {TORQUE} and FRICTION in own)):
+            found.add(effect.name)
+    return frozenset(found)
 
 
 @dataclass(frozen=True)
@@ -45,7 +73,7 @@ class ExportedJointDynamics:
         described: inertial parameters of this link in the URDF (10,).
         damping: viscous friction and back EMF [N m s/rad].
         friction: dry friction, mean of both directions [N m].
-        uneven: half the difference of forward and backward dry friction [N m].
+        uneven: torque without motion: half the difference of forward and backward dry friction [N m].
         armature: inertia of the rotor behind the gears [kg m^2].
         spring: factors of sin q and cos q in the torque of a gravity spring [N m].
         stiffness: stiffness of a spring in the joint [N m/rad].
@@ -75,24 +103,27 @@ def exported_joint_dynamics(model: ArmModel) -> tuple[ExportedJointDynamics, ...
 
 
 def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) -> ExportedJointDynamics:
-    def value(of: str) -> float:
-        parameter = model.parameters.get(f"{of}[{name}]")
-        return parameter.value if parameter is not None else 0.0
-
-    forward, backward = (value(f"joint_asymmetric_friction.{side}") for side in ("positive", "negative"))
+    total, fading_speed = Counter[str](), 0.0
+    for effect in model.effects:
+        if name in model.joints_having_effect(effect.name):
+            quantities = [f"{effect.name}.{short}[{name}]" for short in effect.quantities]
+            own = slots_of(effect).at([model.parameters[quantity].value for quantity in quantities])
+            fading_speed = own.pop(FADING_SPEED, fading_speed)
+            total.update(own)
+    stiffness = total[STIFFNESS]
     return ExportedJointDynamics(
         name,
         link,
         described,
-        damping=value("joint_viscous_friction.coefficient") + value("back_emf.coefficient"),
-        friction=value("joint_coulomb_friction.torque") + (forward + backward) / 2,
-        uneven=(forward - backward) / 2,
-        armature=value("rotor_inertia.inertia"),
-        spring=(value("gravity_spring.sine"), value("gravity_spring.cosine")),
-        stiffness=value("joint_spring.stiffness"),
-        rest=value("joint_spring.rest"),
-        play=value(PLAY_PARAMETER),
-        stribeck=(value("joint_stribeck_friction.torque"), value("joint_stribeck_friction.speed")),
+        damping=total[DAMPING],
+        friction=total[FRICTION],
+        uneven=total[TORQUE],
+        armature=total[ARMATURE],
+        spring=(total[SINE], total[COSINE]),
+        stiffness=stiffness,
+        rest=-total[REST_TORQUE] / stiffness if stiffness else 0.0,
+        play=total[PLAY],
+        stribeck=(total[FADING_FRICTION], fading_speed),
     )
 
 
@@ -127,8 +158,8 @@ def inexpressible_effects(
     named = model.without_background()
     for effect in named.effects:
         joints = [joint for joint in named.joints_having_effect(effect.name) if joint]
-        why = INEXPRESSIBLE_REASONS.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
-        if not why and symmetric and effect.name == "joint_asymmetric_friction":
+        why = _reason(effect, f"{whose} has no place for it") if effect.name not in held else ""
+        if not why and symmetric and TORQUE in slots_of(effect).names:
             uneven = {joint.name for joint in exported_joint_dynamics(model) if joint.uneven}
             joints = [joint for joint in joints if joint in uneven and joint not in uneven_drives]
             why = f"{whose} has one friction for both directions; their mean is used" if joints else ""
@@ -136,6 +167,17 @@ def inexpressible_effects(
             where = f" ({', '.join(joints)})" if joints else ""
             sentences.append(f"{effect.name}{where}: {why}")
     return [*sentences, *inexpressible_background(model, held, whose)]
+
+
+def _reason(effect: Effect, usual: str) -> str:
+    """Why a format cannot express an effect."""
+    slots = slots_of(effect)
+    known = (
+        INEXPRESSIBLE_REASONS[what]
+        for what in (*sorted(slots.names), slots.depends_on)
+        if what in INEXPRESSIBLE_REASONS
+    )
+    return next(known, usual)
 
 
 def inexpressible_background(model: Model, held: Collection[str], whose: str) -> list[str]:

@@ -14,9 +14,10 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import ExportedModelText, Format, arm_of_model_file
 from pipeline.exports.parts import (
-    EXPRESSIBLE_EFFECTS,
+    URDF_SLOTS,
     ExportedJointDynamics,
     exported_joint_dynamics,
+    held_effects,
     inexpressible_effects,
     require_physical_inertia,
 )
@@ -42,7 +43,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     """
     robot = model.arm.robot
     root = ET.fromstring(robot.urdf_xml)
-    notes = inexpressible_effects(model, EXPRESSIBLE_EFFECTS["urdf"], "a URDF")
+    notes = inexpressible_effects(model, held_effects(model.effects, URDF_SLOTS), "a URDF")
     gravity = robot.model.gravity.linear
     if not np.array_equal(gravity, URDF_DYNAMICS.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
@@ -180,9 +181,10 @@ def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
 
 
 def _export(file: ModelFile, output: Path, _about: str) -> ExportedModelText:
-    text, notes = urdf_text(arm_of_model_file(file, output), output.resolve().parent)
+    model = arm_of_model_file(file, output)
+    text, notes = urdf_text(model, output.resolve().parent)
     usage = f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator"
-    return ExportedModelText(text, notes, EXPRESSIBLE_EFFECTS["urdf"], usage)
+    return ExportedModelText(text, notes, held_effects(model.effects, URDF_SLOTS), usage)
 
 
 FORMATS = (Format(".urdf", "URDF", _export),)

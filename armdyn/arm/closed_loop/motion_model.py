@@ -13,7 +13,6 @@ from typing import Self
 import numpy as np
 
 from armdyn.arm.closed_loop.motion_slopes import INPUT_DIFFERENCE, window_slopes
-from armdyn.arm.closed_loop.play import PLAY_PARAMETER
 from armdyn.arm.closed_loop.rollout import (
     SimulatedWindow,
     SimulationWindow,
@@ -25,6 +24,7 @@ from armdyn.arm.closed_loop.rollout import (
 from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
+from armdyn.arm.slots import PLAY_PARAMETER
 from armdyn.model import Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run

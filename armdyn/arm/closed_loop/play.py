@@ -12,9 +12,8 @@ import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inverse_dynamics
+from armdyn.arm.slots import PLAY_PARAMETER
 
-PLAY_PARAMETER = "backlash.play"
-"""Parameter of a joint: its link's way to either side of the drive's position, rad or m."""
 SOFT_LOAD_SHARE = 0.02
 """Load, as a share of its root mean square, within which a link is between the ends of its play."""
 

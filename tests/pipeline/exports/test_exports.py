@@ -28,7 +28,7 @@ from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCE_COUNT, Obser
 from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.json_file import parameters_json
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
+from pipeline.exports.parts import MUJOCO_SLOTS, URDF_SLOTS, held_effects
 from pipeline.exports.urdf_file import urdf_text
 
 from .conftest import by_formulas, states, with_effects
@@ -36,9 +36,8 @@ from .conftest import by_formulas, states, with_effects
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
 """Effects of arms that say what their drives are told; see test_drives."""
-IN_MUJOCO = sorted(
-    EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_asymmetric_friction", "joint_stribeck_friction", "backlash", *DRIVES}
-)
+HELD_BY_MUJOCO = held_effects(CATALOGUE.values(), MUJOCO_SLOTS)
+IN_MUJOCO = sorted(HELD_BY_MUJOCO - {"joint_asymmetric_friction", "joint_stribeck_friction", "backlash", *DRIVES})
 
 
 def mujoco_torques(model, q, v, a):
@@ -67,7 +66,7 @@ def test_mujocos_inverse_dynamics_is_the_models_on_200_states(bare_arm):
 
 
 def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
-    model = with_effects(bare_arm, sorted(EXPRESSIBLE_EFFECTS["urdf"]))
+    model = with_effects(bare_arm, sorted(held_effects(CATALOGUE.values(), URDF_SLOTS) - DRIVES))
     text, _ = urdf_text(model, tmp_path)
     (tmp_path / "a.urdf").write_text(text)
     document = ET.fromstring(text)
@@ -273,7 +272,7 @@ def with_background(arm, named, small, own=()):
 
 
 def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
-    others = EXPRESSIBLE_EFFECTS["mujoco"] - {"joint_spring", "joint_stribeck_friction", *DRIVES}
+    others = HELD_BY_MUJOCO - {"joint_spring", "joint_stribeck_friction", *DRIVES}
     small, named = with_background(bare_arm, ["joint_spring"], sorted(others))
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]

@@ -5,10 +5,10 @@ import pytest
 from worlds.servo_arm import EFFECTS, generate
 
 from armdyn.arm.closed_loop.rollout import simulated_positions
-from armdyn.effects.catalogue import find
+from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
+from pipeline.exports.parts import MUJOCO_SLOTS, held_effects
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -17,7 +17,9 @@ from worlds.servo_in_mujoco import errors_in_mujoco, stretches  # noqa: E402
 from pipeline.exports.mujoco_start import begin  # noqa: E402
 
 IN_MUJOCO = tuple(
-    effect for effect in EFFECTS if effect in EXPRESSIBLE_EFFECTS["mujoco"] and effect != "joint_stribeck_friction"
+    effect
+    for effect in EFFECTS
+    if effect in held_effects(CATALOGUE.values(), MUJOCO_SLOTS) and effect != "joint_stribeck_friction"
 )
 AS_THE_MODEL = 1.05
 """Largest error of the file's motion over that of the model's own roll-out."""
