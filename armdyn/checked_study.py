@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from armdyn.arm.closed_loop.motion_model import MotionModel
-from armdyn.arm.closed_loop.rollout import has_all_position_commands
-from armdyn.arm.model import EFFECTS_STATED_BY_DRIVE
+from armdyn.arm.closed_loop.rollout import has_all_position_commands, simulated_position_errors
+from armdyn.arm.model import EFFECTS_STATED_BY_DRIVE, ArmModel
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
@@ -246,7 +246,7 @@ class CheckedStudy:
         """A repair by the simulated motion; see `MotionModel`."""
         assert self.commanded is not None
         runs, held_out, exam = self.commanded
-        arm, declared = (None if m is None else m.arm_model_or_none() for m in (self.study.model, self.declared))
+        arm, declared = (None if m is None else m.capability(ArmModel) for m in (self.study.model, self.declared))
         assert arm is not None
         assert declared is not None
         # No motion shows what is wrong with a torque sensor.
@@ -257,7 +257,7 @@ class CheckedStudy:
         if (step := study.suited_step(found.steps[-1].fit)) < model.step:
             finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
             found = repair(finer.beginning_with(found.model), say)
-        whole, alone = (m.arm_model_or_none() for m in (found.model, found.model_without_background))
+        whole, alone = (m.capability(ArmModel) for m in (found.model, found.model_without_background))
         assert whole is not None
         assert alone is not None
         self._require_plausible(whole)
@@ -268,7 +268,10 @@ class CheckedStudy:
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
-        arm, declared = model.arm_model_or_none(), None if self.declared is None else self.declared.arm_model_or_none()
+        arm, declared = (
+            model.capability(ArmModel),
+            None if self.declared is None else self.declared.capability(ArmModel),
+        )
         if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
             model = fit_to_motion(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
@@ -282,10 +285,10 @@ class CheckedStudy:
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
         """A comparison with the identified drives, and the simulated against the recorded motion."""
-        arm = model.arm_model_or_none()
+        arm = model.capability(ArmModel)
         if arm is None:
             return found
-        return replace(found, rollout=arm.motion_errors(self.study.recordings), drives=arm.drives)
+        return replace(found, rollout=simulated_position_errors(arm, self.study.recordings), drives=arm.drives)
 
     def _telling(self, found: Comparison, model: Model | None = None) -> Comparison:
         """A comparison with sentences on what was set aside, open questions of a model, and mistakes in exam runs."""
@@ -301,7 +304,7 @@ class CheckedStudy:
 
 def predicts_motion(model: Model, runs: Sequence[Run]) -> bool:
     """Whether the runs contain positions and position commands of every joint of an arm, and no torque."""
-    arm = model.arm_model_or_none()
+    arm = model.capability(ArmModel)
     return arm is not None and all(
         has_all_position_commands(arm, run) and not any(f"tau.{joint}" in run.channels for joint in arm.joints)
         for run in runs

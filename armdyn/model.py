@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
@@ -15,10 +15,10 @@ from armdyn.effects.effect import Effect
 from armdyn.run import Channel, Run
 
 if TYPE_CHECKING:
-    from armdyn.arm.closed_loop.rollout import SimulatedPositionError
     from armdyn.arm.links import LinkInertiaChange
-    from armdyn.arm.model import ArmModel
     from urdf import Robot
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,9 @@ class Model(EffectModel, Displayable):
         del theta, covariance, of_runs_alone, free
         return ()
 
-    def arm_model_or_none(self) -> "ArmModel | None":
-        """The model itself if it describes an arm with joints, links and drives; None for any other base."""
-        return None
+    def capability(self, kind: type[Kind]) -> Kind | None:
+        """This model as one of some kind, such as an `ArmModel` with joints, links and drives; None if it is none."""
+        return self if isinstance(self, kind) else None
 
     def file_entries(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file that define the base model; paths in them are relative to `folder`."""
@@ -180,15 +180,6 @@ class Model(EffectModel, Displayable):
     def robot(self) -> "Robot | None":
         """Robot whose joints the model describes; None for a model of anything else."""
         return None
-
-    def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[SimulatedPositionError, ...]":
-        """Simulate recordings and compare the motion with the recorded one; empty for a model without joints.
-
-        Args:
-            recordings: recordings, each with its role, such as ``"training"`` or ``"exam"``.
-        """
-        del recordings
-        return ()
 
     @property
     def guessed_parameters(self) -> tuple[str, ...]:

@@ -1,12 +1,13 @@
 """Links in kg, m and kg m^2: described and fitted values, and which of them the runs determine."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.model import ArmModel
+from armdyn.arm.arm import Arm
 from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, is_physical
 
 MAX_LINK_VALUE_STD_SHARE = 0.25
@@ -81,23 +82,28 @@ class LinkInertiaChange:
 
 
 def link_inertia_changes(
-    model: ArmModel, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
+    arm: Arm,
+    changes: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    covariance: np.ndarray,
+    of_runs_alone: np.ndarray,
+    free: np.ndarray,
 ) -> tuple[LinkInertiaChange, ...]:
     """Every link that effects change, in the order of the joints, with standard deviations by the delta method.
 
     Args:
-        model: the arm with its effects.
-        theta: (p,) fitted parameters.
+        arm: the arm as described.
+        changes: (10,) change of each link's inertial parameters and its (10, p) derivatives by p fitted parameters, by
+            its joint's index.
         covariance: (p, p) covariance of the parameters.
         of_runs_alone: (p, p) covariance nearly without priors.
         free: (p,) bool, fitted parameters.
     """
     found = []
-    for i, (change, derivatives) in model.changed_links(theta).items():
+    for i, (change, derivatives) in changes.items():
         concerned = np.any(derivatives != 0.0, axis=0)
         if not (change.any() or np.any(concerned & free)):
             continue
-        described = model.arm.described[i]
+        described = arm.described[i]
         inertial = described + change
         value, jacobian = _described_by(inertial)
         by_theta = jacobian @ (derivatives * free)
@@ -110,7 +116,7 @@ def link_inertia_changes(
                 LINK_QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
         )
-        found.append(LinkInertiaChange(model.arm.joints[i], quantities, is_physical(inertial)))
+        found.append(LinkInertiaChange(arm.joints[i], quantities, is_physical(inertial)))
     return tuple(found)
 
 

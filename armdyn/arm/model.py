@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from armdyn.arm.composition import (
 )
 from armdyn.arm.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
+from armdyn.arm.links import LinkInertiaChange, link_inertia_changes
 from armdyn.arm.motion import motion_channels, torque_channels, without_idle_torques
 from armdyn.arm.prediction import (
     JointTorquePredictor,
@@ -39,10 +40,6 @@ from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
 from urdf.toml_tables import TomlValueCheck, table_to_dataclass
-
-if TYPE_CHECKING:
-    from armdyn.arm.closed_loop.rollout import SimulatedPositionError
-    from armdyn.arm.links import LinkInertiaChange
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,10 +65,6 @@ class ArmModel(Model):
     def stages(self) -> tuple[str, ...]:
         """Names of the stages on which effects may act."""
         return ("joint", "drive") if self.drives else ("joint",)
-
-    def arm_model_or_none(self) -> "ArmModel":
-        """This model itself."""
-        return self
 
     @property
     def base_summary(self) -> str:
@@ -99,12 +92,6 @@ class ArmModel(Model):
     def robot(self) -> Robot:
         """Robot whose joints the model describes."""
         return self.arm.robot
-
-    def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[SimulatedPositionError, ...]":
-        """Errors of the simulated motion in recordings, each given with its role, for every joint."""
-        from armdyn.arm.closed_loop.rollout import simulated_position_errors
-
-        return simulated_position_errors(self, recordings)
 
     def adapted_to(self, runs: Sequence[Run]) -> Self:
         """The model with other joints that move in the runs, and with drives identified from them."""
@@ -207,11 +194,9 @@ class ArmModel(Model):
 
     def link_inertia_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
-    ) -> "tuple[LinkInertiaChange, ...]":
+    ) -> tuple[LinkInertiaChange, ...]:
         """Links that effects change, in the order of the joints, with their values at (p,) fitted parameters."""
-        from armdyn.arm.links import link_inertia_changes
-
-        return link_inertia_changes(self, theta, covariance, of_runs_alone, free)
+        return link_inertia_changes(self.arm, self.changed_links(theta), covariance, of_runs_alone, free)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Signals on which a residual may depend: position, velocity and acceleration of every joint."""
@@ -375,7 +360,7 @@ def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
     Raises:
         InputError: the model has another base.
     """
-    arm = model.arm_model_or_none()
+    arm = model.capability(ArmModel)
     if arm is None:
         raise InputError(f"{purpose} for arms, and this model's base is '{model.base}': {remedy}")
     return arm

@@ -67,7 +67,7 @@ def examine(seed: int, tell: bool = False) -> hidden_table.Row:
             return row | {"refused": str(refusal), "missed": sorted(visible), "false": [], "wrong": [], "values": 0,
                           "motion": np.inf, "lost": True, "cpu": time.process_time() - begun}  # fmt: skip
         cpu = time.process_time() - begun
-        model = found.model.arm_model_or_none()
+        model = found.model.capability(ArmModel)
         assert model is not None
         lost = found.verdict is Verdict.LOST
         named = set() if lost else set(pairs(model.without_background()))

@@ -67,7 +67,7 @@ def repaired(case: ServoCase) -> Found:
     table = {"joints": list(described.arm.joints), **KNOWN_DRIVES[KIND]}
     result = CheckedStudy.of(described.with_drives({KIND: table}), case.training, case.held_out).repair()
     seconds = process_time() - begun
-    model = result.model.arm_model_or_none()
+    model = result.model.capability(ArmModel)
     assert model is not None
     servo = model.drives[KIND]
     values = {name: p.value for name, p in model.parameters.items() if p.effect}

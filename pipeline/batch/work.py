@@ -183,10 +183,11 @@ def _sound(
     path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ...]
 ) -> "tuple[ArmModel, FaultFreeStatistics]":
     """The model of an arm, and the statistics of its recordings in good condition; cached for the jobs of one arm."""
+    from armdyn.arm.model import ArmModel
     from armdyn.watch.fault_free import statistics_of_recordings
     from pipeline.watch.sources import read_arm_runs, sample_sources
 
-    model = _known(path, key, effects).file.model.arm_model_or_none()
+    model = _known(path, key, effects).file.model.capability(ArmModel)
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
     return model, statistics_of_recordings(model, sample_sources(model, read_arm_runs(model, calibrate)))

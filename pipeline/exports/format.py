@@ -45,7 +45,7 @@ def arm_of_model_file(file: ModelFile, output: Path) -> ArmModel:
     Raises:
         InputError: the model is not an arm.
     """
-    arm = file.model.arm_model_or_none()
+    arm = file.model.capability(ArmModel)
     if arm is None:
         raise InputError(
             f"{output.suffix} is for arms, and this model's base is '{file.model.base}': write it as .c, .py or .json"

@@ -64,7 +64,7 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
     missing += [
         f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in recorded_columns(model.effects)
     ]
-    if observer and (arm := model.arm_model_or_none()) is not None:
+    if observer and (arm := model.capability(ArmModel)) is not None:
         try:
             functions.append(_observer_of(arm))
         except InputError as error:

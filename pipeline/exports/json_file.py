@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import inertia_about_centre
 from armdyn.model_file import ModelFile
 from pipeline.answers import background_force_json
@@ -32,7 +33,7 @@ def parameters_json(file: ModelFile) -> dict[str, Any]:
         },
         **background_force_json(model),
     }
-    if (arm := model.arm_model_or_none()) is not None:
+    if (arm := model.capability(ArmModel)) is not None:
         answer["gravity"] = {"value": [finite_or_none(x) for x in arm.gravity()], "unit": "m/s^2", "frame": "base"}
         answer["links"] = [
             {"joint": joint.name, "urdf": link_inertia_json(joint.described), "model": link_inertia_json(joint.link)}

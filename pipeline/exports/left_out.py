@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import hypot
 
+from armdyn.arm.model import ArmModel
 from armdyn.model_file import ModelFile
 
 MAX_EXPORT_TO_REMOVED_ERROR_RATIO = 0.05
@@ -64,7 +65,7 @@ def export_deviation(file: ModelFile, held: Collection[str]) -> ExportDeviation 
     Returns:
         The error; None if no effect is missing, if the file has no history of a repair, or for a pendulum.
     """
-    model = file.model.arm_model_or_none()
+    model = file.model.capability(ArmModel)
     if model is None:
         return None
     entries = [entry for entry in file.history if "contribution" in entry]

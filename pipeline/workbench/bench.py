@@ -6,7 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.arm.closed_loop.rollout import SimulatedPositionError
+from armdyn.arm.closed_loop.rollout import SimulatedPositionError, simulated_position_errors
+from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
@@ -230,7 +231,8 @@ class Workbench:
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
         values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}
-        return model.with_values(values).motion_errors(study.recordings)
+        arm = model.with_values(values).capability(ArmModel)
+        return () if arm is None else simulated_position_errors(arm, study.recordings)
 
     @cached_property
     def _unexplained(self) -> list[MissingForce]:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
@@ -339,7 +340,7 @@ def save_model(
 
 def _with_its_urdf(found: Model, model: Path, writable: WritableFileCheck, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a dropped URDF copied beside its file, because a page's folder is temporary."""
-    arm = found.arm_model_or_none()
+    arm = found.capability(ArmModel)
     if arm is None or arm.arm.file is None or not is_in_page_folder(arm.arm.file):
         return found, []
     target = model.parent / arm.arm.file.name

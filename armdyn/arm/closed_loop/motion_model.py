@@ -25,7 +25,7 @@ from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
 from armdyn.arm.slots import PLAY_PARAMETER
-from armdyn.model import Prediction, prediction_from_channels
+from armdyn.model import Kind, Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run
 
@@ -109,7 +109,13 @@ class MotionModel(ArmModel):
         kept = {n: replace(p, value=values[n]) for n, p in self.parameters.items() if p.effect}
         return ArmModel(self.effects, MappingProxyType(kept), self.arm, MappingProxyType(drives))
 
-    def arm_model_or_none(self) -> ArmModel:
+    def capability(self, kind: type[Kind]) -> Kind | None:
+        """See `Model.capability`; as an `ArmModel` it is the arm with its values, which predicts torques."""
+        return (
+            super().capability(kind) if issubclass(kind, MotionModel) else self._predicting_torques().capability(kind)
+        )
+
+    def _predicting_torques(self) -> ArmModel:
         """The arm with the values, drives and uncertainties of this model, which predicts torques."""
         drives = dict(self.arm_at(self.theta()).drives)
         for name, servo in drives.items():

@@ -23,7 +23,9 @@ def pendulum(tmp_path):
 def changes(model, theta, std=0.1, alone=0.1):
     size = len(theta)
     one = np.eye(size)
-    return link_inertia_changes(model, theta, std**2 * one, alone**2 * one, np.ones(size, dtype=bool))
+    return link_inertia_changes(
+        model.arm, model.changed_links(theta), std**2 * one, alone**2 * one, np.ones(size, dtype=bool)
+    )
 
 
 def test_a_link_as_described_has_the_urdfs_mass_centre_and_inertia(pendulum):
