@@ -25,6 +25,7 @@ from armdyn.identify.motion_study import MotionStudy
 from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
 from armdyn.inspection.inspect import inspect_runs, require_usable
@@ -172,7 +173,7 @@ class CheckedStudy:
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.without_background() if chosen else known.file.model
         return cls(
-            known, Study.of(begun, training, others, chosen, last), chosen, found, beside, trusted, declared, told
+            known, make_study(begun, training, others, chosen, last), chosen, found, beside, trusted, declared, told
         )
 
     @property

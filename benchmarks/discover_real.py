@@ -32,6 +32,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import add, repair
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
@@ -55,15 +56,15 @@ def judged(name: str, data: Path) -> dict[str, object]:
         [thinned(folder / f"{s}.csv") for s in stems] for stems in (of.training, of.held_out, exams)
     )
     model, catalogue = given(of, folder)
-    repaired = repair(Study.of(model, runs, held_out, catalogue, exam)).model
-    study = Study.of(repaired, runs, held_out, (), exam)
+    repaired = repair(make_study(model, runs, held_out, catalogue, exam)).model
+    study = make_study(repaired, runs, held_out, (), exam)
     before = errors(study, study.first())
     row: dict[str, object] = {"set": name, "repaired": [effect.label for effect in repaired.effects], "before": before}
     if before["fitted"] > LEFT:
-        found = discover(Study.of(repaired, runs, held_out, catalogue))
+        found = discover(make_study(repaired, runs, held_out, catalogue))
         with tempfile.TemporaryDirectory() as file:
             effects = effects_found(repaired, found, Path(file))
-        study = Study.of(repaired, runs, held_out, effects, exam)
+        study = make_study(repaired, runs, held_out, effects, exam)
         row |= {"found": [one.sentence for one in found.laws], "sentence": found.sentence}
         row |= {"after": errors(study, add(study, effects).steps[-1].fit)}
     return row | {"seconds": round(time.process_time() - begun)}

@@ -35,7 +35,7 @@ from armdyn.experiments.goal import MotionGoal, goal_to_determine, goal_to_separ
 from armdyn.experiments.series import FourierSeries
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.run import Channel, Run
 from pipeline.answers_motion import excitation_sentence, std_ratios_to_designed_motion
 from pipeline.motion.excitation import Excitation, ExpectedMotionInformation, design_excitation
@@ -139,7 +139,7 @@ def named(found: Excitation, motion: ExpectedMotionInformation, truth: str, seed
     """Whether the first name is right without a tie, and whether it or a reported tie contains the truth."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
-    said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT_EFFECTS))
+    said = diagnose(make_study(arm_model(robot="baxter"), [run], [], JOINT_EFFECTS))
     first = said.ranked_effects[0].effect if said.ranked_effects else ""
     tied = said.ranked_effects[0].tied_with if said.ranked_effects else ()
     right = first == truth and said.verdict.key == "effect_missing"

@@ -18,7 +18,7 @@ from _hidden_table import by_effect
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import read_model
 from armdyn.pendulum.model import PendulumModel
 from armdyn.run import read_run
@@ -55,7 +55,7 @@ def turn(effect: str, seed: int) -> Case:
         unaware = run_trial(TrialSettings(hidden={effect: size}, seed=seed, out=out))
         model, run = read_model(out / "model.toml"), read_run(out / "trial.csv")
     catalogue = [e for e in CATALOGUE.values() if e.acts_on in model.stages]
-    found = repair(Study.of(model, [run], [], catalogue))
+    found = repair(make_study(model, [run], [], catalogue))
     repaired = found.model
     assert isinstance(repaired, PendulumModel)
 

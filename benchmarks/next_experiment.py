@@ -34,6 +34,7 @@ from armdyn.experiments.rivals import Rivals, rivals_by_name
 from armdyn.experiments.search import random_motion as any_motion
 from armdyn.experiments.separation import expected_outcome
 from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import GripperPath
@@ -95,7 +96,7 @@ def recorded(
 
 
 def study_of(runs: list[Run], pair: tuple[str, str]) -> Study:
-    return Study.of(model(), runs, [], [CATALOGUE[name] for name in pair])
+    return make_study(model(), runs, [], [CATALOGUE[name] for name in pair])
 
 
 def right(found: Diagnosis, hidden: str) -> bool:

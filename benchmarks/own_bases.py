@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from armdyn.effects.effect import Effect, effect
 from armdyn.identify.repair import repair
 from armdyn.identify.sentence import Verdict
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Moment, Stage, constant, physics, state
 from armdyn.physics.definition import Physics
@@ -179,7 +179,7 @@ def outcome(world: World, seed: int, runs: Sequence[Run]) -> str:
     factors = np.random.default_rng(seed).uniform(0.5, 1.5, len(world.truth))
     values = {name: f * value for f, (name, value) in zip(factors, world.truth.items(), strict=True)}
     model = physics_model(world.base, own_effects=EFFECTS).with_values(values)
-    found = repair(Study.of(model, runs[:2], runs[2:], EFFECTS))
+    found = repair(make_study(model, runs[:2], runs[2:], EFFECTS))
     if found.verdict is Verdict.LOST:
         return "lost"
     told = ((found.model.parameters[name], value) for name, value in world.truth.items())

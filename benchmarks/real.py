@@ -30,6 +30,7 @@ import _timing as bench
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import ArmdynError
 from armdyn.identify.repair import Repair, add, repair
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.pendulum.model import pendulum_model
@@ -132,7 +133,7 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
     training, held_out, exam = map(runs, (recorded.training, recorded.held_out, recorded.exam))
 
     def study() -> Study:
-        return Study.of(pendulum_model(LENGTH, MASS), training, held_out, list(CATALOGUE.values()), exam=exam)
+        return make_study(pendulum_model(LENGTH, MASS), training, held_out, list(CATALOGUE.values()), exam=exam)
 
     begun = time.process_time()
     found = repair(study())

@@ -20,7 +20,7 @@ from _hidden_table import JOINT_EFFECTS
 
 from armdyn.arm.model import arm_model
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.run import Run, read_run
 
 
@@ -75,7 +75,9 @@ def examine(recorded: Recorded, data: Path) -> list[str]:
     file = folder / recorded.robot
     model = arm_model(file) if file.exists() else arm_model(robot=recorded.robot)
     begun = time.process_time()
-    study = Study.of(model, runs(*recorded.training), runs(*recorded.held_out), JOINT_EFFECTS, exam=runs(recorded.exam))
+    study = make_study(
+        model, runs(*recorded.training), runs(*recorded.held_out), JOINT_EFFECTS, exam=runs(recorded.exam)
+    )
     found = repair(study)
     seconds = time.process_time() - begun
     first, last = found.path[0], found.path[-1]

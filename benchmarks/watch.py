@@ -34,7 +34,7 @@ from scipy.stats import chi2
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.run import Run
 from armdyn.watch.event import EventKind
 from armdyn.watch.fault_free import FaultFreeStatistics, joint_samples_of_recording, statistics_of_recordings
@@ -68,7 +68,8 @@ class Robot:
         """Robot with a model that is repaired as by a user."""
         case = imperfect.generate(name, CASE, seed)
         return cls(
-            case, repair(Study.of(arm_model(robot=name), case.train, case.held_out, hidden_table.JOINT_EFFECTS)).model
+            case,
+            repair(make_study(arm_model(robot=name), case.train, case.held_out, hidden_table.JOINT_EFFECTS)).model,
         )
 
     def work(

@@ -3,9 +3,12 @@
 import ast
 import re
 from collections import Counter
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from armdyn.effects.catalogue import CATALOGUE
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pipeline", "ik", "armdyn", "urdf")  # each may import those after it
@@ -13,6 +16,8 @@ KIND_OF_MODEL = re.compile(
     r"isinstance\([^)]*(Arm|Pendulum|Physics|Simulated)Model\b|\.base (==|!=|in) |model\.linear\b"
 )
 MOST_KINDS, MOST_FILES, MOST_SHARED_NAMES = 5, 25, 10
+MOST_EFFECTS_BY_NAME, MOST_SOLVES = 60, 0
+"""Names of effects outside their own folder, and solutions of linear systems outside the kernel."""
 """Questions after the kind of a model, files of a folder, public classes whose name another one has."""
 
 FILES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")) if file.is_file()]
@@ -50,3 +55,53 @@ def test_a_public_class_has_a_name_of_its_own():
                if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]  # fmt: skip
     shared = {name: n for name, n in Counter(classes).items() if n > 1}
     assert len(shared) <= MOST_SHARED_NAMES, shared
+
+
+def module_of(file):
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_no_files_import_one_another_in_a_circle():
+    """Imports for type checking count, and those within functions."""
+    known, arrows = {module_of(file) for file in FILES}, {}
+    for file in FILES:
+        nodes = [*ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
+        names = {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
+        for node in (node for node in nodes if isinstance(node, ast.ImportFrom) and node.module):
+            inner = {f"{node.module}.{a.name}" for a in node.names}
+            names |= inner & known or {node.module}
+        arrows[module_of(file)] = (names & known) - {module_of(file)}
+    TopologicalSorter(arrows).prepare()  # raises an error with the circle
+
+
+def test_effects_are_seldom_called_by_name():
+    """Outside their own folder, the table of what is plausible and the simulated robot."""
+    quoted = re.compile(rf"""["'`]({"|".join(CATALOGUE)})[."':`\[]""")
+    apart = ("armdyn/effects/", "armdyn/inspection/plausible.py", "pipeline/robot/")
+    found = Counter({
+        file.relative_to(ROOT).as_posix(): len(quoted.findall(file.read_text(encoding="utf-8")))
+        for file in FILES if not file.relative_to(ROOT).as_posix().startswith(apart)
+    })  # fmt: skip
+    assert found.total() <= MOST_EFFECTS_BY_NAME, found.most_common(5)
+
+
+def test_linear_systems_are_solved_in_the_kernel():
+    """Elsewhere only where a robot's own mechanics or a sensor's smoothing needs a decomposition."""
+    solve = re.compile(r"linalg\.(solve|inv|pinv|lstsq|cholesky)\(|cho_(solve|factor)\(|solve_(triangular|banded)\(")
+    apart = (
+        "armdyn/estimation/",
+        "armdyn/smoothing/",
+        "armdyn/physics/",
+        "armdyn/pendulum/",
+        "armdyn/control/",
+        "ik/",
+        "armdyn/arm/rigid.py",
+        "armdyn/arm/closed_loop/motion_slopes.py",
+        "armdyn/readout.py",
+    )
+    found = Counter({
+        file.relative_to(ROOT).as_posix(): len(solve.findall(file.read_text(encoding="utf-8")))
+        for file in FILES if file.is_relative_to(ROOT / "armdyn")
+        and not file.relative_to(ROOT).as_posix().startswith(apart)
+    })  # fmt: skip
+    assert found.total() <= MOST_SOLVES, found.most_common(10)

@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
 from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, MeasuredMotion, Motion
+from armdyn.estimation.solve import solve_positive
 from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD
 
 LOW_PASS_SEARCH_MAX_RATE_HZ = 125.0
@@ -222,7 +222,7 @@ def _residual(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndar
         sizes = np.linalg.norm(columns[used], axis=0)
         columns /= np.maximum(sizes, MIN_COLUMN_SIZE_SHARE * sizes.max())
         normal = columns[used].T @ columns[used] + RIDGE_SHARE_OF_SQUARED_COLUMN * np.eye(columns.shape[1])
-        found = cho_solve(cho_factor(normal), columns[used].T @ torque[used])
+        found = solve_positive(normal, columns[used].T @ torque[used])
         load, residual = columns[:, : regressor.shape[1]] @ found[: regressor.shape[1]], torque - columns @ found
     return residual
 

@@ -32,7 +32,7 @@ from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, inverse_dynamics, tor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
 from armdyn.estimation.correlation import correlation_time
-from armdyn.estimation.solve import BoundedSolution, scale_to_unit_diagonal, solve_bounded
+from armdyn.estimation.solve import BoundedSolution, inverse_positive, solve_bounded
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
@@ -277,9 +277,8 @@ def _bounded(A: np.ndarray, b: np.ndarray, positive: Sequence[bool]) -> BoundedS
 def _variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Diagonal of the inverse of the `free` part of an information matrix; infinite elsewhere."""
     use = free & (np.diag(A) > 0.0)
-    scale, unit = scale_to_unit_diagonal(A[np.ix_(use, use)])
     found = np.full(len(A), np.inf)
-    found[use] = np.diag(np.linalg.inv(unit)) / scale**2
+    found[use] = np.diag(inverse_positive(A[np.ix_(use, use)]))
     return found
 
 

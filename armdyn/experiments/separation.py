@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.estimation.descent import QuadraticExpansion, descend
 from armdyn.estimation.solve import solve_bounded
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.identify.least_squares import QuadraticExpansion, descend
 from armdyn.identify.selection.set_score import TIE_NATS
 
 TIE_CHI2 = 2.0 * TIE_NATS

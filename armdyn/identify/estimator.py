@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import DescentResult, Outcome, descend, not_held_by_bound
+from armdyn.estimation.descent import DescentResult, Outcome, descend, not_held_by_bound
 from armdyn.identify.noise import variance_inflation
 from armdyn.identify.problem import CostOfFreeUnknowns, Problem
 from armdyn.model import Model

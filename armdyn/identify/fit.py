@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.estimation.solve import scale_to_unit_diagonal
-from armdyn.identify.least_squares import Outcome
+from armdyn.estimation.descent import Outcome
+from armdyn.estimation.solve import inverse_positive
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, sample_count
 from armdyn.recording.gaps import run_until
@@ -83,9 +83,8 @@ class Fit:
             downhill += share * S.T @ block.residual
         lowest, highest = (self.values <= problem.lower)[own], (self.values >= problem.upper)[own]
         inside = ~(lowest & (downhill < 0) | highest & (downhill > 0))
-        size, unit = scale_to_unit_diagonal(hessian[np.ix_(inside, inside)])
         covariance = np.zeros((len(self.free), len(self.free)))
-        covariance[np.ix_(own[inside], own[inside])] = np.linalg.inv(unit) / np.outer(size, size)
+        covariance[np.ix_(own[inside], own[inside])] = inverse_positive(hessian[np.ix_(inside, inside)])
         return covariance
 
     @property

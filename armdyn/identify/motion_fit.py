@@ -31,7 +31,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.slots import slots_of
 from armdyn.estimation.correlation import correlation_time
-from armdyn.estimation.solve import solve_bounded
+from armdyn.estimation.solve import inverse_positive, solve_bounded
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
@@ -296,7 +296,7 @@ class _Descent:
         H, own, inner = np.zeros((len(slopes), len(slopes))), np.empty_like(slopes), []
         for w, rows in enumerate(self._rows):
             J, S, k = slopes[:, rows], of_starts[:, rows], share[rows]
-            inverse = np.linalg.inv(np.einsum("snj,tnj->st", S * k, S) + np.diag(held[w]))
+            inverse = inverse_positive(np.einsum("snj,tnj->st", S * k, S) + np.diag(held[w]))
             B = np.einsum("unj,snj->us", J * k, S)
             own[:, rows] = J - np.einsum("us,snj->unj", B @ inverse, S)
             H += np.einsum("unj,vnj->uv", own[:, rows], J * k)

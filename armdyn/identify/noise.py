@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.estimation.correlation import correlation_time, lagged_products
+from armdyn.estimation.solve import solve_positive
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
 
 WHITENESS_LAGS = 20
@@ -55,7 +56,7 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESS
         return np.zeros(order)
     index = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
     matrix = products[index] + 1e-9 * products[0] * np.eye(order)
-    return np.linalg.solve(matrix, products[1:])
+    return solve_positive(matrix, products[1:])
 
 
 def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:

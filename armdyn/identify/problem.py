@@ -12,7 +12,7 @@ from itertools import compress
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import DescentResult, QuadraticExpansion, descend
+from armdyn.estimation.descent import DescentResult, QuadraticExpansion, descend
 from armdyn.identify.residual.block import ResidualBlock, chi2_sum
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior

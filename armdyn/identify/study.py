@@ -32,7 +32,7 @@ class Study(ABC):
 
     The least-squares problem contains every effect at its null value; a fit varies the unknowns of its effects. Models
     whose predictions are linear in most parameters are fitted by a `LinearStudy`, models that simulate a motion by a
-    `StateSpaceStudy`; `Study.of` makes one of them.
+    `StateSpaceStudy`; `make_study` makes one of them.
 
     Args:
         model: the model, with the effects that it has.
@@ -53,23 +53,6 @@ class Study(ABC):
     """Whether one linearisation predicts the fit of any set of effects."""
     ignored_chi2: ClassVar[float] = 0.0
     """Chi2 per sample up to which a residual may come from errors of the measured inputs, and is no missing effect."""
-
-    @staticmethod
-    def of(
-        model: Model,
-        runs: Sequence[Run],
-        held_out: Sequence[Run],
-        catalogue: Sequence[Effect],
-        exam: Sequence[Run] = (),
-        asked: Collection[str] = (),
-        catalogue_size: int = 0,
-    ) -> "Study":
-        """Make the study that suits a model: a `LinearStudy` or a `StateSpaceStudy`; see `Study` for the arguments."""
-        from armdyn.identify.linear_study import LinearStudy
-        from armdyn.identify.state_space.study import StateSpaceStudy
-
-        kind = LinearStudy if model.linear else StateSpaceStudy
-        return kind(model, runs, held_out, catalogue, exam, asked, catalogue_size)
 
     @one_thread
     def __init__(
@@ -128,7 +111,7 @@ class Study(ABC):
             model: another model; None keeps the model.
             catalogue_size: see `Study`.
         """
-        return Study.of(
+        return type(self)(
             self.model if model is None else model,
             self.runs,
             self.held_out,

@@ -12,10 +12,10 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
+from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.estimation.solve import solve_positive
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE
-from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer

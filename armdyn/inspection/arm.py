@@ -12,7 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN, Motion, measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
-from armdyn.estimation.solve import solve_bounded
+from armdyn.estimation.solve import inverse_positive, solve_bounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.description import AS_DESCRIBED, DescriptionCorrection, with_sign_of_total
 from armdyn.inspection.evidence import (
@@ -308,7 +308,7 @@ class SampledArmRun:
         """(g, g) and (g,) normal equations of the first of (J, n, g + 3) columns; the last are those of the drives."""
         turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(self.measured**2, axis=1), 1e-12)[:, None, None]
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
-        onto = np.linalg.solve(G[:, -3:, -3:] + DRIVE_PRIOR_INFORMATION * np.eye(3), G[:, -3:, :-3])
+        onto = inverse_positive(G[:, -3:, -3:] + DRIVE_PRIOR_INFORMATION * np.eye(3)) @ G[:, -3:, :-3]
         alone = np.sum(G[:, :-3, :-3] - G[:, :-3, -3:] @ onto, axis=0)
         return alone, np.sum(slope[:, :-3], axis=0) - np.einsum("jkg,jk->g", onto, slope[:, -3:])
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from armdyn.estimation.correlation import correlation_time
 from armdyn.estimation.equations import NormalEquations
-from armdyn.estimation.solve import log_det, solve_bounded
+from armdyn.estimation.solve import inverse_positive, log_det, solve_bounded
 
 SIZE_RANGE_OF_MISSING_EFFECTS, LARGEST_SIZE_OF_BOUNDED_EFFECTS = (0.1, 3.0), 10.0
 """Range of the common size of the missing effects of one kind, in their typical sizes; and the largest one of effects
@@ -182,7 +182,7 @@ def evidence(given: ReadingSums, absent: np.ndarray | None = None) -> Evidence:
         value = -0.5 * float(share @ left + found.x @ found.x + log_det(A))
         value -= float(np.sum(np.log(beside * np.sqrt(0.5 * np.pi))))
         value += float(np.sum(sums.count * given.weight * (given.log_factor - 0.5 * np.log(variance))))
-        spread = free * np.diag(np.linalg.inv(A)) * width**2
+        spread = free * np.diag(inverse_positive(A)) * width**2
         square = np.clip(np.bincount(kind, here * (theta**2 + spread), len(counts)) / counts, least**2, most**2)
         variance = left / sums.count + given.floor
     return Evidence(value + given.log_odds, left / sums.count / given.scale**2, theta)

@@ -23,6 +23,7 @@ import numpy as np
 
 from armdyn.arm.motion import MIN_CERTAIN_VELOCITY_SIGN
 from armdyn.codegen import PreallocatedFunction
+from armdyn.estimation.solve import inverse_positive, solve_positive
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import ObserverOutput
 from armdyn.watch.variances import MIN_TORQUE_VARIANCE
@@ -126,7 +127,7 @@ class FaultFreeBaseline:
         own, scatter, noise = _scatter(windows, apart)
         found = cls(np.zeros(4), own, scatter, noise, 1.0, np.ones(own.shape), (np.inf, np.full(own.shape, np.inf)))
         sums, errors, _, _ = found._whitened(windows)
-        load = np.linalg.solve(sums.sum(axis=0) + LOAD_PRIOR_INFORMATION, errors.sum(axis=0))
+        load = solve_positive(sums.sum(axis=0) + LOAD_PRIOR_INFORMATION, errors.sum(axis=0))
         found = replace(found, load=np.asarray(load))
         of_load, by_own = found.explained(windows)
         spread = (apart * by_own.mean(axis=0) + POOLED_MEAN_WEIGHT_IN_WINDOWS * by_own.mean(axis=(0, 1))) / (
@@ -153,9 +154,7 @@ class FaultFreeBaseline:
     def explained(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Decrease of chi2 by a change of the load, (...), and by each change of each joint, (..., nj, 4)."""
         A, errors, u, J = self._whitened(sums)
-        return np.einsum(
-            "...i,...i->...", errors, np.linalg.solve(A + LOAD_PRIOR_INFORMATION, errors[..., None])[..., 0]
-        ), u**2 / J
+        return np.einsum("...i,...i->...", errors, solve_positive(A + LOAD_PRIOR_INFORMATION, errors)), u**2 / J
 
     def scores(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Scores, in standard deviations, of a change of the load (...) and of changes of the joints (..., nj, 4)."""
@@ -169,7 +168,7 @@ class FaultFreeBaseline:
     def load_change(self, sums: RegressionBlockSums) -> tuple[FloatArray, FloatArray]:
         """Estimated change of the load (4,), kg and kg m, and its standard deviations (4,)."""
         A, errors, _, _ = self._whitened(sums)
-        inverse = np.linalg.inv(A + LOAD_PRIOR_INFORMATION)
+        inverse = inverse_positive(A + LOAD_PRIOR_INFORMATION)
         wider = max(1.0, float(A[0, 0]) / self.information[0])
         return inverse @ errors, np.sqrt(wider * self.spread * np.diag(inverse))
 
@@ -191,7 +190,7 @@ def _scatter(windows: RegressionBlockSums, apart: float) -> tuple[FloatArray, Fl
     unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_TORQUE_VARIANCE))
     S = windows.joints * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
     b = windows.joints_residual_product * unit
-    mean = _times(np.linalg.inv(S.sum(axis=0)), b.sum(axis=0))
+    mean = solve_positive(S.sum(axis=0), b.sum(axis=0))
     error = b - _times(S, mean)
     P, n = np.tile(np.eye(4), (len(unit), 1, 1)), np.ones(len(unit))
     for _ in range(EM_STEPS):
@@ -199,7 +198,7 @@ def _scatter(windows: RegressionBlockSums, apart: float) -> tuple[FloatArray, Fl
         u = _times(M, error)
         own, covariance = _times(P, u), P - P @ M @ S @ P
         left = n[:, None] * u
-        squares = (left * np.linalg.solve(S, left[..., None])[..., 0]).sum(axis=-1)
+        squares = (left * solve_positive(S, left)).sum(axis=-1)
         n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / 4, SUMS_RIDGE)
         each = (own[..., None] * own[..., None, :] + covariance).mean(axis=0)
         P = (apart * each + POOLED_MEAN_WEIGHT_IN_WINDOWS * each.mean(axis=0)) / (apart + POOLED_MEAN_WEIGHT_IN_WINDOWS)

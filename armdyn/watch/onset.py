@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainc
 
+from armdyn.estimation.solve import solve_positive
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import (
     LOW_PASS_STAGE_BANDWIDTH,
@@ -61,7 +62,7 @@ class OnsetTorqueEstimator:
             for _ in range(ONSET_FIT_PASSES):
                 scaled = stages[:, j] / np.sqrt(spread)[:, None]
                 C = scaled.T @ scaled
-                w = np.linalg.solve(
+                w = solve_positive(
                     C + (ONSET_RIDGE_SHARE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step
                 )
                 weights[j] = w / (step @ w)

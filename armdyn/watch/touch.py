@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.estimation.solve import solve_positive
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import LOAD_PRIOR_INFORMATION
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
@@ -189,7 +190,7 @@ class ContactDetector:
         """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
         X, r = load / std[:, None], step.residual / std
-        best = np.linalg.solve(X.T @ X + LOAD_PRIOR_INFORMATION, X.T @ r)
+        best = solve_positive(X.T @ X + LOAD_PRIOR_INFORMATION, X.T @ r)
         return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
     def _event(self, kind: EventKind, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:

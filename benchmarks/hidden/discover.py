@@ -27,7 +27,7 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.repair import add
 from armdyn.identify.residual.block import ResidualBlock
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
 
@@ -37,7 +37,7 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     given = world(kind, seed)
     model = _model(given, folder)
     start = time.process_time()
-    found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
+    found = discover(make_study(model, given.runs, [given.held_out], available_effects(model)))
     seconds = time.process_time() - start
     kinds = [one.kind for one in found.laws] + [one.known_as for one in found.laws if one.known_as]
     before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
@@ -68,7 +68,7 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
 
 def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:
     """Largest error over the noise on the exam run, after `add` with some effects."""
-    study = Study.of(model, given.runs, [given.held_out], tuple(effects), [given.exam])
+    study = make_study(model, given.runs, [given.held_out], tuple(effects), [given.exam])
     return round(largest_error(study.exam_blocks(add(study, effects).steps[-1].fit)), 3)
 
 

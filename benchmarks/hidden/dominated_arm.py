@@ -33,7 +33,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import add, repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 
 dominated = hidden_table.generator("dominated_arm")
 ROBOTS = hidden_table.generator("imperfect_arm").ROBOTS
@@ -49,14 +49,14 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
     big, train, held_out, exam = case.dominant, case.train, [case.held_out] if seed % 2 else [], [case.exam]
     model = arm_model(robot=robot)
     begun = time.perf_counter()
-    mended = repair(Study.of(model, train, held_out, hidden_table.JOINT_EFFECTS))
+    mended = repair(make_study(model, train, held_out, hidden_table.JOINT_EFFECTS))
     seconds = time.perf_counter() - begun
     wanted: list[Effect] = [CATALOGUE["base_tilt"]] if kind == "tilt" else []
     names = {"base_tilt"} if kind == "tilt" else {hidden.effect for hidden in big}
     joints = {name: [h.joint for h in big if h.effect == name] for name in names if name != "base_tilt"}
     wanted += [CATALOGUE[name].on(*on) for name, on in joints.items()]
     every = [*wanted, *(CATALOGUE[name] for name in (*FRICTIONS, "link_inertia") if name not in names)]
-    truth = add(Study.of(model, train, held_out, every), every)
+    truth = add(make_study(model, train, held_out, every), every)
     steps = mended.path[1:]
     named = [step for step in steps if step.added != ("background",)]
     told = {e for step in named for e in step.added}

@@ -40,6 +40,7 @@ from armdyn.arm.symbolic import inverse_dynamics_function
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, repair
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
@@ -74,7 +75,7 @@ def model_of(robot: object) -> ArmModel:
 
 def study_of(model: ArmModel, runs: Sequence[Run], held_out: bool) -> Study:
     count = len(runs) - held_out
-    return Study.of(model, runs[:count], runs[count:], hidden_table.JOINT_EFFECTS)
+    return make_study(model, runs[:count], runs[count:], hidden_table.JOINT_EFFECTS)
 
 
 def atoms(effects: Iterable[Candidate]) -> set[Atom]:

@@ -25,6 +25,7 @@ import numpy as np
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
@@ -66,7 +67,7 @@ def _recorded(
 
 
 def study_of(runs: list[Run]) -> Study:
-    return Study.of(pendulum_model(0.35, 0.1), runs, [], hidden_table.PENDULUM_EFFECTS)
+    return make_study(pendulum_model(0.35, 0.1), runs, [], hidden_table.PENDULUM_EFFECTS)
 
 
 def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_table.Row:

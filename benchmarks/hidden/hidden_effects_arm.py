@@ -36,6 +36,7 @@ from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.selection.path import SearchStep
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -54,7 +55,7 @@ def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: floa
 
 def study_of(runs: list[Run]) -> Study:
     """Study of runs with Baxter's arm as described, and the whole catalogue of joints."""
-    return Study.of(arm_model(robot="baxter"), runs, [], hidden_table.JOINT_EFFECTS)
+    return make_study(arm_model(robot="baxter"), runs, [], hidden_table.JOINT_EFFECTS)
 
 
 def true_joints(effect: str) -> set[str]:

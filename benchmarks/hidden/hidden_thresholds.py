@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 
 thresholds = hidden_table.generator("thresholds")
@@ -37,7 +37,7 @@ def repaired(one: "thresholds.Case") -> Repair:
     """Repair of a case."""
     model = pendulum_model(0.35, 0.1) if one.robot == "pendulum" else arm_model(robot="baxter")
     catalogue = [effect for effect in CATALOGUE.values() if effect.acts_on in model.stages]
-    return repair(Study.of(model, one.runs[:2], one.runs[2:], [*catalogue, *thresholds.effects(one.robot)]))
+    return repair(make_study(model, one.runs[:2], one.runs[2:], [*catalogue, *thresholds.effects(one.robot)]))
 
 
 def counted(cases: Sequence["thresholds.Case"]) -> list[str]:

@@ -36,7 +36,7 @@ from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.repair import Repair, add, repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.run import Run
 
 imperfect = hidden_table.generator("imperfect_arm")
@@ -86,7 +86,7 @@ def named(first: RepairStep, truth: set[tuple[str, str]]) -> bool:
 def with_true_effects(model: ArmModel, case: object, held_out: Sequence[Run]) -> Repair:
     """Model with the true effects on their joints, fitted to the training runs."""
     effects = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
-    study = Study.of(model, case.train, held_out, effects)
+    study = make_study(model, case.train, held_out, effects)
     return add(study, effects)
 
 
@@ -96,7 +96,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
     truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
     model = arm_model(robot=robot)
     begun, cpu = time.perf_counter(), time.process_time()
-    mended = repair(Study.of(model, case.train, case.held_out, hidden_table.JOINT_EFFECTS))
+    mended = repair(make_study(model, case.train, case.held_out, hidden_table.JOINT_EFFECTS))
     row: hidden_table.Row = {
         "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed,
         "truth": sorted(map(list, truth)),

@@ -38,6 +38,7 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import add, repair
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
@@ -165,7 +166,7 @@ def _warm() -> None:
 def _study(world: object, *, exam: bool = False) -> Study:
     length, mass = world.guess
     given = pendulum_model(length=length, mass=mass)
-    return Study.of(given, world.runs, world.held_out, hidden_table.PENDULUM_EFFECTS, world.exam if exam else ())
+    return make_study(given, world.runs, world.held_out, hidden_table.PENDULUM_EFFECTS, world.exam if exam else ())
 
 
 def _added(world: object, names: Sequence[str]) -> float:
@@ -173,7 +174,7 @@ def _added(world: object, names: Sequence[str]) -> float:
     length, mass = world.guess
     effects = [CATALOGUE[name] for name in names]
     return _root(
-        add(Study.of(pendulum_model(length=length, mass=mass), world.runs, [], effects), effects).path[-1].rmse
+        add(make_study(pendulum_model(length=length, mass=mass), world.runs, [], effects), effects).path[-1].rmse
     )
 
 

@@ -33,7 +33,7 @@ from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.inspection.description import DescriptionCorrection
 from armdyn.inspection.inspect import inspect_runs
@@ -161,7 +161,7 @@ def cost_of(model: Model, run: Run) -> float:
     """Processor time of `inspect` over that of `compare`."""
     catalogue = [e for e in CATALOGUE.values() if e.acts_on in model.stages]
     begun = time.process_time()
-    compare(Study.of(model, [run], [], catalogue))
+    compare(make_study(model, [run], [], catalogue))
     between = time.process_time()
     inspect_runs([run], model, catalogue)
     return (time.process_time() - between) / (between - begun)

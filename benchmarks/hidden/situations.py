@@ -26,6 +26,7 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 
@@ -49,7 +50,7 @@ def recordings(name: str, effect: str, seed: int, keep: Path | None) -> tuple[ob
 
 
 def study_of(model: PendulumModel, recorded: object) -> Study:
-    return Study.of(model, recorded.runs, [], hidden_table.PENDULUM_EFFECTS)
+    return make_study(model, recorded.runs, [], hidden_table.PENDULUM_EFFECTS)
 
 
 def given(name: str) -> PendulumModel:

@@ -7,8 +7,8 @@ from _pendulum import Motion, Pendulum
 from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
+from armdyn.estimation.descent import descend
 from armdyn.identify.estimator import Estimate, Estimator, MinimiseFunction
-from armdyn.identify.least_squares import descend
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import gripper_path
 from armdyn.run import Channel, Run

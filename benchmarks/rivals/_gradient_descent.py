@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armdyn.identify.least_squares import DescentResult, Outcome, newton_step, not_held_by_bound, sufficient_decrease
+from armdyn.estimation.descent import DescentResult, Outcome, newton_step, not_held_by_bound, sufficient_decrease
 from armdyn.identify.problem import CostOfFreeUnknowns
 
 

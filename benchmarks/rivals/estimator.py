@@ -22,8 +22,8 @@ from _gradient_descent import gradient_descent
 from _pendulum import Pendulum
 from _rival_fits import NAMES, Fit, with_arrays, with_floats, with_scipy
 
+from armdyn.estimation.descent import descend
 from armdyn.identify.estimator import Estimate, Estimator
-from armdyn.identify.least_squares import descend
 from armdyn.recording.gaps import run_until
 
 METHODS = {"levenberg_marquardt": descend, "gradient_descent": gradient_descent}

@@ -13,8 +13,8 @@ import numpy as np
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
 from armdyn.errors import TaskFailedError
+from armdyn.estimation.descent import Outcome
 from armdyn.identify.estimator import Estimator
-from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import fixed_pivot_path, gripper_path

@@ -14,8 +14,8 @@ import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState
 from armdyn.errors import ArmdynError, error_sentence
+from armdyn.estimation.descent import Outcome
 from armdyn.identify.estimator import Estimator
-from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Channel

@@ -21,6 +21,7 @@ from armdyn.experiments.separation import TIE_CHI2, hypothesis_probabilities
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
@@ -184,7 +185,7 @@ def investigate(
         run = experiment.recording(f"experiment {number}")
         say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
-        study = Study.of(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
+        study = make_study(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
         found = diagnose(study)
         rivals = rivals_of_diagnosis(study, found)
         close: tuple[str, ...] = ()

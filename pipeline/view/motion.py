@@ -176,9 +176,9 @@ def load_swing(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwi
 
 def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, Mapping[str, float]]:
     if fit is None:
-        from armdyn.identify.study import Study
+        from armdyn.identify.studies import make_study
 
-        fit = Study.of(model, [run], [], []).first()
+        fit = make_study(model, [run], [], []).first()
     problem = fit.problem
     index = [other.name for other in problem.runs].index(run.name)
     theta = problem.theta(index, fit.values)

@@ -10,7 +10,7 @@ import armdyn
 from armdyn.experiments.goal import goal_to_determine
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.problem import Problem
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.threads import one_thread
 from ik.child_processes import worker_pool
 from pipeline.cli import ONE_THREAD_ENVIRONMENT
@@ -76,7 +76,7 @@ QUESTIONS = {
     "compare": lambda model, run: armdyn.compare(model, [run]),
     "diagnose": lambda model, run: armdyn.diagnose(model, [run], effects=DRAG),
     "repair": lambda model, run: armdyn.repair(model, [run], effects=DRAG),
-    "a study": lambda model, run: Study.of(model, [run], [], []).first(),
+    "a study": lambda model, run: make_study(model, [run], [], []).first(),
     "an estimator": lambda model, run: Estimator(model, {"swing_angle": 1e-3}).update(run),
 }
 

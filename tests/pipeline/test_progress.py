@@ -10,7 +10,7 @@ from worlds.pendulum import Setup, record, weighed
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
 from pipeline.console.screen import PROGRESS_COUNT_PATTERN, remaining_time_text
@@ -33,7 +33,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
         KnownQuantity(0.08, 4e-4, "kg"),
         KnownQuantity(0.368, 1e-3, "m"),
     )
-    repair(Study.of(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
+    repair(make_study(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
     counts = [tuple(map(int, found.groups())) for text in told if (found := PROGRESS_COUNT_PATTERN.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from armdyn.estimation.equations import NormalEquations
-from armdyn.estimation.solve import solve_bounded
+from armdyn.estimation.solve import solve_bounded, solve_positive
 from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
@@ -337,7 +337,7 @@ def _settled(
             at = np.searchsorted(every, columns)
             G, right = np.diag(width[columns] ** -2.0) + gram[np.ix_(at, at)], slope[at]
             right[1 : len(own)] += (problem.null - point)[others] / width[others] ** 2
-            change = np.linalg.solve(G, right)[: len(own)]
+            change = solve_positive(G, right)[: len(own)]
             if change[0] * sign[d] <= 0.0:
                 continue
             # Derivatives were taken at the driver's last size, and are proportional to it.

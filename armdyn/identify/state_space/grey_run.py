@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE
-from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     ColouredNoise,

@@ -11,8 +11,8 @@ from itertools import islice
 
 import numpy as np
 
+from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit, continue_fit, fit
-from armdyn.identify.least_squares import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
 from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal

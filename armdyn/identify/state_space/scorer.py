@@ -6,6 +6,7 @@ from math import log
 
 import numpy as np
 
+from armdyn.estimation.solve import inverse_positive
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
@@ -257,7 +258,7 @@ class StateSpaceScorer(EffectSetScorer):
         T = self.problem.typical
         told = np.isfinite(found.information).all()  # where a simulation diverges, nothing is determined
         information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
-        spread = np.linalg.pinv(np.eye(len(T)) / LINEARISED_PRIOR_STD_TYPICAL_SIZES**2 + information, hermitian=True)
+        spread = inverse_positive(np.eye(len(T)) / LINEARISED_PRIOR_STD_TYPICAL_SIZES**2 + information)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
         return transfer_values(fit.values, fit.problem, self.problem), deviations
 

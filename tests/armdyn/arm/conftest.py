@@ -6,8 +6,8 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.estimation.descent import descend
 from armdyn.identify.estimator import estimate
-from armdyn.identify.least_squares import descend
 
 JOINT_EFFECTS = tuple(name for name, effect in CATALOGUE.items() if effect.acts_on == "joint" and not effect.needs)
 RECORDINGS = Path(__file__).parents[4] / "shared" / "data"

@@ -8,7 +8,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.sentence import Verdict
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 
 from .conftest import JOINT_EFFECTS
 
@@ -17,7 +17,7 @@ JOINT = tuple(CATALOGUE[name] for name in JOINT_EFFECTS)
 
 def study_of(hidden, seed, **settings):
     runs = [generate(hidden, 1.0, seed, recording=k, **settings) for k in range(2)]
-    return Study.of(arm_model(robot="baxter"), runs, [], JOINT)
+    return make_study(arm_model(robot="baxter"), runs, [], JOINT)
 
 
 def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away():

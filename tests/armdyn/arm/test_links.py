@@ -8,7 +8,7 @@ from armdyn.arm.links import LINK_QUANTITIES, link_inertia_changes
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.identify.repair import changed_links_of_fit
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 
 from . import urdfs
 
@@ -74,7 +74,7 @@ def test_joints_without_an_effect_on_their_link_are_left_out(baxter):
 
 def test_torques_determine_the_last_links_moments_and_no_links_mass():
     runs = [generate("link_inertia", 1.0, 1, recording=k, duration=10.0) for k in range(2)]
-    study = Study.of(arm_model(robot="baxter").with_effect(find("link_inertia")), runs, [], [])
+    study = make_study(arm_model(robot="baxter").with_effect(find("link_inertia")), runs, [], [])
     links = {link.joint: {q.name: q for q in link.quantities} for link in changed_links_of_fit(study, study.first())}
     assert not any(link["mass"].determined for link in links.values())
     last = links["right_w2"]

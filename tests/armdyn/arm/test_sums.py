@@ -9,7 +9,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.selection.linear_scorer import LinearScorer, misfit_per_sample
 from armdyn.identify.sentence import Verdict
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 
 from .conftest import JOINT_EFFECTS
 
@@ -17,7 +17,9 @@ JOINT = tuple(CATALOGUE[name] for name in JOINT_EFFECTS)
 
 
 def study_of(hidden, size=1.0, seed=3):
-    return Study.of(arm_model(robot="baxter"), [generate(hidden, size, seed, recording=k) for k in range(2)], [], JOINT)
+    return make_study(
+        arm_model(robot="baxter"), [generate(hidden, size, seed, recording=k) for k in range(2)], [], JOINT
+    )
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +99,7 @@ def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
     given = arm_model(robot="baxter", effects=[CATALOGUE["joint_coulomb_friction"].on("right_s0")])
     given = given.with_values({"joint_coulomb_friction.torque[right_s0]": 1.0})
     given = given.with_fixed("joint_coulomb_friction.torque[right_s0]")
-    found = repair(Study.of(given, runs, [], JOINT))
+    found = repair(make_study(given, runs, [], JOINT))
     assert [effect.name for effect in found.model.effects] == ["joint_coulomb_friction"]
     assert found.verdict is Verdict.EXPLAINED
     assert found.model.value("joint_coulomb_friction.torque[right_s1]") == pytest.approx(1.0, abs=0.02)  # N m

@@ -15,7 +15,7 @@ import urdf
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 
 
 def rnea(model, q, v, a):
@@ -89,6 +89,6 @@ def test_a_creeping_wrist_behind_a_low_pass_is_told_whole(rate: float, count: in
     # A gain and a friction that grows with the load hide each other; a fading friction hides behind an asymmetric one.
     robot = generated_arm.generate(2, story=True)
     catalogue = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint" and not effect.needs)
-    mended = repair(Study.of(arm_model(robot.name), robot.cut(rate, 12.0, count).runs(), (), catalogue))
+    mended = repair(make_study(arm_model(robot.name), robot.cut(rate, 12.0, count).runs(), (), catalogue))
     found = {(effect.effect, joint) for effect in mended.steps[-1].effects for joint in effect.joints}
     assert found == {(hidden.effect, hidden.joint) for hidden in robot.truth}

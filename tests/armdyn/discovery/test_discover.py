@@ -19,7 +19,7 @@ from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.identify.thresholds import THRESHOLD_RANGE_TYPICAL_SIZES
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
@@ -31,7 +31,7 @@ from ...worlds.laws import URDF, world
 def test_what_stands_still_shows_no_law():
     time, noise = np.arange(0.0, 8.0, 0.02), 1e-3 * np.random.default_rng(1).standard_normal(400)
     run = Run("still", {"swing_angle": Channel(time, noise, "rad")}, {}, {"swing_angle": 1e-3})
-    found = discover(Study.of(pendulum_model(0.368, 0.08), [run], [], []))
+    found = discover(make_study(pendulum_model(0.368, 0.08), [run], [], []))
     assert found.nothing_moves
     assert "record a motion" in found.sentence
 
@@ -45,7 +45,7 @@ def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
     def drag(string, k=quantity("N m s^3/rad^3", typical=1e-3, lower=0)):
         return string.with_torque(-k * string.rate**3)
 
-    study = Study.of(model, given.runs[:1], [], [drag])
+    study = make_study(model, given.runs[:1], [], [drag])
     first, fit = study.first(), add(study, [drag]).steps[-1].fit
     (curve,) = (c for c in compare_missing_forces(first, fit, law=True) if c.against == "speed")
     (k,) = fit.values[study.problem.mask_of_unknowns(("drag.k",))]
@@ -73,7 +73,7 @@ def model(tmp_path_factory):
 
 def test_a_place_is_looked_for_where_its_joint_reaches(model):
     run = world("cogging", 0).runs[0]
-    terms = list(named_terms(arm_formula_candidates(Study.of(model, [run], [], ()).first())).values())
+    terms = list(named_terms(arm_formula_candidates(make_study(model, [run], [], ()).first())).values())
     for term, law in zip(terms, effects_of_terms(terms), strict=True):
         (joint,) = law.joints
         q = run.channels[f"q.{joint}"].value
@@ -95,8 +95,8 @@ def test_a_place_is_looked_for_where_its_joint_reaches(model):
 def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
     """In the middle of a joint's range a magnet may pull to no side."""
     given = world("tightening cable", 0)
-    terms = named_terms(arm_formula_candidates(Study.of(model, given.runs, [], ()).first()))
-    study = Study.of(model, given.runs, [], effects_of_terms(list(terms.values())))
+    terms = named_terms(arm_formula_candidates(make_study(model, given.runs, [], ()).first()))
+    study = make_study(model, given.runs, [], effects_of_terms(list(terms.values())))
     scores = study.scores(study.with_thresholds(study.first()), ())
     drops = {score.candidate.effect: score.chi2_decrease for score in scores}
     (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.location.joint == "elbow")
@@ -110,7 +110,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     run = world("cogging", 0).runs[0]
     renamed = replace(run, channels={name.replace("elbow", joint): of for name, of in run.channels.items()}, noise={})
     model = arm_model(urdf=path)
-    terms = named_terms(arm_formula_candidates(Study.of(model, [renamed], [], ()).first()))
+    terms = named_terms(arm_formula_candidates(make_study(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
     assert any(term.location.joint == joint for term in terms.values())
 
@@ -121,7 +121,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
         world("cogging", 0).runs[0],
         next(e for e in available_effects(model) if e.name == "joint_viscous_friction"),
     )
-    study = Study.of(model, [run], [], [viscous])
+    study = make_study(model, [run], [], [viscous])
     (both,) = study.candidates
     steps, effects = [SearchStep((), (), (), study.first(), residual_tests(study.first(), []))], ()
     for one in both.split_by_joint():
@@ -139,7 +139,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
 def test_a_law_of_a_joint_is_discovered_beside_friction(model, kind, seed):
     """Seen from the model as given, the cable explained 0.3 % of what frictions do."""
     given = world(kind, seed)
-    found = discover(Study.of(model, given.runs, [given.held_out], available_effects(model)))
+    found = discover(make_study(model, given.runs, [given.held_out], available_effects(model)))
     (law,) = found.laws_outside_catalogue
     assert (law.kind, law.joints) == (kind, ("elbow",))
     assert {one.effect for one in found.laws} > {"joint_viscous_friction", "joint_coulomb_friction"}

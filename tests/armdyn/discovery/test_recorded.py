@@ -5,7 +5,7 @@ import pytest
 from armdyn.arm.model import arm_model
 from armdyn.discovery.discover import discover
 from armdyn.effects.user import available_effects, load_effects
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 
 from ...worlds.laws import URDF, world
@@ -30,7 +30,7 @@ def model(tmp_path):
 )
 def test_a_friction_that_falls_with_a_recorded_temperature_is_found(model, tmp_path, kind, joint):
     given = world(kind, 0)
-    found = discover(Study.of(model(given), given.runs, [given.held_out], available_effects(model(given))))
+    found = discover(make_study(model(given), given.runs, [given.held_out], available_effects(model(given))))
     (law,) = found.laws_outside_catalogue
     assert (law.kind, law.joint) == ("friction by temperature", joint)
     assert law.depends_on == ("extra.temperature", "speed")
@@ -45,5 +45,5 @@ def test_a_friction_that_falls_with_a_recorded_temperature_is_found(model, tmp_p
 @pytest.mark.parametrize("kind", ["clean pendulum with temperature", "clean arm with temperature"])
 def test_a_temperature_beside_a_clean_recording_is_no_law(model, kind):
     given = world(kind, 0)
-    found = discover(Study.of(model(given), given.runs, [given.held_out], available_effects(model(given))))
+    found = discover(make_study(model(given), given.runs, [given.held_out], available_effects(model(given))))
     assert (found.laws, found.sentence) == ((), "Nothing is missing: what is left is noise.")

@@ -21,7 +21,7 @@ from armdyn.experiments.rivals import (
 )
 from armdyn.experiments.separation import expected_outcome
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.channels import Channel
 from armdyn.recording.units import KnownQuantity
@@ -33,7 +33,7 @@ FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wi
 def study_of(hidden, effects=FRICTIONS, seed=5, noise=5e-3):
     run = record("a.csv", Setup(hidden=hidden, duration=6.0, force_noise=noise), np.random.default_rng(seed))
     run = weighed(run, KnownQuantity(0.08, 8e-4, "kg"), KnownQuantity(0.368, 3e-3, "m"))
-    return Study.of(pendulum_model(0.36, 0.08), [run], [], effects)
+    return make_study(pendulum_model(0.36, 0.08), [run], [], effects)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.repair import Repair, repair
 from armdyn.identify.selection import arm_selection
 from armdyn.identify.selection.background import background_widths, sure_unnamed_effects
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
 JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint" and not effect.needs)
@@ -23,7 +23,7 @@ JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on 
 def story() -> tuple[LinearStudy, frozenset[str]]:
     """An arm on which Coulomb friction on one joint dominates, and the label of this effect."""
     case = generate("ur5", "coulomb", 3, duration=10.0)
-    study = Study.of(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS, exam=case.exam)
+    study = make_study(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS, exam=case.exam)
     assert isinstance(study, LinearStudy)
     labels = {f"{CATALOGUE[hidden.effect].name}:{hidden.joint}" for hidden in case.truth}
     return study, frozenset(labels)
@@ -127,7 +127,7 @@ SMALL = {"joint_coulomb_friction", "joint_viscous_friction", "rotor_inertia", "l
 
 def test_frictions_and_rotors_of_many_joints_are_named_after_the_payload_that_hides_them() -> None:
     case = dominated_arm.generate("ur5", "payload", 6000, duration=12.0)
-    found = repair(Study.of(arm_model(robot="ur5"), case.train, [], JOINT_EFFECTS, exam=[case.exam]))
+    found = repair(make_study(arm_model(robot="ur5"), case.train, [], JOINT_EFFECTS, exam=[case.exam]))
     first, *later = [step for step in found.path[1:] if step.added != ("background",)]
     assert (first.added, first.joints) == (("payload",), ("wrist_3_joint",))
     assert {name for step in later for name in step.added} <= SMALL

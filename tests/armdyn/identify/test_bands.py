@@ -6,7 +6,7 @@ from worlds.pendulum import Setup, record, weighed
 
 from armdyn.identify.bands import prediction_bands
 from armdyn.identify.compare import compare
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
@@ -23,7 +23,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
     covered = []
     for seed in range(12):
         one, two, three, exam = recordings(seed, 4)
-        found = compare(Study.of(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
+        found = compare(make_study(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
         covered += list(found.bands.coverage.values())
     # 800 samples that hardly repeat themselves in each run: a standard deviation of 0.008 for one, 0.003 for all.
     assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
@@ -31,7 +31,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
 
 def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> None:
     one, two, exam = recordings(3, 3)
-    study = Study.of(pendulum_model(0.35, 0.1), [one], [two], [], [exam])
+    study = make_study(pendulum_model(0.35, 0.1), [one], [two], [], [exam])
     fit = study.first()
     covariance = uncertainty(study, fit).covariance
     growth = []
@@ -44,7 +44,7 @@ def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> N
 
 def test_json_frame_and_figure_have_the_bands() -> None:
     (one, two) = recordings(4, 2)
-    study = Study.of(pendulum_model(0.35, 0.1), [one, two], [], [])
+    study = make_study(pendulum_model(0.35, 0.1), [one, two], [], [])
     found = compare(study)
     answer = comparison_json(study, found)["bands"]["load_force"]
     assert answer["level"] == 0.95

@@ -9,9 +9,9 @@ from worlds import pendulum
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
+from armdyn.estimation.descent import Outcome
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.fit import Fit
-from armdyn.identify.least_squares import Outcome
 from armdyn.identify.noise import (
     WhiteningFilter,
     autoregression,
@@ -24,7 +24,7 @@ from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.character import periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel
 
@@ -36,7 +36,7 @@ def recordings(**settings):
 
 
 def study_of(runs, held_out=(), effects=EFFECTS):
-    return Study.of(pendulum_model(0.35, 0.1), runs, held_out, effects)
+    return make_study(pendulum_model(0.35, 0.1), runs, held_out, effects)
 
 
 def test_runs_without_an_effect_are_explained_whatever_the_colour_of_their_noise_and_the_length_is_right():

@@ -11,7 +11,7 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import chi2_sum
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
@@ -38,13 +38,13 @@ def model_for(name, *effects):
 @pytest.mark.parametrize("name", LOST_EASILY)
 def test_the_start_of_the_swing_is_found(name):
     runs = recorded(name, quadratic_drag=0.01).runs
-    assert Study.of(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
+    assert make_study(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
 
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upright(seed):
     runs = recorded("near_upright", seed, pivot_viscous_friction=1.2e-3).runs
-    assert Study.of(model_for("near_upright", "pivot_viscous_friction"), runs, [], []).first().chi2_per_sample < 1.2
+    assert make_study(model_for("near_upright", "pivot_viscous_friction"), runs, [], []).first().chi2_per_sample < 1.2
 
 
 @pytest.mark.parametrize(
@@ -58,13 +58,13 @@ def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upr
 def test_what_is_far_from_small_is_named(name, hidden, seed):
     rivals = "pivot_viscous_friction pivot_coulomb_friction quadratic_drag wind angle_offset angle_gain sensor_bias"
     effects = [CATALOGUE[name] for name in rivals.split()]
-    found = diagnose(Study.of(model_for(name), recorded(name, seed, **hidden).runs, [], effects))
+    found = diagnose(make_study(model_for(name), recorded(name, seed, **hidden).runs, [], effects))
     assert {effect.effect for effect in found.search.last.effects} == set(hidden)
 
 
 def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
     truth = recorded("pull_and_release")
-    found = compare(Study.of(model_for("pull_and_release"), truth.runs, [], []))
+    found = compare(make_study(model_for("pull_and_release"), truth.runs, [], []))
     assert found.explained
     assert found.undetermined == ()
     assert abs(found.parameters["length"].value - truth.length) < 4 * found.parameters["length"].std
@@ -74,7 +74,7 @@ def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
 
 def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     truth = recorded("pull_and_release", seed=2)
-    first = Study.of(model_for("pull_and_release"), truth.runs, [], []).first()
+    first = make_study(model_for("pull_and_release"), truth.runs, [], []).first()
     angles = first.values[first.problem.mask_of_unknowns(["initial_angle"])]
     assert np.all(angles > 0)
     assert any(start[0] < 0 for start in truth.starts)
@@ -91,7 +91,7 @@ def test_weak_priors_make_a_new_problem():
 
 def test_a_held_out_run_keeps_the_mass_that_was_weighed_for_it():
     runs = recorded("several_masses").runs
-    study = Study.of(model_for("several_masses"), runs[:1], runs[1:], [])
+    study = make_study(model_for("several_masses"), runs[:1], runs[1:], [])
     blocks = study.held_out_blocks(study.first())
     assert chi2_sum(blocks) < 1.2 * sum(len(block.residual) for block in blocks)
 
@@ -113,7 +113,7 @@ def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
 
 def test_what_was_left_out_is_said():
     runs = recorded("spikes").runs
-    found = compare(Study.of(model_for("spikes"), runs, [], []))
+    found = compare(make_study(model_for("spikes"), runs, [], []))
     assert found.explained
     assert found.left_out[0].startswith("r0.csv: load_force: 5 of 1500 samples far from its neighbours left out")
 
@@ -121,6 +121,6 @@ def test_what_was_left_out_is_said():
 def test_one_weighing_for_all_runs_is_one_unknown():
     runs = recorded("plain").runs
     other = replace(runs[1], known={**runs[1].known, "mass": KnownQuantity(0.2, 1e-3, "kg")})
-    names = [c.name for c in Study.of(model_for("plain"), [runs[0], other], [], []).problem.columns]
+    names = [c.name for c in make_study(model_for("plain"), [runs[0], other], [], []).problem.columns]
     assert "mass[r1.csv]" in names
-    assert "mass" in [c.name for c in Study.of(model_for("plain"), runs, [], []).problem.columns]
+    assert "mass" in [c.name for c in make_study(model_for("plain"), runs, [], []).problem.columns]

@@ -18,7 +18,7 @@ from armdyn.identify.state_space.innovations import (
     semidefinite_cholesky,
     smooth_run,
 )
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import MotionPieces
 from armdyn.physics.simulated import REST_AMPLITUDE_SHARE, rest_time
@@ -198,7 +198,7 @@ def test_fits_of_the_truth_reach_the_noise(amplitude, seconds, hidden):
     """Started at the frictionless minimum these ended in wrong ones: 978 mrad where 0.25 is reachable."""
     names = {"viscous": "pivot_viscous_friction", "coulomb": "pivot_coulomb_friction", "quadratic": "quadratic_drag"}
     effects = [CATALOGUE[names[name]] for name in hidden]
-    study = Study.of(pendulum_model(0.35, 0.2), [swing(amplitude, seconds, **hidden)], [], effects)
+    study = make_study(pendulum_model(0.35, 0.2), [swing(amplitude, seconds, **hidden)], [], effects)
     assert add(study, effects).path[-1].rmse["swing_angle"] < 1.05 * 1e-3
 
 
@@ -213,13 +213,13 @@ def test_fits_of_the_truth_reach_the_noise(amplitude, seconds, hidden):
     ],
 )
 def test_the_right_frictions_are_named_in_a_decay(hidden, named):
-    found = diagnose(Study.of(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, seed=3, **hidden)], [], EFFECTS))
+    found = diagnose(make_study(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, seed=3, **hidden)], [], EFFECTS))
     assert {candidate.effect for candidate in found.search.last.effects} == named
 
 
 def test_the_missing_acceleration_of_dry_friction_steps_where_the_swing_turns_round():
     dry = [CATALOGUE["pivot_coulomb_friction"]]
-    found = diagnose(Study.of(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, coulomb=0.15, noise=2e-4)], [], dry))
+    found = diagnose(make_study(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, coulomb=0.15, noise=2e-4)], [], dry))
     (curve,) = [curve for curve in found.missing_force if curve.against == "speed"]
     fast = np.abs(curve.x) > 1.0
     assert np.allclose(curve.as_given[fast], -0.15 * np.sign(curve.x[fast]), atol=0.05)
@@ -286,6 +286,6 @@ def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_on
         swing(a, 10.0, coulomb=0.08, noise=5e-4, rate=50.0, seed=k, name=f"{k}.csv") for k, a in ((0, 0.5), (3, 0.4))
     ]
     train, held_out = (bent(run) for run in runs)
-    found = diagnose(Study.of(pendulum_model(0.38, 0.2), [train], [held_out], EFFECTS))
+    found = diagnose(make_study(pendulum_model(0.38, 0.2), [train], [held_out], EFFECTS))
     leading = found.ranked_effects[0]
     assert {leading.effect, *leading.tied_with} == {"pivot_coulomb_friction", "pivot_load_friction"}

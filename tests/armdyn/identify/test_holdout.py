@@ -16,7 +16,7 @@ from armdyn.identify.compare import compare
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.noise import variance_inflation
 from armdyn.identify.repair import add
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import write_run_csv
@@ -30,7 +30,7 @@ def recordings(seed=7, **settings):
 
 
 def study_of(runs, held_out=(), exam=()):
-    return Study.of(pendulum_model(0.35, 0.1), runs, held_out, [DRAG], exam)
+    return make_study(pendulum_model(0.35, 0.1), runs, held_out, [DRAG], exam)
 
 
 def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
@@ -88,14 +88,14 @@ def test_who_judged_is_said():
 
 def test_an_arm_without_unknowns_is_predicted_in_turn():
     model = arm_model(robot="baxter")
-    study = Study.of(model, [generate((), 1.0, 0, recording=k) for k in range(2)], [], [])
+    study = make_study(model, [generate((), 1.0, 0, recording=k) for k in range(2)], [], [])
     assert len(study.held_out_blocks(study.first())) == 2 * len(model.predicted_channels(study.runs[0]))
 
 
 def errors(hidden, extra, seed):
     """Errors of the fitted values over standard deviations: those of least squares in whitened noise, and ours."""
     runs = [generate((hidden, *extra), 1.0, seed, recording=k) for k in range(2)]
-    study = Study.of(arm_model(robot="baxter").with_effect(find(hidden)), runs, [], [])
+    study = make_study(arm_model(robot="baxter").with_effect(find(hidden)), runs, [], [])
     fit = study.first()
     true = true_parameters(hidden, 1.0)
     wrong = np.array([fit.values[i] - true[fit.problem.columns[i].name] for i in np.flatnonzero(fit.free)])

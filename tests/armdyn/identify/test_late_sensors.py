@@ -12,7 +12,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import add
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
@@ -53,7 +53,7 @@ def free(late, *names):
 
 
 def study_of(run, *effects):
-    return Study.of(pendulum_model(0.35, 0.1, effects), [run], [], [DELAY, CATALOGUE["sensor_lag"]])
+    return make_study(pendulum_model(0.35, 0.1, effects), [run], [], [DELAY, CATALOGUE["sensor_lag"]])
 
 
 @pytest.mark.parametrize("late", ["swing_angle", "load_force"])
@@ -81,5 +81,5 @@ def test_a_free_swing_alone_shows_no_delay_and_says_what_would(complains):
 def test_a_delay_that_a_recording_cannot_show_keeps_its_value():
     run = free("swing_angle", "swing_angle")
     model = pendulum_model(0.35, 0.1, [DELAY]).with_values({"sensor_delay.angle_time": LATE})
-    found = compare(Study.of(model, [run], [], [])).parameters["sensor_delay.angle_time"]
+    found = compare(make_study(model, [run], [], [])).parameters["sensor_delay.angle_time"]
     assert (found.value, found.fitted) == (LATE, False)

@@ -17,7 +17,7 @@ from armdyn.identify.residual.missing_force import (
     force_curves,
     pool_curves,
 )
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.run import Channel, Run
 
 FRICTION, JOINT, SEED = 1.2, "right_e1", 5
@@ -36,7 +36,7 @@ def with_dry_friction(recording):
 @pytest.fixture(scope="module")
 def study():
     runs = [with_dry_friction(k) for k in range(2)]
-    return Study.of(
+    return make_study(
         arm_model(robot="baxter"), runs, [], [CATALOGUE["joint_coulomb_friction"], CATALOGUE["torque_offset"]]
     )
 
@@ -221,7 +221,7 @@ def test_a_data_frame_holds_every_point(study, repaired):
 
 def test_viscous_friction_is_a_straight_line():
     run = generate("joint_viscous_friction", 1.0, 2)
-    found = compare(Study.of(arm_model(robot="baxter"), [run], [], []))
+    found = compare(make_study(arm_model(robot="baxter"), [run], [], []))
     told = find_force_law(found.missing_force)
     assert [term.shape for term in told.terms] == [VISCOUS_SHAPE]
     assert told.terms[0].size == pytest.approx(2.0, rel=0.05)

@@ -10,7 +10,7 @@ import pytest
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import read_run
 
@@ -24,7 +24,7 @@ def repaired(model, folder, training, held_out):
     def runs(names):
         return [read_run(RECORDINGS / folder / f"{name}.csv") for name in names]
 
-    return repair(Study.of(model, runs(training), runs(held_out), list(CATALOGUE.values())))
+    return repair(make_study(model, runs(training), runs(held_out), list(CATALOGUE.values())))
 
 
 def held_out_total(step):

@@ -7,7 +7,7 @@ from worlds import thresholds
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import add, repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.identify.thresholds import likeliest_thresholds
 from armdyn.pendulum.model import pendulum_model
 
@@ -21,7 +21,7 @@ OTHERS = {
 def _study(one):
     model = pendulum_model(0.35, 0.1) if one.robot == "pendulum" else arm_model(robot="baxter")
     beside = [CATALOGUE[name] for name in OTHERS[one.robot]]
-    return Study.of(model, one.runs[:2], one.runs[2:], [*beside, *thresholds.effects(one.robot)])
+    return make_study(model, one.runs[:2], one.runs[2:], [*beside, *thresholds.effects(one.robot)])
 
 
 def _is_told(found, one):

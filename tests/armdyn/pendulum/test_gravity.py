@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from armdyn.identify.compare import compare
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import ModelFile, base_pendulum, read_model, write_model_file
 from armdyn.parameter import Prior
 from armdyn.recording.units import KnownQuantity
@@ -25,7 +25,7 @@ def swing(gravity, noise=NOISE):
 
 
 def length_of(model, run):
-    return compare(Study.of(model, [run], [], [])).parameters["length"]
+    return compare(make_study(model, [run], [], [])).parameters["length"]
 
 
 @pytest.mark.parametrize("gravity", [9.78, 9.80665, 9.832])

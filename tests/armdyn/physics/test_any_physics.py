@@ -18,7 +18,7 @@ from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
 from armdyn.identify.prepare import noise_std_by_run_and_channel
 from armdyn.identify.repair import add
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -183,7 +183,7 @@ def test_a_law_of_a_rate_is_discovered_written_and_read(tmp_path):
     found.write(tmp_path / "law.py")
     (law,) = load_effects(tmp_path / "law.py", bare.stages)
     assert law.name == "discovered_threshold_above"
-    told = add(Study.of(bare, runs[:2], runs[2:3], [law]), [law.on("pressure")]).model
+    told = add(make_study(bare, runs[:2], runs[2:3], [law]), [law.on("pressure")]).model
     assert "discovered_threshold_above.place[pressure]" in told.names
 
 
@@ -249,7 +249,7 @@ def test_steps_follow_a_value_that_a_fit_makes_many_times_its_typical_size():
     place = solve_ivp(rates, (0.0, 6.0), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11).y[0]
     read = place + 1e-5 * np.random.default_rng(0).normal(size=len(time))
     run = Run("slide.csv", {"tau.push": Channel(time, push(time), "N"), "q.mass": Channel(time, read, "m")})
-    found = add(Study.of(physics_model(slide, own_effects=[oil]), [run], [], [oil]), [oil]).model
+    found = add(make_study(physics_model(slide, own_effects=[oil]), [run], [], [oil]), [oil]).model
     drag = found.parameters["oil.drag"]
     assert abs(drag.value - 600.0) < 3.0 * drag.std
     exact = found.with_values({"mass": 1.0, "spring": 20.0, "oil.drag": 600.0})

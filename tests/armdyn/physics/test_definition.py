@@ -7,7 +7,7 @@ from derivatives import assert_jacobian
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Reading, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -169,7 +169,7 @@ def test_what_a_physics_without_states_lacks_is_named():
     moved, then = (0.1 * np.sin(4 * at) + 0.05 * np.sin(11 * at) for at in (t, t - 0.03))
     force = 12.0 * then + 0.01 * rng.normal(size=len(t))
     channels = {"gripper_x": Channel(t, moved, "m"), "load_force": Channel(t, force, "N")}
-    study = Study.of(physics_model(scale), [Run("a.csv", channels)], [], [late, slow])
+    study = make_study(physics_model(scale), [Run("a.csv", channels)], [], [late, slow])
     found = repair(study)
     assert [e.name for e in found.model.effects] == ["late"]
     assert found.model.value("late.time") == pytest.approx(0.03, abs=1e-3)

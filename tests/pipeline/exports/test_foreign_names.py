@@ -20,7 +20,7 @@ from worlds.baxter import generate
 from armdyn.arm.model import arm_model
 from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import ModelFile, base_pendulum, model_text, read_model_file, write_model_file
 from armdyn.quoting import c_comment, identifier, one_line, python_docstring, toml_string
 from pipeline.exports.functions import c_text, exported_functions, python_text
@@ -175,7 +175,7 @@ def test_a_file_that_holds_everything_leaves_nothing_out(tmp_path):
 
 def test_what_an_offset_does_is_the_offset():
     model = arm_model(robot="baxter").with_effect(CATALOGUE["torque_offset"])
-    fit = Study.of(model, [generate("torque_offset", 1.0, 3)], [], []).first()
+    fit = make_study(model, [generate("torque_offset", 1.0, 3)], [], []).first()
     for channel, value in fit.contribution(["torque_offset"]).items():
         offset = fit.values[list(fit.problem.mask_of_unknowns([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)

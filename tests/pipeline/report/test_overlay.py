@@ -12,7 +12,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.recording.preparation import Preparation, combined_preparations, preparation_sentence
 from pipeline.answers import signal_preparation_json
 from pipeline.report.overlay import (
@@ -37,7 +37,7 @@ HIDDEN = "joint_viscous_friction"
 def study():
     runs = [generate(HIDDEN, 1.0, 0, rate=100.0, recording=i) for i in range(3)]
     catalogue = [CATALOGUE[name] for name in (HIDDEN, "torque_offset")]
-    return Study.of(arm_model(robot="baxter"), runs[:1], runs[1:2], catalogue, runs[2:])
+    return make_study(arm_model(robot="baxter"), runs[:1], runs[1:2], catalogue, runs[2:])
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
 
 
 def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
-    fit = Study.of(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
+    fit = make_study(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
     run, answer = fit.problem.runs[0].original, signal_preparation_json(fit.problem)
     assert list(answer) == [block.channel for block in fit.blocks]
     for curve, block in zip(training_overlays([fit]), fit.blocks, strict=True):

@@ -7,7 +7,7 @@ import pytest
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.user import load_effects
 from armdyn.identify.repair import add, repair
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import read_model
 from armdyn.run import read_run
 from pipeline.trial import TrialSettings, run_trial, simulate_trial
@@ -22,7 +22,7 @@ def repaired_after(hidden, out, seed=0):
     """The trial that does not know, and the repair of the model that it had."""
     unaware = simulate_trial(TrialSettings(hidden=hidden, seed=seed, out=out))
     found = repair(
-        Study.of(
+        make_study(
             read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], [CATALOGUE[name] for name in RIVALS]
         )
     )
@@ -83,7 +83,7 @@ def test_the_model_of_a_trial_is_the_one_that_it_estimated_with(learnt):
 def test_a_load_cell_decides_against_the_printed_tension(learnt):
     folder = learnt.result.recording.parent
     (printed,) = load_effects(EXAMPLES / "printed_tension.py")
-    study = Study.of(read_model(folder / "model.toml"), [read_run(folder / "trial.csv")], [], [printed])
+    study = make_study(read_model(folder / "model.toml"), [read_run(folder / "trial.csv")], [], [printed])
     share = add(study, [printed]).model.parameters["printed_tension.share"]
     assert share.value == pytest.approx(0.0, abs=5 * share.std)
     assert share.std < 0.01

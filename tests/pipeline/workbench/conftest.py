@@ -10,7 +10,7 @@ from worlds.baxter import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import write_run_csv
 from pipeline.workbench.bench import Workbench
@@ -28,7 +28,7 @@ def recordings():
 @pytest.fixture(scope="package")
 def bench(recordings):
     catalogue = [CATALOGUE[name] for name in (HIDDEN, *RIVALS)]
-    return Workbench(Study.of(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
+    return Workbench(make_study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
 
 
 @pytest.fixture(scope="package")

@@ -9,7 +9,7 @@ from worlds.pendulum import Setup, record
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.identify.study import Study
+from armdyn.identify.studies import make_study
 from armdyn.model_file import base_pendulum, read_model_file
 from pipeline import exports
 from pipeline.console.inputs import ModelAndRunInputs
@@ -105,7 +105,7 @@ def test_a_pendulums_hidden_drag_is_predicted_and_then_fitted():
     rng = np.random.default_rng(3)
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
-    bench = Workbench(Study.of(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
+    bench = Workbench(make_study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
     predicted = {name: bench.predict([name]) for name in effects}
     assert min(effects, key=lambda name: error(predicted[name])) == "quadratic_drag"
     assert error(predicted["quadratic_drag"]) < 0.9 * error(bench.given_state)
