@@ -410,12 +410,28 @@ class LinearScorer(EffectSetScorer):
 
     def _freedom_nats(self, own: np.ndarray) -> float:
         """Nats that the freedom of the unknowns (k,) `own` costs, beside that of the values that every set has."""
-        G, unnamed = self._normal(self.training)[0], np.setdiff1d(np.flatnonzero(self._unnamed), own)
-        found = [
-            freedom_nats(G[np.ix_(part, part)], np.append(np.ones(len(part) - len(unnamed)), self._unnamed[unnamed]))
-            for part in (np.append(own, unnamed), unnamed)
-        ]
-        return float(found[0] - found[1])
+        unnamed = np.setdiff1d(np.flatnonzero(self._unnamed), own)
+        return self._freedom_of(own, unnamed) - self._freedom_of(own[:0], unnamed)
+
+    def _freedom_of(self, own: np.ndarray, unnamed: np.ndarray) -> float:
+        """Nats that the freedom of the unknowns (k,) `own` and of those without a name, (m,) `unnamed`, costs."""
+        both, sizes = np.append(own, unnamed), np.append(np.ones(len(own)), self._unnamed[unnamed])
+        return float(freedom_nats(self._normal(self.training)[0][np.ix_(both, both)], sizes))
+
+    def evidence(self, at: Fit, errors: np.ndarray, effects: Sequence[Candidate], *, described: bool = False) -> float:
+        """Log evidence, nats, of a fitted set with this scorer's weights, less its complexity.
+
+        Args:
+            at: the fit.
+            errors: (2, c) its mean squared errors; see `mean_squared_errors_of`.
+            effects: the set.
+            described: whether the values that every set has without a name are as described; else they were fitted.
+        """
+        own, values = self._of(effects), transfer_values(at.values, at.problem, self.problem)[self.columns]
+        unnamed = np.zeros(0, dtype=int) if described else np.setdiff1d(np.flatnonzero(self._unnamed), own)
+        sizes = (values - self.problem.null[self.columns])[own] / self.typical[own]
+        price = self._freedom_of(own, unnamed) + float(size_nats(sizes)) + self.complexity_penalty(effects)
+        return self.log_likelihood(errors) - price - (0.0 if described else self.unnamed_nats(at))
 
     def _misfit(self, errors: np.ndarray) -> np.ndarray:
         """(...) misfit as in `EffectSetScore.misfit`, from (..., 2, c) mean squared errors."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import norm
 
-from armdyn.identify.fit import Fit, channel_rmse, continue_fit, fit
+from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.motion_study import LINK_WIDTH, USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
@@ -38,10 +38,6 @@ MAX_FIRST_LOSS_NATS = 50.0
 """Loss of likelihood after the first steps of a fit of another set, nats, beyond which it ends; not calibrated."""
 FINAL_STEPS, FINAL_TOLERANCE_STDS = 8, 0.05
 """Largest number of steps of the fits that are reported, after those of the search, and their tolerance; see `fit`."""
-MIN_SHARE_OF_LINKS = 0.2
-"""Share of the squared error of predicted runs that links have to remove, so that they differ from their description.
-With exact links it is 4 to 8 % in one simulated arm; with links 5 to 10 % off, from less than a fifth to nearly all:
-where it is less, the values of named effects are up to 3 % off and their deviations do not say so."""
 SCORED_ADDITIONS = 8
 """Number of additions to a set, those with the largest predicted scores, whose score is computed in each round."""
 
@@ -68,7 +64,7 @@ def select_for_motion(
     if (last := _without_chance_effects(found)) is not found:
         chosen.append(found := _settled(last))
     steps = [given, *_steps(chosen, given, say)]
-    return found, [*steps, *_links(found, steps[-1])]
+    return found, [*steps, *_beside_description(found, steps[-1], say)]
 
 
 def _without_chance_effects(found: LinearPath) -> LinearPath:
@@ -267,12 +263,35 @@ def _finished(at: Fit) -> Fit:
     )
 
 
-def _links(found: LinearPath, named: SearchStep) -> Iterator[SearchStep]:
-    """The step with links that differ from their description, where runs are predicted clearly better with them."""
-    study, whole = found.study, _finished(found.fit)
-    without, with_links = (
-        sum(error**2 for error in channel_rmse(study.held_out_blocks(one) or one.blocks).values())
-        for one in (named.fit, whole)
-    )
-    if with_links < (1.0 - MIN_SHARE_OF_LINKS) * without:
-        yield SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), LINK_WIDTH)
+def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallback) -> Iterator[SearchStep]:
+    """The step with links that differ from their description, or with a load in their place, if either is likelier.
+
+    Links without a name imitate a load, at a price that only the evidence of the whole set knows.
+    """
+    study, scorer, effects = found.study, found.scorer, found.chosen_set.effects
+
+    def evidence(at: Fit, chosen: Sequence[Candidate], *, described: bool) -> float:
+        errors = scorer.mean_squared_errors_of(at.blocks, study.held_out_blocks(at))
+        return scorer.evidence(at, errors, chosen, described=described)
+
+    whole = _finished(found.fit)
+    steps = {
+        SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), LINK_WIDTH): evidence(
+            whole, effects, described=False
+        )
+    }
+    loads = [c for c in scorer.searched_effects if study.problem.model.changes_link(c.names) and c not in effects]
+    least = evidence(named.fit, effects, described=True) + TIE_NATS
+    for load in loads if max(steps.values()) > least else ():
+        say(f"fitting the motion with {load.label} in place of links")
+        near = study.own(scorer.values(scorer.evaluate((*effects, load))), scorer.problem)
+        own = study.problem.mask_of_unknowns(load.names)
+        begun = replace(named.fit, values=np.where(own, near, named.fit.values))
+        chosen = (*named.effects, load)
+        at = _finished(_fitted_as_described(replace(found, known_fit=begun), chosen))
+        steps[SearchStep((load,), (), chosen, at, study.tests(at, chosen))] = evidence(
+            at, (*effects, load), described=True
+        )
+    best = max(steps, key=steps.__getitem__)
+    if steps[best] > least:
+        yield best
