@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.slots import ARMATURE, COSINE, DAMPING, FRICTION, REST_TORQUE, SINE, STIFFNESS, slots_of
-from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.arm.slots import ARMATURE, COSINE, DAMPING, FRICTION, REST_TORQUE, SINE, STIFFNESS, simplest_effect
+from armdyn.effects.catalogue import find
 
 DYNAMICS_ATTRIBUTES = {DAMPING: "damping", FRICTION: "friction", ARMATURE: "armature"}
 """Attribute of `urdf.robot.JointDynamics` with the described value of an effect's only slot."""
 
 
 def _parameters_of(*slots: str) -> list[str]:
-    """Parameters of the first effect of the catalogue with exactly these slots."""
-    effect = next(one for one in CATALOGUE.values() if slots_of(one).names == {*slots})
+    """Parameters of the simplest effect with these slots."""
+    effect = simplest_effect(*slots)
     return [f"{effect.name}.{short}" for short in effect.quantities]
 
 

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 
 GRAVITY, LINK = "gravity", "link"
@@ -120,6 +121,11 @@ def slots_of(effect: Effect) -> EffectSlots:
         return EffectSlots(frozenset(), str(wrong_in))
     values = {name: part for name, part in found.items() if name != LINK}
     return EffectSlots(frozenset(found), "", ca.Function("slots", [*theta.values()], [*values.values()]), tuple(values))
+
+
+def simplest_effect(*slots: str) -> Effect:
+    """The first effect of the catalogue that fills exactly these slots, on any joint."""
+    return next(one for one in CATALOGUE.values() if slots_of(one).names == {*slots} and one.reach != "last")
 
 
 class _NotLinearError(Exception):

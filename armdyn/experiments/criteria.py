@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from armdyn.estimation.solve import inverse_positive, marginal_information
+from armdyn.estimation.solve import marginal_information
 
 ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its symmetric (P, P) derivative by the information matrix."""
@@ -28,7 +29,10 @@ def posterior_covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarr
         information: (P, P) Fisher information F.
         prior: (P,) prior standard deviations; infinite where there is no prior.
     """
-    return inverse_positive(information + np.diag(prior**-2.0))
+    matrix = information + np.diag(prior**-2.0)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor = cho_factor(matrix * np.outer(scale, scale))
+    return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
 def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> ValueAndGradient:
@@ -40,7 +44,7 @@ def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray)
     K = posterior_covariance(information, prior)
     block, columns = K[np.ix_(wanted, wanted)], K[:, wanted]
     size = 2.0 * len(wanted)
-    return float(np.linalg.slogdet(block)[1]) / size, -columns @ inverse_positive(block) @ columns.T / size
+    return float(np.linalg.slogdet(block)[1]) / size, -columns @ np.linalg.solve(block, columns.T) / size
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +100,7 @@ def log_harmonic_separation(
     for case in cases:
         everything = np.concatenate([case.own, case.fitted])
         L, T = case.information_after_refit(information, prior)
-        inverse = inverse_positive(L + NEGLIGIBLE_CHI2_RISE * np.eye(len(L)))
+        inverse = np.linalg.inv(L + NEGLIGIBLE_CHI2_RISE * np.eye(len(L)))
         total += float(np.trace(inverse))
         # dL = T' dF T, since the best refit does not change in first order.
         slopes[np.ix_(everything, everything)] -= T @ inverse @ inverse @ T.T

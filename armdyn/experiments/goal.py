@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.arm.slots import ARMATURE, DAMPING, FRICTION, LINK, OFFSET, simplest_effect
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
@@ -26,7 +27,7 @@ from armdyn.experiments.structure import (
 )
 from armdyn.threads import one_thread
 
-USUAL_EFFECTS = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
+USUAL_EFFECTS = tuple(simplest_effect(slot).name for slot in (DAMPING, FRICTION, OFFSET, ARMATURE, LINK))
 """Effects that every arm may have: nuisance effects, or the wanted ones if none is named."""
 
 NO_INDICES = np.zeros(0, dtype=int)

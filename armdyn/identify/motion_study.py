@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from armdyn.arm.closed_loop.motion_model import SIMULATION_STEPS_SECONDS, MotionModel
+from armdyn.arm.slots import DAMPING, FRICTION, LINK, simplest_effect
 from armdyn.identify.fit import Fit, fit, run_duration
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem
@@ -34,11 +35,11 @@ MAX_STEP_ERROR_NATS = 0.5
 """Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
 MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.2, 1.2
 """Largest error of a step over the model's own, which is what is left beyond so many variances of the noise."""
-LINKS, LINK_WIDTH = frozenset({"link_inertia"}), 0.3
+LINKS, LINK_WIDTH = frozenset({simplest_effect(LINK).name}), 0.3
 """Effect on links, and prior width of what a link differs by from its description, in typical sizes: 9 % of mass,
 centre and extent. A servo tells a link's weight by how far it sags, so that one which is described wrongly looks like
 springs and frictions."""
-USUAL_FRICTIONS = ("joint_viscous_friction", "joint_coulomb_friction")
+USUAL_FRICTIONS = tuple(simplest_effect(slot).name for slot in (DAMPING, FRICTION))
 """Frictions that most servos have, in which a simulation sticks and slides."""
 
 

@@ -8,14 +8,13 @@ import numpy as np
 from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
+from armdyn.arm.slots import FADING_FRICTION, GRAVITY, LINK, READING_DELAY, TORQUE, simplest_effect, slots_of
 from armdyn.effects.effect import Effect
 from armdyn.inspection.evidence import EffectSizes
 
-SEPARATELY_HANDLED_EFFECTS = frozenset(
-    {"torque_delay", "base_tilt", "payload", "joint_asymmetric_friction", "joint_stribeck_friction", "joint_coupling"}
-)
-"""Effects whose columns the inspection of an arm computes itself in another form (a delay, a tilt, a payload), or that
-are close to other effects."""
+SEPARATE_SLOTS, SEPARATE_REACHES = frozenset({READING_DELAY, GRAVITY, TORQUE, FADING_FRICTION}), ("last", "coupled")
+"""Slots and reaches of effects whose columns the inspection of an arm computes itself in another form (a delay, a tilt,
+a payload), or that are close to other effects."""
 USUAL_TORQUE_DELAY_SECONDS, MAX_TORQUE_DELAY_SECONDS = 0.03, 0.1
 """Usual delay of recorded torques, and the shift of a clock, s, from which on it is a mistake."""
 USUAL_BASE_TILT_RADIANS, MIN_MOUNTING_ANGLE = 0.1, np.deg2rad(12.0)
@@ -25,6 +24,10 @@ USUAL_PAYLOAD_SHARE_OF_ARM_MASS, USUAL_PAYLOAD_DISTANCE_METRES = 0.15, 0.2
 """Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
 INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 """Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
+
+
+def _is_separate(effect: Effect) -> bool:
+    return bool(slots_of(effect).names & SEPARATE_SLOTS) or effect.reach in SEPARATE_REACHES
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +51,16 @@ class MissingEffects:
     def _extended(self) -> tuple[ArmModel, np.ndarray, EffectSizes]:
         """The model with all effects at null; (p,) typical sizes; prior knowledge on the sizes, also of `_linear`'s."""
         model = self.own.with_fixed_null_effects(
-            [e for e in self.effects if not (e.name in SEPARATELY_HANDLED_EFFECTS or depends_on_past(e))]
+            [e for e in self.effects if not (_is_separate(e) or depends_on_past(e))]
         )
         parameters = list(model.parameters.values())
         size = np.array([p.typical for p in parameters])
         value = np.array([p.value for p in parameters])
         # A link that loses all of its mass weighs nothing.
-        lower = np.array([max(p.lower, -1.0) if p.effect == "link_inertia" else p.lower for p in parameters])
+        links = simplest_effect(LINK).name
+        lower = np.array([max(p.lower, -1.0) if p.effect == links else p.lower for p in parameters])
         upper = np.array([p.upper for p in parameters])
-        effects = [*dict.fromkeys(p.effect for p in parameters), "payload", "base_tilt", "torque_delay"]
+        effects = [*dict.fromkeys(p.effect for p in parameters), "a load", "a tilt", "delays"]
         nj, none = len(self.model.arm.joints), np.full(len(INERTIAL_POWERS) - 1, np.inf)
         tilt = np.sin(MIN_MOUNTING_ANGLE) / USUAL_BASE_TILT_RADIANS
         late = MAX_TORQUE_DELAY_SECONDS / USUAL_TORQUE_DELAY_SECONDS
@@ -92,7 +96,8 @@ class MissingEffects:
         torques, derivatives = model.at_states(stretch)
         described = torques.T
         # A link changes by shares of its mass and extent, which the description may have wrong.
-        size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
+        links = simplest_effect(LINK).name
+        size = np.where([p.effect == links for p in model.parameters.values()], heavier * size, size)
         own = (derivatives * size).transpose(1, 0, 2)
         load = max(1.0, USUAL_PAYLOAD_SHARE_OF_ARM_MASS * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = load * USUAL_PAYLOAD_DISTANCE_METRES**INERTIAL_POWERS

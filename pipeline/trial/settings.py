@@ -19,12 +19,12 @@ from pipeline.robot.settings import PlantSettings
 MIN_STRING_LENGTH, MAX_STRING_LENGTH = 0.05, 2.0
 """Shortest and longest possible string [m]; Baxter's line is 0.85 m long and 1.0 m above the floor."""
 
-NUISANCE_EFFECTS: dict[str, tuple[str, float, float]] = {
-    "linear_drag": ("linear_drag.coefficient", 0.0, 0.01),
-    "sensor_bias": ("sensor_bias.force", 0.0, 0.02),
-    "sensor_delay": ("sensor_delay.time", 0.01, 0.01),
+NUISANCE_PARAMETERS: dict[str, tuple[float, float]] = {
+    "linear_drag.coefficient": (0.0, 0.01),
+    "sensor_bias.force": (0.0, 0.02),
+    "sensor_delay.time": (0.01, 0.01),
 }
-"""Effects that are estimated together with the length: parameter, prior mean and standard deviation, by effect.
+"""Parameters of effects that are estimated together with the length: prior mean and standard deviation.
 
 Without them the length would be wrong: by 0.25 mm per ms of delay, by 1 mm per 0.01 N of bias.
 """
@@ -91,7 +91,8 @@ class ProtocolSettings:
             for p in effect.parameters():
                 fitted = given.parameters[p.name]
                 model = model.with_prior(p.name, fitted.value, fitted.std) if fitted.std else model.with_fixed(p.name)
-        for name, (parameter, mean, std) in NUISANCE_EFFECTS.items():
+        for parameter, (mean, std) in NUISANCE_PARAMETERS.items():
+            name = parameter.partition(".")[0]
             if all(effect.name != name for effect in given.named_effects):
                 model = model.with_effect(CATALOGUE[name]).with_prior(parameter, mean, std)
         model = model.with_prior("mass", self.mass, self.mass_std)

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import norm
 
+from armdyn.arm.slots import COSINE, REST_TORQUE, SINE, STIFFNESS, slots_of
+from armdyn.effects.effect import Effect
 from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.motion_study import LINK_WIDTH, USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
@@ -26,8 +28,8 @@ STARTS = ((USUAL_FRICTIONS, 1.0), (USUAL_FRICTIONS, 3.0), (GEARED, 3.0), (EVERY_
 geared ones much that grows with the load, and a rotor that is felt. Too much friction is a better start than little,
 with which an arm swings: from 0.1 typical sizes, four of ten choices of recordings of an SO-101 end in a local minimum.
 """
-LIKE_A_LOAD = ("gravity_spring", "joint_spring", "joint_coupling")
-"""Effects with which several joints together imitate a load."""
+LIKE_A_LOAD = frozenset({SINE, COSINE, STIFFNESS, REST_TORQUE})
+"""Slots with which several joints together imitate a load; couplings of joints do so, too."""
 CHANCE_LEVEL = 0.01
 """Probability that the largest effect of a catalogue without any true one passes, by its deviation in the fit."""
 MAX_START_FIT_STEPS = 5
@@ -196,13 +198,18 @@ def _with_load_instead_of_springs(
     Where springs do so already, the sums, which are at their optimum, do not show the load.
     """
     model, now = found.study.problem.model, found.chosen_set
-    springs = [c for c in now.effects if c.effect in LIKE_A_LOAD and c not in found.scorer.given]
+    alike = {effect.name for effect in model.effects if _is_like_a_load(effect)}
+    springs = [c for c in now.effects if c.effect in alike and c not in found.scorer.given]
     loads = [c for c in found.scorer.searched_effects if model.changes_link(c.names) and c not in now.effects]
     for load in [c for c in loads if c not in tried] if springs else ():
         tried.add(load)
         say(f"fitting the motion with {load.label} in place of {', '.join(c.label for c in springs)}")
         without = found.with_effects([c for c in now.effects if c not in springs]).relinearised()
         yield without.with_effects(without.scorer.split_into_candidates([*without.effects, load])).relinearised()
+
+
+def _is_like_a_load(effect: Effect) -> bool:
+    return bool(slots_of(effect).names & LIKE_A_LOAD) or effect.reach == "coupled"
 
 
 def _completed(found: LinearPath, say: ProgressCallback) -> Iterator[LinearPath]:
