@@ -12,7 +12,8 @@ from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channe
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import INDEPENDENT_MODEL_ERROR_SAMPLES, LinearScorer
+from armdyn.identify.selection.linear_predictor import INDEPENDENT_MODEL_ERROR_SAMPLES
+from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.selection.sums import INDIRECT_UNKNOWN_FIT_STEPS, sums, with_thresholds
 from armdyn.identify.study import Study

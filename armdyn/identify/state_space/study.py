@@ -13,7 +13,7 @@ from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit
 from armdyn.identify.holdout import predict_runs
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import MAX_RESIDUAL_TO_NOISE_VARIANCE
+from armdyn.identify.selection.linear_predictor import MAX_RESIDUAL_TO_NOISE_VARIANCE
 from armdyn.identify.state_space.motion_start import find_start_state, find_start_states
 from armdyn.identify.state_space.output_error import (
     OTHER_START_VALUES_TRIED,

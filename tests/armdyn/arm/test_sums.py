@@ -7,7 +7,8 @@ from worlds.baxter import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
-from armdyn.identify.selection.linear_scorer import LinearScorer, misfit_per_sample
+from armdyn.identify.selection.linear_predictor import misfit_per_sample
+from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.studies import make_study
 
