@@ -64,6 +64,16 @@ def inverse_positive(A: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.inv(unit) / (size[..., :, None] * size[..., None, :]))
 
 
+def pseudo_inverse(A: np.ndarray, rcond: float = 1e-15) -> np.ndarray:
+    """(n, n) pseudo-inverse of a symmetric matrix, without eigenvalues below a share `rcond` of the largest."""
+    return np.asarray(np.linalg.pinv(A, rcond, hermitian=True))
+
+
+def least_squares(X: np.ndarray, y: np.ndarray, rcond: float | None = None) -> np.ndarray:
+    """(p, ...) shortest of the solutions b of min |X b - y|, without singular values below a share `rcond`."""
+    return np.asarray(np.linalg.lstsq(X, y, rcond)[0])
+
+
 def log_det(A: np.ndarray) -> np.ndarray:
     """(...) logarithms of the determinants of (..., n, n) positive definite matrices."""
     size, unit = scale_to_unit_diagonal(A)

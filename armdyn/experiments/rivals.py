@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.estimation.correlation import correlation_time
-from armdyn.estimation.solve import marginal_information
+from armdyn.estimation.solve import marginal_information, pseudo_inverse
 from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
@@ -176,7 +176,7 @@ def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | 
         return None
     noise = _effective_noise(found.search.last.fit)
     best = _hypothesis(study, found.search.last.fit, (), noise)
-    covariance = np.linalg.pinv(best.information, hermitian=True)
+    covariance = pseudo_inverse(best.information)
     parameters = [best.model.parameters[name] for name in best.free]
     stds = np.sqrt(np.diag(covariance))
     shares = stds / [p.typical for p in parameters]

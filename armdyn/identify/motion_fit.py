@@ -31,7 +31,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.slots import slots_of
 from armdyn.estimation.correlation import correlation_time
-from armdyn.estimation.solve import inverse_positive, solve_bounded
+from armdyn.estimation.solve import inverse_positive, pseudo_inverse, solve_bounded
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
@@ -322,7 +322,7 @@ class _Descent:
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
         sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])[free] * typical[free, None]
         scaled = H * np.outer(typical, typical)
-        inverse = np.linalg.pinv(scaled[np.ix_(free, free)], hermitian=True)
+        inverse = pseudo_inverse(scaled[np.ix_(free, free)])
         found, count = np.zeros(len(free)), sums.shape[1]
         middle = sums @ sums.T * count / max(count - 1, 1) + np.diag(of_priors[free] * typical[free] ** 2)
         found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
@@ -330,7 +330,7 @@ class _Descent:
             gain = self._model.drives[unknown.name].gain if unknown.of == "gain" else None
             if gain is not None and gain.std is not None and free[i]:  # no surer than what the gain is told with
                 others = free & (np.arange(len(free)) != i)
-                follow = np.linalg.pinv(scaled[np.ix_(others, others)], hermitian=True) @ scaled[others, i]
+                follow = pseudo_inverse(scaled[np.ix_(others, others)]) @ scaled[others, i]
                 found[others] = np.hypot(found[others], follow * typical[others] * gain.std / gain.value / typical[i])
         return found
 

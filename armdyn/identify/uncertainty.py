@@ -25,6 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.solve import pseudo_inverse
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
@@ -123,7 +124,7 @@ def _covariance(
     here, (bread, meat) = free[~held], (matrix[np.ix_(~held, ~held)] for matrix in (bread, meat))
     scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
     scales = np.outer(scale, scale)
-    inverse = np.linalg.pinv(bread / scales, rcond=1e-13, hermitian=True) / scales
+    inverse = pseudo_inverse(bread / scales, 1e-13) / scales
     covariance = np.zeros((len(fit.free), len(fit.free)))
     covariance[np.ix_(here, here)] = inverse @ meat @ inverse
     moved = np.zeros((len(fit.free), len(considered)))

@@ -12,6 +12,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.estimation.solve import pseudo_inverse
 from armdyn.inspection.arm import RecordingHypothesis, SampledArmRun
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.description import AS_DESCRIBED, NOTHING_DESCRIBED, DescriptionCorrection
@@ -164,4 +165,4 @@ class SampledArmRuns(SampledRuns[SampledArmRun]):
 def _solution(equations: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """(g,) solution of the sum of normal equations (g, g) and (g,)."""
     matrices, vectors = zip(*equations, strict=True)
-    return np.asarray(np.linalg.pinv(np.sum(matrices, axis=0), 1e-6, hermitian=True) @ np.sum(vectors, axis=0))
+    return np.asarray(pseudo_inverse(np.sum(matrices, axis=0), 1e-6) @ np.sum(vectors, axis=0))

@@ -15,6 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
+from armdyn.estimation.solve import least_squares
 from armdyn.identify.residual.missing_force import ForceCurve, min_standard_error, pool_curves
 from armdyn.recording.channels import FloatArray
 
@@ -188,7 +189,7 @@ def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[ForceTerm, ...]]]:
     y, found = curve.as_given / std, []
     for chosen in (*sets, *((*one, CONSTANT_SHAPE) for one in sets)):
         columns = np.array([shape.force(curve.x / scale) / std for shape in chosen]).reshape(len(chosen), len(y)).T
-        values = np.linalg.lstsq(columns, y, rcond=None)[0]
+        values = least_squares(columns, y)
         evidence = _evidence(y - columns @ values, len(chosen)) - _evidence(y, 0)
         found.append((evidence, tuple(_term(s, v, scale, curve) for s, v in zip(chosen, values, strict=True))))
     return found

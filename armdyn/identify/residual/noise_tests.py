@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from armdyn.estimation.solve import solve_bounded
+from armdyn.estimation.solve import least_squares, solve_bounded
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
@@ -122,18 +122,18 @@ def _score(
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
     if independence < MIN_INIMITABLE_DERIVATIVE_SHARE:
-        weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
+        weights = np.abs(least_squares(R, shares[:, 0], 1e-12) * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
         return ScoreTest(candidate, 0.0, imitators)
     step = np.zeros(len(norms))
-    step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
+    step[norms > 0] = least_squares(left, residual, 1e-6)
     values = fit.values[columns]
     allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
         return ScoreTest(candidate, 0.0, ())
-    change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
+    change = inside @ least_squares(inside, residual, 1e-6)
     return ScoreTest(candidate, float(change @ change), ())
 
 

@@ -28,6 +28,7 @@ import numpy as np
 from armdyn.estimation.correlation import correlation_time
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, Posterior
+from armdyn.estimation.solve import least_squares
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.residual.block import ResidualBlock
@@ -264,7 +265,7 @@ class LinearPredictor(EffectSetScorer):
         both, k = np.append(own, others), len(own)
         scale = 1.0 / np.sqrt(np.diag(G))[both]
         G = G[np.ix_(both, both)] * np.outer(scale, scale)
-        within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
+        within = least_squares(G[k:, k:], G[k:, :k], 1e-10)
         return bool(np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_INIMITABLE_EFFECT_SHARE))
 
     def best_change(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.estimation.solve import least_squares
 from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
@@ -142,7 +143,7 @@ def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
         at = cut.with_weak_priors(values).expansion(values, free)
     if not np.isfinite(at.cost):
         return np.inf
-    return at.cost - 0.5 * float(at.gradient @ np.linalg.lstsq(at.hessian, at.gradient, rcond=1e-12)[0])
+    return at.cost - 0.5 * float(at.gradient @ least_squares(at.hessian, at.gradient, 1e-12))
 
 
 def _cost(cut: Problem, values: np.ndarray) -> float:
