@@ -341,6 +341,11 @@ class LinearPredictor(EffectSetScorer):
         """Log likelihood of (2, c) mean squared errors of training and held-out runs, by channel."""
         return float(self._log_likelihoods(errors).sum())
 
+    def predicted_gain(self, before: np.ndarray, after: np.ndarray) -> float:
+        """Gain of log likelihood, nats, of held-out runs between (2, c) mean squared errors; 0 without such runs."""
+        found = [self._log_likelihoods(errors)[HELD_OUT_ROW] for errors in (before, after)]
+        return float(found[1] - found[0])
+
     def gain(self, before: Fit, after: Fit) -> float:
         """Gain of log probability, nats, of the training runs from one fit to another one."""
         errors = [self.mean_squared_errors_of(fit.blocks, ()) for fit in (before, after)]

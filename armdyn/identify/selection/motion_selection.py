@@ -277,28 +277,27 @@ def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallb
     """
     study, scorer, effects = found.study, found.scorer, found.chosen_set.effects
 
-    def evidence(at: Fit, chosen: Sequence[Candidate], *, described: bool) -> float:
-        errors = scorer.mean_squared_errors_of(at.blocks, study.held_out_blocks(at))
-        return scorer.evidence(at, errors, chosen, described=described)
+    def errors(at: Fit) -> np.ndarray:
+        return scorer.mean_squared_errors_of(at.blocks, study.held_out_blocks(at))
 
+    def gain(at: Fit, chosen: Sequence[Candidate], *, described: bool) -> float:
+        """Gain of evidence; none where held-out runs are predicted worse, because what is left is no noise."""
+        better = scorer.predicted_gain(errors(named.fit), errors(at)) >= 0.0
+        return scorer.evidence(at, errors(at), chosen, described=described) - least if better else -np.inf
+
+    least = scorer.evidence(named.fit, errors(named.fit), effects, described=True)
     whole = _finished(found.fit)
-    steps = {
-        SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), LINK_WIDTH): evidence(
-            whole, effects, described=False
-        )
-    }
+    step = SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), LINK_WIDTH)
+    gains = {step: gain(whole, effects, described=False)}
     loads = [c for c in scorer.searched_effects if study.problem.model.changes_link(c.names) and c not in effects]
-    least = evidence(named.fit, effects, described=True) + TIE_NATS
-    for load in loads if max(steps.values()) > least else ():
+    for load in loads if gains[step] > TIE_NATS else ():
         say(f"fitting the motion with {load.label} in place of links")
         near = study.own(scorer.values(scorer.evaluate((*effects, load))), scorer.problem)
-        own = study.problem.mask_of_unknowns(load.names)
+        own, chosen = study.problem.mask_of_unknowns(load.names), (*named.effects, load)
         begun = replace(named.fit, values=np.where(own, near, named.fit.values))
-        chosen = (*named.effects, load)
         at = _finished(_fitted_as_described(replace(found, known_fit=begun), chosen))
-        steps[SearchStep((load,), (), chosen, at, study.tests(at, chosen))] = evidence(
-            at, (*effects, load), described=True
-        )
-    best = max(steps, key=steps.__getitem__)
-    if steps[best] > least:
+        loaded = SearchStep((load,), (), chosen, at, study.tests(at, chosen))
+        gains[loaded] = gain(at, (*effects, load), described=True)
+    best = max(gains, key=gains.__getitem__)
+    if gains[best] > TIE_NATS:
         yield best
