@@ -98,20 +98,16 @@ def slots_of(effect: Effect) -> EffectSlots:
         found[GAIN] = after.gain
     if not _vanishes(after.delay):
         found[READING_DELAY] = after.delay
-    others = {
-        "a state of its own": None, "another joint": after.inner_torque, "the time": time, "the load": load,
-        "another joint's motion": ca.vertcat(inner.position, inner.velocity, inner.acceleration),
-        PAST_COMMANDS: told.total, VOLTAGE: told.voltage, "the drive's torque": told.torque,
-    }  # fmt: skip
     torque, reading = (ca.substitute(ca.SX(part), on, 1) for part in (after.torque, after.offset))
-    for what, x in others.items():
-        if x is None:
-            wrong = bool(after.added_states)
-        elif what == "another joint":
-            wrong = not _vanishes(x)
-        else:
-            wrong = any(ca.depends_on(ca.vertcat(torque, reading), one) for one in ca.symvar(x))
-        if wrong:
+    if after.added_states or not _vanishes(after.inner_torque):
+        return EffectSlots(frozenset(), "a state of its own" if after.added_states else "another joint")
+    others = {
+        "the time": [time], "the load": [load], PAST_COMMANDS: [told.total], VOLTAGE: [told.voltage],
+        "the drive's torque": [told.torque],
+        "another joint's motion": [inner.position, inner.velocity, inner.acceleration],
+    }  # fmt: skip
+    for what, symbols in others.items():
+        if any(ca.depends_on(ca.vertcat(torque, reading), x) for x in symbols):
             return EffectSlots(frozenset(), what)
     motion = (q, v, a, way)
     try:
