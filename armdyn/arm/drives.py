@@ -77,6 +77,12 @@ class Servo:
         """Error at which the torque saturates, with the usual gain."""
         return self.full_at if self.gain is None else min(self.full_at, self.limit / self.gain.value)
 
+    @property
+    def feedback(self) -> tuple[float, float]:
+        """Torque per error of the position and of the velocity; 0 for a law that feeds neither back."""
+        gain = 0.0 if self.gain is None else self.gain.value
+        return {"position": (gain, self.damping), "velocity": (0.0, gain)}.get(self.law, (0.0, 0.0))
+
     def command(self, joint: str) -> str:
         """Name of the channel with the command of a joint."""
         return f"{COMMAND_CHANNELS[self.law]}.{joint}"

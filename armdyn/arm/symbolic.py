@@ -53,7 +53,7 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
         servo = model.servo(joint)
         if servo is None or servo.gain is None or servo.law not in ("position", "velocity"):
             continue
-        k, d = (servo.gain.value, servo.damping) if servo.law == "position" else (0.0, servo.gain.value)
+        k, d = servo.feedback
         driven[i] = 1
         asked[i] = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
         if np.isfinite(servo.largest):

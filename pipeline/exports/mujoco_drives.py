@@ -88,8 +88,8 @@ def _largest_rate(model: ArmModel, parts: Sequence[ExportedJointDynamics]) -> fl
     gain, damping = np.zeros(len(parts)), np.array([joint.damping for joint in parts])
     for j, servo in enumerate(servos):
         if servo is not None and servo.gain is not None:
-            gain[j] = servo.gain.value if servo.law == "position" else 0.0
-            damping[j] += {"position": servo.damping, "velocity": servo.gain.value}.get(servo.law, 0.0)
+            gain[j], damped = servo.feedback
+            damping[j] += damped
     inertia = neutral_inertia(model) + np.diag([joint.armature for joint in parts])
     damped, squared = (float(eigh(np.diag(part), inertia, eigvals_only=True)[-1]) for part in (damping, gain))
     return max(damped, float(np.sqrt(squared)))
@@ -142,7 +142,7 @@ def add_drives(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointD
 
 def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
     """A drive as an affine actuator: force = (k (q_cmd - q) - damping v - offset) / gain, within its limit."""
-    own = {"position": (-k, -servo.damping), "velocity": (0.0, -k)}.get(servo.law, (0.0, 0.0))
+    own = 0.0 - np.array(servo.feedback)
     law = {
         "gainprm": repr(k / gain),
         "biastype": "affine",

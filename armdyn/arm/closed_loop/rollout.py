@@ -279,10 +279,9 @@ def _drive_inputs(
             drives.given[:, j], drives.on[:, j] = share * np.clip(torque, -servo.largest, servo.largest), share
             continue
         drives.on[:, j], drives.limit[:, j] = share * scale, servo.largest / scale
-        drives.damping[j] = gain
+        drives.gain[j], drives.damping[j] = servo.feedback
         if servo.law == "position":
             drives.q_cmd[:, j] = mean_command(run, joint, servo, when)
-            drives.gain[j], drives.damping[j] = gain, servo.damping
         for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
             if f"{kind}.{joint}" in channels:
                 signal[:, j] = channels[f"{kind}.{joint}"].mean_zero_order_hold_values(when)
