@@ -14,7 +14,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import search_set
-from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore
+from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, TIE_NATS, EffectSetScore
 from armdyn.identify.uncertainty import uncertainty
 
 MAX_SUCCESSIVE_LINEARISATIONS = 5
@@ -168,7 +168,8 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
         for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
             if body in found.chosen_set.effects:
                 others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
-                found = best_path([found, found.with_effects([*others, simpler]).relinearised()])
+                other = found.with_effects([*others, simpler]).relinearised()
+                found = best_path([found, other], ACCEPTANCE_NATS)
         if body in found.chosen_set.effects and body not in found.scorer.given:
             without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
             again = without.with_set(search_set(without.scorer, without.chosen_set, say))
@@ -183,8 +184,13 @@ def _bodies(found: LinearPath) -> list[Candidate]:
     return [c for c in found.scorer.searched_effects if c.joints and model.changes_link(c.names)]
 
 
-def best_path(paths: Sequence[LinearPath]) -> LinearPath:
-    """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values."""
+def best_path(paths: Sequence[LinearPath], tie: float = TIE_NATS) -> LinearPath:
+    """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values.
+
+    Args:
+        paths: the paths.
+        tie: difference, nats, up to which two count as tied.
+    """
     if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]
     ended = [path.relinearised() for path in paths]
@@ -193,7 +199,7 @@ def best_path(paths: Sequence[LinearPath]) -> LinearPath:
         one.study.worth(one.scorer, one.fit, one.chosen_set, scale) if np.isfinite(one.chosen_set.score) else -np.inf
         for one in ended
     ]
-    tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - TIE_NATS]
+    tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - tie]
     return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))
 
 
