@@ -66,10 +66,6 @@ class NormalEquations:
 
         return type(self)(*(summed(getattr(self, one.name)) for one in fields(self)))
 
-    def scaled(self, size: np.ndarray) -> Self:
-        """The equations of unknowns in units of their (P,) `size`."""
-        return replace(self, gram=self.gram * (size[:, None] * size), slope=self.slope * size)
-
     def among(self, columns: np.ndarray, count: int) -> Self:
         """The same equations among `count` unknowns, without effect of those at other places than (P,) `columns`."""
         gram, slope = np.zeros((len(self.square), count, count)), np.zeros((len(self.square), count))

@@ -50,12 +50,13 @@ def motion_slopes(
     others: Sequence[DriveInputs],
     step: float,
     wanted: Sequence[int] | None = None,
-) -> np.ndarray:
-    """(n + 1, nj, k + m + 2 nj) derivatives of n + 1 simulated positions.
+) -> Iterator[tuple[int, np.ndarray]]:
+    """First step of each stretch of m <= `SAMPLES_PER_CALL` steps, and (m + 1, nj, k + o + 2 nj) slopes at its edges.
 
-    They are those by the k wanted parameters, the changes of the motion under m other inputs of the drives, to first
-    order in their difference, and the derivatives by the start positions and start velocities. Where a simulation has
-    run away, they no longer change.
+    They are the derivatives of simulated positions by the k wanted parameters, the changes of the motion under o other
+    inputs of the drives, to first order in their difference, and the derivatives by the start positions and start
+    velocities. Where a simulation has run away, they no longer change. Whole recordings would not fit into a
+    processor's cache, so the next stretch overwrites them.
 
     Args:
         model: the arm with its effects.
@@ -65,24 +66,6 @@ def motion_slopes(
         others: slightly different inputs of the drives, such as those with another gain or delay.
         step: length of a step, s.
         wanted: indices of the k parameters; None means all.
-    """
-    parts = [states.copy() for _, states in _stretches(model, theta, motion, drives, others, step, wanted)]
-    return np.concatenate([parts[0][:1], *(states[1:] for states in parts)])
-
-
-def _stretches(
-    model: ArmModel,
-    theta: np.ndarray,
-    motion: tuple[np.ndarray, np.ndarray],
-    drives: DriveInputs,
-    others: Sequence[DriveInputs],
-    step: float,
-    wanted: Sequence[int] | None,
-) -> Iterator[tuple[int, np.ndarray]]:
-    """First step of each stretch of m <= `SAMPLES_PER_CALL` steps, and (m + 1, nj, ...) derivatives at their edges.
-
-    Whole recordings would not fit into a processor's cache, so the next stretch overwrites them. For the arguments see
-    `motion_slopes`.
     """
     columns = np.arange(len(theta)) if wanted is None else np.array(wanted, dtype=int)
     (q, v), n, size = motion, len(model.arm.joints), len(columns)
@@ -271,7 +254,7 @@ def window_slopes(
     )
     found, step, last = None, float(edges[1] - edges[0]), len(edges) - 1
     place = np.clip(np.searchsorted(edges, window.time, "right") - 1, 0, last - 1)
-    for begin, states in _stretches(model, model.theta(), (q, v), here, there, step, wanted):
+    for begin, states in motion_slopes(model, model.theta(), (q, v), here, there, step, wanted):
         inside = (place >= begin) & (place < begin + len(states) - 1)
         if found is None:
             found = np.empty((len(window.time), *states.shape[1:]))

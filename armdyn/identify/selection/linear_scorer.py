@@ -91,6 +91,9 @@ class LinearScorer(LinearPredictor):
 
         A bound at which the effect is absent, and one that they do not pull beyond by more than chance, do not count.
         """
+        on_bound = (change <= self._lower) | (change >= self._upper)
+        if not np.any((on_bound & (change != self._null))[own]):
+            return True
         beyond = np.zeros(len(widths))
         beyond[widths > 0.0] = self._posterior(widths, self.training).gain_beyond_bound_nats
         return bool(np.all((beyond < ACCEPTANCE_NATS)[own] | (change == self._null)[own]))
@@ -180,10 +183,10 @@ class LinearScorer(LinearPredictor):
 
     def _fitted_change(self, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(c,) change of the unknowns from null in a fit with (c,) prior widths, and (c, c) its covariance."""
-        change, c = self.best_change(widths, self.training) - self._null, np.flatnonzero(widths > 0.0)
-        covariance = np.zeros((len(widths), len(widths)))
-        covariance[np.ix_(c, c)] = self._posterior(widths, self.training).covariance
-        return change, covariance
+        found, c = self._posterior(widths, self.training), np.flatnonzero(widths > 0.0)
+        change, covariance = self._absent.copy(), np.zeros((len(widths), len(widths)))
+        change[c], covariance[np.ix_(c, c)] = found.change, found.covariance
+        return change - self._null, covariance
 
     def effects_without_sure_value(self, effects: Iterable[Candidate], width: float, least: float) -> list[Candidate]:
         """Those of a set's effects of which no value alone is sure; for the arguments see `unsure_values`."""

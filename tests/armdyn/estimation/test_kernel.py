@@ -70,13 +70,13 @@ def test_sums_tell_errors_likelihoods_and_fits_as_the_samples_do(seed):
 def test_order_units_and_scale_do_not_matter(seed):
     rng = np.random.default_rng(seed)
     X, r, sums = drawn(seed)
-    mixed = [rng.permutation(len(y)) for y in r]
-    again = [NormalEquations.of_samples(x[m], y[m], s) for x, y, m, s in zip(X, r, mixed, STDS, strict=True)]
-    size, weight, units = 10.0 ** rng.uniform(-3, 3, UNKNOWNS), np.ones(len(STDS)), np.arange(len(STDS))
+    mixed, size = [rng.permutation(len(y)) for y in r], 10.0 ** rng.uniform(-3, 3, UNKNOWNS)
+    again = [NormalEquations.of_samples(size * x[m], y[m], s) for x, y, m, s in zip(X, r, mixed, STDS, strict=True)]
+    weight, units = np.ones(len(STDS)), np.arange(len(STDS))
     prior = prior_of(seed, 0.2)
     there = NormalPrior(*(part / size for part in (prior.width, prior.centre, prior.lower, prior.upper)))
     here = prior.posterior(*sums.weighted(weight, units))
-    scaled = there.posterior(*NormalEquations.stacked(again[::-1]).scaled(size).weighted(weight, units))
+    scaled = there.posterior(*NormalEquations.stacked(again[::-1]).weighted(weight, units))
     close(scaled.change * size, here.change)
     close(scaled.covariance * np.outer(size, size), here.covariance)
     close(scaled.gain_beyond_bound_nats, here.gain_beyond_bound_nats)
