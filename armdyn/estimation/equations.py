@@ -43,6 +43,20 @@ class NormalEquations:
         return cls(*(np.array(one, dtype=float)[None] for one in sums))
 
     @classmethod
+    def of_units(cls, X: np.ndarray, r: np.ndarray, std: np.ndarray) -> Self:
+        """U units from n samples each, with a standard deviation for every sample.
+
+        Args:
+            X: (U, n, P) derivatives of the predictions.
+            r: (U, n) residuals, measured minus predicted.
+            std: (U, n) standard deviations, by which both are divided; a sample with an infinite one does not count.
+        """
+        X, r, known = X / std[..., None], r / std, np.isfinite(std)
+        gram, slope = X.swapaxes(1, 2) @ X, (X.swapaxes(1, 2) @ r[..., None])[..., 0]
+        log_std = np.log(std, where=known, out=np.zeros(std.shape)).sum(axis=1)
+        return cls(gram, slope, (r**2).sum(axis=1), known.sum(axis=1).astype(float), log_std)
+
+    @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
         """The units of several equations with the same unknowns."""
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
@@ -63,6 +77,16 @@ class NormalEquations:
             total = np.zeros((count, *part.shape[1:]))
             np.add.at(total, group, part)
             return total
+
+        return type(self)(*(summed(getattr(self, one.name)) for one in fields(self)))
+
+    def windows(self, size: int, step: int) -> Self:
+        """The sums over every `size` successive of k groups of `step` units: (k - size + 1) groups of `step` units."""
+
+        def summed(part: np.ndarray) -> np.ndarray:
+            groups = part.reshape(-1, step, *part.shape[1:])
+            total = np.concatenate([np.zeros((1, *groups.shape[1:])), np.cumsum(groups, axis=0)])
+            return (total[size:] - total[:-size]).reshape(-1, *part.shape[1:])
 
         return type(self)(*(summed(getattr(self, one.name)) for one in fields(self)))
 

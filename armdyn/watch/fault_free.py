@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.random_effects import RandomEffects
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from armdyn.watch.changes import (
     BLOCK_MOTION_SECONDS,
-    JOINT_CHANGES,
-    LOAD_PRIOR_STD,
     USED_SAMPLE_INTERVAL_SECONDS,
     WINDOW_SIZES_IN_BLOCKS,
     FaultFreeBaseline,
     MotionBlocks,
-    RegressionBlockSums,
 )
 from armdyn.watch.observer import (
     CANDIDATE_BANDWIDTHS,
@@ -28,7 +28,6 @@ from armdyn.watch.observer import (
     MAX_SAMPLE_GAP_SECONDS,
     Observer,
     ObserverOutput,
-    compiled_functions,
     visible_share_of_step,
 )
 from armdyn.watch.onset import OnsetTorqueEstimator
@@ -40,6 +39,7 @@ from armdyn.watch.tail import (
     block_maxima,
 )
 from armdyn.watch.variances import MIN_TORQUE_VARIANCE, AdaptiveErrorStd, fitted_variance_factors
+from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
 JointSample = tuple[float, FloatArray, FloatArray]
 """Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
@@ -62,6 +62,7 @@ class FaultFreeStatistics:
     """Statistics of the residuals of a fault-free robot.
 
     Attributes:
+        changes: the changes that are watched.
         bandwidth: K of the observer, 1/s.
         contrast: (nj, 4) factors of the variance of the contrast, which is the residual less its running mean; see
             `ObserverOutput.sources`.
@@ -75,6 +76,7 @@ class FaultFreeStatistics:
         seconds: length of the recordings, s; None without recordings.
     """
 
+    changes: WatchedChanges
     bandwidth: float
     contrast: FloatArray
     residual: FloatArray
@@ -136,17 +138,19 @@ def _at(time: FloatArray, channel: Channel) -> FloatArray:
 
 
 def statistics_of_recordings(
-    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]
+    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]], further: Sequence[Effect] = ()
 ) -> FaultFreeStatistics:
     """Statistics from recordings of a fault-free robot.
 
     Args:
         model: the arm.
         recordings: functions that return the samples; each is called several times.
+        further: effects that may change besides `USUAL_CHANGES`.
 
     Raises:
-        InputError: the recordings are shorter than `MIN_FAULT_FREE_SECONDS`.
+        InputError: the recordings are shorter than `MIN_FAULT_FREE_SECONDS`, or an effect cannot be watched.
     """
+    changes = WatchedChanges.of(model, further)
     bandwidth = _quickest(model, recordings)
     seen = _Seen.of(_settled(model, recordings, bandwidth))
     if seen.length < MIN_FAULT_FREE_SECONDS:
@@ -164,7 +168,7 @@ def statistics_of_recordings(
         for k in range(CROSS_VALIDATION_FOLDS)
     ]
     lasting, early = AdaptiveErrorStd(contrast), [AdaptiveErrorStd(part.variance) for part in parts]
-    blocks = MotionBlocks(compiled_functions(model)[1], residual, kept=None)
+    blocks = MotionBlocks(changes, residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
     for elapsed, step in _settled(model, recordings, bandwidth):
@@ -191,10 +195,14 @@ def statistics_of_recordings(
         for each in zip(*largest, strict=True)
     )
     baselines, load, own = (
-        _baselines(RegressionBlockSums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
+        _baselines(NormalEquations.stacked(list(blocks.equations)), len(asked))
+        if blocks.equations
+        else ({}, None, None)
     )
     onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
-    return FaultFreeStatistics(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
+    return FaultFreeStatistics(
+        changes, bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length
+    )
 
 
 def _settled(
@@ -255,18 +263,18 @@ def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointS
 
 
 def _baselines(
-    blocks: RegressionBlockSums,
+    blocks: NormalEquations, joints: int
 ) -> tuple[
     dict[int, FaultFreeBaseline], StatisticDistribution | None, tuple[tuple[StatisticDistribution, ...], ...] | None
 ]:
     """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
-    count = len(blocks.load)
+    count, kinds = len(blocks.square) // joints, blocks.slope.shape[1] - LOAD_PARAMETERS
     sizes = [size for size in WINDOW_SIZES_IN_BLOCKS if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.joints_residual_product[0].size))
+    scores = np.zeros((count, 1 + joints * kinds))
     baselines = {}
     for size in sizes:
-        windows = blocks.windows(size)
-        baselines[size] = FaultFreeBaseline.of(windows, size)
+        windows = blocks.windows(size, joints)
+        baselines[size] = FaultFreeBaseline.of(windows, joints, size)
         ends = np.arange(size - 1, count)
         fold = ends * CROSS_VALIDATION_FOLDS // count
         for k in np.unique(fold):
@@ -274,7 +282,8 @@ def _baselines(
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                load, own = FaultFreeBaseline.of(windows.select(others), size).scores(windows.select(mine))
+                elsewhere = FaultFreeBaseline.of(windows.only(np.repeat(others, joints)), joints, size)
+                load, own = elsewhere.scores(windows.only(np.repeat(mine, joints)))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Neighbouring windows share blocks for at least the length of the shortest window.
     largest = block_maxima(scores, WINDOW_SIZES_IN_BLOCKS[0])
@@ -283,15 +292,16 @@ def _baselines(
     first, *laws = (
         ExponentialTail.of(values, WINDOW_SIZES_IN_BLOCKS[0] * BLOCK_MOTION_SECONDS, 2) for values in largest.T
     )
-    kinds = len(JOINT_CHANGES)
     return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
 
-def statistics_of_model_error(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> FaultFreeStatistics:
+def statistics_of_model_error(
+    model: ArmModel, history: Sequence[Mapping[str, Any]], further: Sequence[Effect] = ()
+) -> FaultFreeStatistics:
     """Statistics from the errors that the last repair wrote to the model file (`history`), taken as Gaussian.
 
     Raises:
-        InputError: the file has no error for a joint.
+        InputError: the file has no error for a joint, or one of the effects `further` cannot be watched.
     """
     last: Mapping[str, Any] = next((change for change in reversed(history) if change.get("rmse")), {})
     errors = {**last.get("rmse", {}), **last.get("held_out_rmse", {})}
@@ -305,22 +315,13 @@ def statistics_of_model_error(model: ArmModel, history: Sequence[Mapping[str, An
     n, alike = len(size), ERROR_CORRELATION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
     crossings = 3600.0 * DEFAULT_OBSERVER_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
-    per_sample = np.full((n, len(JOINT_CHANGES)), np.inf)
-    baselines = {
-        w: FaultFreeBaseline(
-            np.zeros(len(LOAD_PRIOR_STD)),
-            np.zeros((n, len(JOINT_CHANGES))),
-            np.zeros((n, len(JOINT_CHANGES), len(JOINT_CHANGES))),
-            np.full(n, alike),
-            1.0,
-            np.ones((n, len(JOINT_CHANGES))),
-            (np.inf, per_sample),
-        )
-        for w in WINDOW_SIZES_IN_BLOCKS
-    }
+    changes = WatchedChanges.of(model, further)
+    kinds = len(changes.names)
+    baseline = FaultFreeBaseline.of_model_error(RandomEffects.of_noise(np.full(n, alike), kinds))
+    baselines = dict.fromkeys(WINDOW_SIZES_IN_BLOCKS, baseline)
     values = 3600.0 / BLOCK_MOTION_SECONDS
     return FaultFreeStatistics(
-        DEFAULT_OBSERVER_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
-        GaussianDistribution(values, len(LOAD_PRIOR_STD)),
-        ((GaussianDistribution(values),) * len(JOINT_CHANGES),) * n, None,
+        changes, DEFAULT_OBSERVER_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
+        GaussianDistribution(values, LOAD_PARAMETERS),
+        ((GaussianDistribution(values),) * kinds,) * n, None,
     )  # fmt: skip

@@ -111,7 +111,7 @@ class Observer:
     def __init__(self, model: ArmModel, bandwidth: float = DEFAULT_OBSERVER_BANDWIDTH) -> None:
         self._joints = len(model.arm.joints)
         self._asked = np.array([joint in model.joints for joint in model.arm.joints])
-        self._function = compiled_functions(model)[0]
+        self._function = compiled_observer(model)
         self._fastest = 2.0 * np.nan_to_num(np.asarray(model.arm.model.velocityLimit), nan=np.inf, posinf=np.inf)
         self._fastest[self._fastest <= 0.0] = np.inf
         self._state = np.zeros(STATES_PER_JOINT * self._joints + 1)
@@ -207,7 +207,7 @@ def observer_function(model: ArmModel) -> ca.Function:
     position, torque = (_filtered(signal, states, K, h, fresh) for signal, states in zip((q, tau), past, strict=True))
     x1, x2, x3 = position[1:]
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
-    predicted, friction, way = _reading(model, x3, v, a, K)
+    predicted, friction, way = predicted_reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
     mean, expected, before, doubted = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
     early = parts[FIRST_STAGE_STATE_INDEX:]
@@ -236,38 +236,10 @@ def observer_function(model: ArmModel) -> ca.Function:
     )  # fmt: skip
 
 
-def column_function(model: ArmModel) -> ca.Function:
-    """``(q, v, a, bandwidth) -> (load, own, way)``: derivatives of the measured torques with respect to each change.
-
-    `load` (nj, 4): with respect to an added load's mass, kg, and mass times position, kg m, in the frame of the last
-    joint. `own` (nj, 4): of each joint's torque with respect to its own dry friction, N m, viscous friction,
-    N m s/rad, offset, N m, and relative gain. `way` (nj,): expected sign of each velocity.
-
-    Raises:
-        InputError: as `observer_function`.
-    """
-    n = len(model.arm.joints)
-    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
-    K, more = ca.SX.sym("bandwidth"), ca.SX.sym("more", 4)
-    links = [ca.SX(link) for link in model.link_parameters().values()]
-    last = model.arm.joints.index(model.joints[-1])
-    links[last] = ca.vertcat(links[last][:4] + more, links[last][4:])
-    rigid = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
-    load = ca.substitute(ca.jacobian(rigid, more), more, ca.SX.zeros(4))
-    _, gain, offset = _torques(model, q, v, a, ca.SX.zeros(n), ca.SX.zeros(n))
-    predicted, _, way = _reading(model, q, v, a, K)
-    columns = ca.horzcat(gain * way, gain * v, ca.SX.ones(n), predicted - offset)
-    outputs = [ca.densify(ca.diag(gain) @ load), ca.densify(columns), way]
-    return ca.Function("columns", [q, v, a, K], outputs, ["q", "v", "a", "bandwidth"], ["load", "own", "way"])
-
-
-def compiled_functions(model: ArmModel) -> tuple[PreallocatedFunction, PreallocatedFunction]:
-    """The functions `observer_function` and `column_function` of a model, compiled if a C compiler is installed."""
-    kept = without_past_dependent_effects(model)
-    name = f"watch_{len(model.arm.joints)}"
-    functions = {"watch": observer_function(kept), "columns": column_function(kept)}
-    built = compile_functions(name, functions)
-    return PreallocatedFunction(built["watch"]), PreallocatedFunction(built["columns"])
+def compiled_observer(model: ArmModel) -> PreallocatedFunction:
+    """The `observer_function` of a model, compiled if a C compiler is installed."""
+    functions = {"watch": observer_function(without_past_dependent_effects(model))}
+    return PreallocatedFunction(compile_functions(f"watch_{len(model.arm.joints)}", functions)["watch"])
 
 
 def without_past_dependent_effects(model: ArmModel) -> ArmModel:
@@ -299,22 +271,23 @@ def _filtered(
     return following
 
 
-def _reading(
+def predicted_reading(
     model: ArmModel, q: Expression, v: Expression, a: Expression, K: Expression
 ) -> tuple[Expression, Expression, Expression]:
-    """Predicted torques, size of the dry friction in them, and expected signs of the velocities, (nj,) each."""
+    """Predicted torques, size of the dry friction in them, and expected signs of the velocities, (nj,) each.
+
+    Args:
+        model: the arm.
+        q: (nj,) positions behind F, rad or m.
+        v: (nj,) velocities.
+        a: (nj,) accelerations.
+        K: bandwidth of F, 1/s.
+    """
     creep = ca.DM([0.1 * CREEP_SPEED if slides else CREEP_SPEED for slides in model.arm.slides])
     way = ca.erf(v / ca.sqrt(2.0 * (creep**2 + FILTER_ORDER * (a / K) ** 2)))
     links = [ca.SX(link) for link in model.link_parameters().values()]
-    load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
-    added, gain, offset = _torques(model, q, v, a, load, way)
-    signs = [_torques(model, q, v, a, load, sign * ca.SX.ones(len(model.arm.joints)))[0] for sign in (1, -1)]
+    load, ones = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a), ca.SX.ones(way.numel())
+    theta = ca.SX(model.theta())
+    added, gain, offset = torques_added_by_effects(model, (q, v, a), way, load, ones, theta)
+    signs = [torques_added_by_effects(model, (q, v, a), sign * ones, load, ones, theta)[0] for sign in (1, -1)]
     return gain * (load + added) + offset, ca.fabs(gain * (signs[0] - signs[1])) / 2.0, way
-
-
-def _torques(
-    model: ArmModel, q: Expression, v: Expression, a: Expression, load: Expression, way: Expression
-) -> tuple[Expression, Expression, Expression]:
-    return torques_added_by_effects(
-        model, (q, v, a), way, load, ca.SX.ones(len(model.arm.joints)), ca.SX(model.theta())
-    )

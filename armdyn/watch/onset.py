@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainc
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.solve import solve_positive
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import (
     LOW_PASS_STAGE_BANDWIDTH,
     PREDICTION_LOW_PASS_STAGES,
     TORQUE_LOW_PASS_STAGES,
-    VARIANCE_SOURCE_COUNT,
 )
 from armdyn.watch.variances import fitted_variance_factors
 
@@ -56,18 +56,14 @@ class OnsetTorqueEstimator:
         sum is the variance of the residual.
         """
         count, joints, size = stages.shape
-        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCE_COUNT))
-        for j in range(joints):
-            spread = np.ones(count)
-            for _ in range(ONSET_FIT_PASSES):
-                scaled = stages[:, j] / np.sqrt(spread)[:, None]
-                C = scaled.T @ scaled
-                w = solve_positive(
-                    C + (ONSET_RIDGE_SHARE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step
-                )
-                weights[j] = w / (step @ w)
-                variance[j] = fitted_variance_factors((stages[:, j] @ weights[j])[:, None], sources[:, j : j + 1])[0]
-                spread = sources[:, j] @ variance[j]
+        step, x, spread = step_response(), stages.swapaxes(0, 1), np.ones((joints, count))
+        for _ in range(ONSET_FIT_PASSES):
+            C = NormalEquations.of_units(x, np.zeros(spread.shape), np.sqrt(spread)).gram
+            ridge = ONSET_RIDGE_SHARE * np.trace(C, axis1=1, axis2=2) / size + np.finfo(float).tiny
+            w = solve_positive(C + ridge[:, None, None] * np.eye(size), step)
+            weights = w / (w @ step)[:, None]
+            variance = fitted_variance_factors((x @ weights[..., None])[..., 0].T, sources)
+            spread = np.einsum("njk,jk->jn", sources, variance)
         return cls(weights, variance)
 
     def estimate(self, stages: FloatArray) -> FloatArray:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.estimation.solve import solve_positive
+from armdyn.estimation.equations import NormalEquations
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import LOAD_PRIOR_INFORMATION
+from armdyn.watch.changes import LOAD_PRIOR
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, ObserverOutput
@@ -115,7 +115,7 @@ class ContactDetector:
 
         Args:
             step: the observer's output.
-            load: (nj, 4) columns of the load, see `column_function`.
+            load: (nj, 4) columns of the load, see `WatchedChanges`.
             delay: mean delay of the observer, s.
         """
         contrast = _Excess(step.contrast, self._level.std(step.sources), self.threshold)
@@ -190,7 +190,8 @@ class ContactDetector:
         """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
         X, r = load / std[:, None], step.residual / std
-        best = solve_positive(X.T @ X + LOAD_PRIOR_INFORMATION, X.T @ r)
+        sums = NormalEquations.of_samples(X, r)
+        best, _ = LOAD_PRIOR.unbounded_change(sums.gram[0], sums.slope[0])
         return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
     def _event(self, kind: EventKind, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:

@@ -1,8 +1,9 @@
 """Variance of a fault-free robot's error at each instant, from `ObserverOutput.sources` and from recent errors."""
 
 import numpy as np
-from scipy.optimize import nnls
 
+from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.solve import solve_bounded
 from armdyn.recording.channels import FloatArray
 
 RECENT_ERROR_MEMORY_SECONDS, MAX_COUNTED_ERROR_STDS = 3.0, 5.0
@@ -41,12 +42,15 @@ def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray) -> np.ndarr
 
     Non-negative least squares on the squared errors, each weighted by 1 over the square of its expected value.
     """
-    found = np.zeros(sources.shape[1:])
-    for j, square in enumerate((errors**2).T):
-        mean = np.full(len(square), max(float(square.mean()), MIN_TORQUE_VARIANCE))
-        for _ in range(VARIANCE_FIT_PASSES):
-            weight = 1.0 / mean
-            found[j] = nnls(sources[:, j] * weight[:, None], square * weight)[0]
-            found[j, 0] = max(found[j, 0], MIN_NOISE_VARIANCE_SHARE * float(square.mean()), MIN_TORQUE_VARIANCE)
-            mean = sources[:, j] @ found[j]
+    square, x = (errors**2).T, sources.swapaxes(0, 1)
+    level = square.mean(axis=1)
+    mean = np.maximum(level, MIN_TORQUE_VARIANCE)[:, None] + np.zeros(square.shape)
+    for _ in range(VARIANCE_FIT_PASSES):
+        sums = NormalEquations.of_units(x, square, mean)
+        # A joint without friction has no information about its factor.
+        absent = np.einsum("jkk->jk", sums.gram) == 0.0
+        gram = sums.gram + absent[:, :, None] * np.eye(x.shape[2])
+        found = solve_bounded(gram, sums.slope, np.zeros(absent.shape), np.inf).x
+        found[:, 0] = np.maximum(found[:, 0], np.maximum(MIN_NOISE_VARIANCE_SHARE * level, MIN_TORQUE_VARIANCE))
+        mean = (x @ found[..., None])[..., 0]
     return found

@@ -6,32 +6,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import (
-    JOINT_CHANGE_UNITS,
-    JOINT_CHANGES,
-    SLIDING_JOINT_CHANGE_UNITS,
-    WINDOW_SIZES_IN_BLOCKS,
-    MotionBlocks,
-    RegressionBlockSums,
-)
+from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, MotionBlocks
 from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
-from armdyn.watch.observer import Observer, ObserverOutput, compiled_functions
+from armdyn.watch.observer import Observer, ObserverOutput
 from armdyn.watch.touch import ContactDetector
+from armdyn.watch.watched import LOAD_PARAMETERS
 
 BLOCKS_AFTER_DETECTION = 7
 """Blocks to wait after detection in a window of at most this length, so that the whole window lies after the change."""
 MAX_IDENTIFICATION_WAIT_BLOCKS = 21
 """Longest wait, in blocks, for the motion to identify a detected change; then `EventKind.UNIDENTIFIED` is reported."""
-LOAD_PARAMETER_COUNT = 4
-"""Number of a load's parameters: mass, kg, and mass times position (3), kg m."""
 
 
 @dataclass(frozen=True)
 class _Change:
-    """A candidate change: joint and index in `JOINT_CHANGES`, or -1, 0: load; window in blocks; evidence in nats."""
+    """A candidate change: joint and index of its change, or -1, 0: load; window in blocks; evidence in nats."""
 
     joint: int
     kind: int
@@ -69,15 +62,18 @@ class Watch:
         self._report = EventReporter(model, per_hour)
         self.observer = Observer(model, sound.bandwidth)
         self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
-        self._blocks = MotionBlocks(compiled_functions(model)[1], sound.residual)
+        self._blocks = MotionBlocks(sound.changes, sound.residual)
         share = per_hour / 4.0
         self._load_threshold = (
             sound.load_score_distribution.threshold(share) if sound.load_score_distribution is not None else np.inf
         )
-        laws, each = sound.joint_score_distributions or (), share / (len(joints) * len(JOINT_CHANGES))
-        self._own_thresholds = np.array([[law.threshold(each) for law in joint] for joint in laws])
+        laws, each = sound.joint_score_distributions or (), share / (len(joints) * len(sound.changes.names))
+        # A change that no sample of a sound robot depends on has the score 0.
+        self._own_thresholds = np.maximum(
+            [[law.threshold(each) for law in joint] for joint in laws], np.finfo(float).tiny
+        )
         self._carried = int(joints.index(model.joints[-1]))
-        self._load, self._own = np.zeros(LOAD_PARAMETER_COUNT), np.zeros((len(joints), len(JOINT_CHANGES)))
+        self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((len(joints), len(sound.changes.names)))
         self._shift = np.zeros(len(joints))
         self._alarm: _Alarm | None = None
         self._waited = 0
@@ -121,7 +117,7 @@ class Watch:
                     self.observer.restart_mean(step.residual - (self._shift - before))
                     self.touches.reset(time)
                     return events
-        events += self.touches.process_sample(step, self._blocks.load, self.observer.delay)
+        events += self.touches.process_sample(step, self._blocks.columns[:, :LOAD_PARAMETERS], self.observer.delay)
         if self.touches.is_certainly_outside_torque and not going_on:
             self._blocks.drop_partial()  # it contains samples from before the detection
         if going_on and not self.touches.is_certainly_outside_torque:
@@ -130,28 +126,29 @@ class Watch:
 
     def _known(self) -> FloatArray:
         """(nj,) torque of the reported changes at the last sample, N m or N."""
-        return np.asarray(self._blocks.load @ self._load + (self._blocks.own * self._own).sum(axis=1))
+        columns = self._blocks.columns
+        own = (columns[:, LOAD_PARAMETERS:] * self._own).sum(axis=1)
+        return np.asarray(columns[:, :LOAD_PARAMETERS] @ self._load + own)
 
     def _changes(self, time: float) -> list[WatchEvent]:
         """The events that the last blocks of motion give, at a time, s."""
-        blocks = RegressionBlockSums.stacked(list(self._blocks.sums))
         if self._refining is not None:
-            self._refine(blocks)
+            self._refine()
             return []
-        best, rivals = self._best(blocks, self.sound.baselines)
+        best, rivals = self._best(self.sound.baselines)
         if self._alarm is not None:
             self._waited += 1
         elif best is None:
             return []
         else:
             self._alarm, self._waited = (
-                self._noticed(best, blocks),
+                self._noticed(best),
                 0 if best.window <= BLOCKS_AFTER_DETECTION else BLOCKS_AFTER_DETECTION,
             )
         if self._waited < BLOCKS_AFTER_DETECTION:
             return []
         # At detection a short window contains motion before the change; now all of it may lie after the change.
-        after, others = self._best(blocks, [w for w in self.sound.baselines if w <= BLOCKS_AFTER_DETECTION])
+        after, others = self._best([w for w in self.sound.baselines if w <= BLOCKS_AFTER_DETECTION])
         if after is not None:
             best, rivals = after, others
         alarm = self._alarm
@@ -161,23 +158,21 @@ class Watch:
         others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
-            return [self._identified(time, alarm.since, best, others, blocks)]
+            return [self._identified(time, alarm.since, best, others)]
         return (
-            [self._undecided(time, alarm.since, best, others, blocks)]
-            if self._waited == MAX_IDENTIFICATION_WAIT_BLOCKS
-            else []
+            [self._undecided(time, alarm.since, best, others)] if self._waited == MAX_IDENTIFICATION_WAIT_BLOCKS else []
         )
 
-    def _best(self, blocks: RegressionBlockSums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
+    def _best(self, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
-        found: tuple[int, RegressionBlockSums] | None = None
+        found: tuple[int, NormalEquations] | None = None
         highest = 1.0
         for window in windows:
-            if len(blocks.load) < window:
+            if len(self._blocks.equations) < window:
                 continue
             baseline = self.sound.baselines[window]
-            sums = blocks.select(slice(-window, None)).total
-            load, own = baseline.scores(sums)
+            sums = self._blocks.window(window)
+            load, own = (part[0] for part in baseline.scores(sums))
             over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
             if over >= highest:
                 found, highest = (window, sums), over
@@ -185,11 +180,11 @@ class Watch:
             return None, []
         chosen, sums = found
         baseline = self.sound.baselines[chosen]
-        load, own = baseline.scores(sums)
-        of_load, each = baseline.explained(sums)
+        load, own = (part[0] for part in baseline.scores(sums))
+        of_load, each = (part[0] for part in baseline.explained(sums))
         # Evidence in nats: half the fall of chi2 over its sound mean, less half log(blocks) per parameter (BIC).
         alike, cost = baseline.spread + float(baseline.joints_spread.mean()), 0.5 * float(np.log(chosen))
-        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETER_COUNT * cost)]
+        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETERS * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
             for j, k in np.ndindex(own.shape)
@@ -199,11 +194,9 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _identified(
-        self, time: float, since: float, best: _Change, others: list[_Change], blocks: RegressionBlockSums
-    ) -> WatchEvent:
+    def _identified(self, time: float, since: float, best: _Change, others: list[_Change]) -> WatchEvent:
         """Report a change, and subtract it from now on."""
-        found, sums = self._size(best, blocks)
+        found, sums = self._size(best)
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
         self._count_in(best, sums)
         self._blocks.clear()
@@ -211,7 +204,7 @@ class Watch:
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
         self._refining = best
         kind = EventKind.RECOVERED if over else EventKind.LOAD_CHANGED if best.joint < 0 else EventKind.ROBOT_CHANGED
-        tied = [JOINT_CHANGES[each.kind] for each in others]
+        tied = [self.sound.changes.names[each.kind] for each in others]
         if best.joint < 0:
             says = f"the tool carries {found}"
             says += f" more than before, {total:+.3g} kg in all" if before else ""
@@ -224,10 +217,10 @@ class Watch:
         )
         return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
-    def _noticed(self, best: _Change, blocks: RegressionBlockSums) -> _Alarm:
-        sums, baseline = blocks.select(slice(-best.window, None)).total, self.sound.baselines[best.window]
-        offset = JOINT_CHANGES.index("torque_offset")
-        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
+    def _noticed(self, best: _Change) -> _Alarm:
+        sums, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
+        offset = self.sound.changes.steady
+        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][0, :, offset]))
         since = self._blocks.start_times[-best.window]
         return _Alarm(
             best.window, since, self._report.torque_estimate(joint, *baseline.joint_change(sums, joint, offset))
@@ -241,35 +234,35 @@ class Watch:
         )
         return self._report.event(EventKind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
-    def _undecided(
-        self, time: float, since: float, best: _Change, others: list[_Change], blocks: RegressionBlockSums
-    ) -> WatchEvent:
-        found, _ = self._size(best, blocks)
+    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change]) -> WatchEvent:
+        found, _ = self._size(best)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
         sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
         return self._report.event(EventKind.UNIDENTIFIED, time, since, replace(found, what=", ".join(names)), sentence)
 
     def _name(self, change: _Change) -> str:
-        return "payload" if change.joint < 0 else f"{JOINT_CHANGES[change.kind]}[{self.model.arm.joints[change.joint]}]"
+        if change.joint < 0:
+            return "payload"
+        return f"{self.sound.changes.names[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _size(self, change: _Change, blocks: RegressionBlockSums) -> tuple[ChangeEstimate, RegressionBlockSums]:
-        sums, baseline = blocks.select(slice(-change.window, None)).total, self.sound.baselines[change.window]
+    def _size(self, change: _Change) -> tuple[ChangeEstimate, NormalEquations]:
+        sums, baseline = self._blocks.window(change.window), self.sound.baselines[change.window]
         if change.joint < 0:
             load, std = baseline.load_change(sums)
             return ChangeEstimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
-        units = SLIDING_JOINT_CHANGE_UNITS if self.model.arm.slides[change.joint] else JOINT_CHANGE_UNITS
-        found = baseline.joint_change(sums, change.joint, change.kind)
-        return ChangeEstimate(change.joint, *found, units[change.kind], JOINT_CHANGES[change.kind]), sums
+        found, known = baseline.joint_change(sums, change.joint, change.kind), self.sound.changes
+        unit = known.units[change.joint][change.kind]
+        return ChangeEstimate(change.joint, *found, unit, known.names[change.kind]), sums
 
-    def _count_in(self, change: _Change, sums: RegressionBlockSums) -> None:
+    def _count_in(self, change: _Change, sums: NormalEquations) -> None:
         baseline = self.sound.baselines[change.window]
         if change.joint < 0:
             self._load = self._load + baseline.load_change(sums)[0]
         else:
             self._own[change.joint, change.kind] += baseline.joint_change(sums, change.joint, change.kind)[0]
 
-    def _refine(self, blocks: RegressionBlockSums) -> None:
+    def _refine(self) -> None:
         """Correct the size of a reported change with the blocks after it, without an event."""
         change = self._refining
         largest = max(
@@ -277,9 +270,7 @@ class Watch:
             for window in self.sound.baselines
             if window <= max(WINDOW_SIZES_IN_BLOCKS[-2], min(self.sound.baselines))
         )
-        if change is not None and len(blocks.load) >= largest:
-            self._count_in(
-                _Change(change.joint, change.kind, largest, 0.0, 0.0), blocks.select(slice(-largest, None)).total
-            )
+        if change is not None and len(self._blocks.equations) >= largest:
+            self._count_in(_Change(change.joint, change.kind, largest, 0.0, 0.0), self._blocks.window(largest))
             self._blocks.clear()
             self._refining = None

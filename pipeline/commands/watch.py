@@ -43,6 +43,13 @@ def watch(
     false_alarms_per_hour: Annotated[
         float, typer.Option(min=1e-6, max=100.0, help="Accepted rate of false alarms for a robot in good condition.")
     ] = 0.01,
+    changes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EFFECT[:JOINT,...]",
+            help="Further effects whose changes are told; join several by '+'. Friction, offset and gain are anyway.",
+        ),
+    ] = None,
     log: Annotated[
         Path | None, typer.Option(help="File for a recording of the samples; after a change a new file is begun.")
     ] = None,
@@ -60,6 +67,7 @@ def watch(
 ) -> None:
     """Compare a repaired model with its arm at work, and report contacts, loads and changes. The arm is not moved."""
     from armdyn.arm.model import required_arm
+    from armdyn.effects.catalogue import find_several
     from armdyn.effects.user import load_effects
     from armdyn.errors import error_location
     from armdyn.model_file import read_model_file
@@ -75,16 +83,18 @@ def watch(
     files = [] if live else recordings_in(runs)
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
     with progress_display() as say:
-        file = read_model_file(model, load_effects(effects, stages=None))
+        own = load_effects(effects, stages=None)
+        file = read_model_file(model, own)
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
         given = given.adapted_to([*sound_runs, *watched])
+        further = find_several(changes, own) if changes is not None else ()
         say("measuring a sound robot")
         with error_location(model):
             if sound_runs:
-                sound = statistics_of_recordings(given, sample_sources(given, sound_runs))
+                sound = statistics_of_recordings(given, sample_sources(given, sound_runs), further)
             else:
-                sound = statistics_of_model_error(given, file.history)
+                sound = statistics_of_model_error(given, file.history, further)
         say("preparing")
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:

@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats, wald_distance
+from armdyn.estimation.random_effects import RandomEffects
 
 SEEDS = st.integers(0, 2**32 - 1)
 UNKNOWNS, STDS = 4, (0.5, 2.0, 1.0)
@@ -138,3 +139,63 @@ def test_the_price_of_a_size_is_that_of_a_cauchy_distribution():
 def test_a_wald_distance_is_that_of_scaled_axes_and_leaves_out_values_without_variance():
     close(wald_distance(np.array([3.0, 8.0]), np.diag([1.0, 4.0])), 5.0)
     close(wald_distance(np.array([3.0, 8.0]), np.diag([1.0, 0.0])), 3.0)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_units_at_once_and_windows_are_the_sums_of_their_parts(seed):
+    rng = np.random.default_rng(seed)
+    X, r, std = rng.standard_normal((6, 5, UNKNOWNS)), rng.standard_normal((6, 5)), rng.uniform(0.5, 2.0, (6, 5))
+    left_out = rng.random((6, 5)) < 0.2
+    sums = NormalEquations.of_units(X, r, np.where(left_out, np.inf, std))
+    one_by_one = NormalEquations.stacked([
+        NormalEquations.stacked(
+            [NormalEquations.of_samples(X[u, [i]], r[u, [i]], std[u, i]) for i in np.flatnonzero(~left_out[u])]
+        ).grouped(np.zeros((~left_out[u]).sum(), dtype=int), 1)
+        for u in range(6)
+    ])  # fmt: skip
+    twos = sums.only(np.array([0, 2, 1, 3, 2, 4, 3, 5])).grouped(np.repeat(np.arange(4), 2), 4)
+    for name in ("gram", "slope", "square", "count", "log_std"):
+        close(getattr(sums, name), getattr(one_by_one, name))
+        close(getattr(sums.windows(2, 2), name), getattr(twos, name))
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
+def test_random_effects_integrated_out_leave_the_density_of_the_samples(seed):
+    """Two groups with scatters of their own, of the last two unknowns; units of which some group has several."""
+    rng = np.random.default_rng(seed)
+    X, r = rng.standard_normal((4, 9, UNKNOWNS)), rng.standard_normal((4, 9))
+    root = rng.standard_normal((2, 2, 2))
+    random = RandomEffects(rng.standard_normal((2, 2)), root @ root.swapaxes(1, 2), rng.uniform(0.5, 2.0, 2))
+    columns, change = np.array([2, 3]), rng.standard_normal(UNKNOWNS)
+    sums = random.integrated_out(NormalEquations.of_units(X, r, np.full(r.shape, 1.5)), columns)
+    close(sums.gram, sums.gram.swapaxes(1, 2))
+    after = sums.after_change(np.arange(UNKNOWNS), change, np.arange(UNKNOWNS))
+    for u, level in enumerate(after.log_likelihood(np.ones(4)) - 4.5 * np.log(2.0 * np.pi)):
+        x, (m, P, n) = X[u][:, columns], (part[u % 2] for part in (random.mean, random.scatter, random.noise))
+        # The sums weigh by the noise; the scatter is of the unknowns, and n a factor of the noise.
+        whole = multivariate_normal(x @ m, n * 1.5**2 * np.eye(9) + x @ P @ x.T)
+        close(level, whole.logpdf(r[u] - X[u] @ change))
+
+
+def test_random_effects_say_how_the_slopes_of_other_units_scatter():
+    """400 units in two groups; noise that is correlated, so that only the units' scatter tells how much there is."""
+    rng, units, alike = np.random.default_rng(0), 400, 5
+    m, std = np.array([[1.0, -2.0], [0.0, 0.5]]), np.array([[0.5, 0.3], [1.0, 0.4]])
+
+    def equations() -> NormalEquations:
+        X = rng.standard_normal((2 * units, 6, 2)) * rng.uniform(0.2, 2.0, (2 * units, 1, 1))
+        unknown = np.tile(m, (units, 1)) + np.tile(std, (units, 1)) * rng.standard_normal((2 * units, 2))
+        r = (X @ unknown[..., None])[..., 0] + rng.standard_normal((2 * units, 6))
+        X, r = np.repeat(X, alike, axis=1), np.repeat(r, alike, axis=1)
+        return NormalEquations.of_units(X, r, np.ones(r.shape))
+
+    found, others = RandomEffects.fitted(equations(), 2, units, 0.0), equations()
+    np.testing.assert_allclose(found.mean, m, atol=4.0 * np.max(std) / np.sqrt(units))
+    P, n = (np.tile(part, (units, *[1] * (part.ndim - 1))) for part in (found.scatter, found.noise))
+    S, away = others.gram, others.slope - (others.gram @ np.tile(found.mean, (units, 1))[..., None])[..., 0]
+    expected = S @ P @ S + n[:, None, None] * S
+    square = np.einsum("up,upq,uq->u", away, np.linalg.inv(expected), away).reshape(units, 2) / 2.0
+    np.testing.assert_allclose(square.mean(axis=0), 1.0, atol=4.0 / np.sqrt(units))
+    np.testing.assert_allclose(found.noise, alike, rtol=0.5)

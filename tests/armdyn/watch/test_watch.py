@@ -91,7 +91,7 @@ def test_what_is_kept_does_not_grow(arm, sound):
     sizes = []
     for minute in range(2):
         list(watch.events_of(samples(work(arm, 40 + minute), 61.0 * minute)))
-        sizes.append((len(watch._blocks.sums), len(watch._blocks.start_times), watch.observer._state.size))
+        sizes.append((len(watch._blocks.equations), len(watch._blocks.start_times), watch.observer._state.size))
     assert sizes[0] == sizes[1]
 
 
