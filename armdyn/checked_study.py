@@ -19,12 +19,12 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.lost_motion import unless_lost
-from armdyn.identify.motion_fit import fit_to_motion
-from armdyn.identify.motion_study import MotionStudy
+from armdyn.identify.motion.lost_motion import unless_lost
+from armdyn.identify.motion.motion_fit import fit_to_motion
+from armdyn.identify.motion.motion_study import MotionStudy
 from armdyn.identify.repair import Repair, add, fitted_model, repair
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
@@ -316,5 +316,6 @@ def effects_zero_in_simulation(found: Repair) -> frozenset[str]:
     """Names of the effects, added by a repair, whose values are zero within their uncertainty in simulated motion."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
-    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > ACCEPTANCE_NATS * (p.std or 0.0) ** 2}
+    sure = DEFAULT_SETTINGS.search.acceptance_nats
+    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > sure * (p.std or 0.0) ** 2}
     return frozenset(p.effect for p in values if p.effect not in present)

@@ -22,7 +22,6 @@ from armdyn.discovery.term import CandidateTerm, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
@@ -134,7 +133,7 @@ def _is_whole(study: Study, found: Search) -> bool:
     """Whether the residual is only noise, or nearly."""
     start, last = found.steps[0], found.last
     return not last.tests.fails or (
-        len(found.steps) > 1 and study.explained_share(start.fit, last.fit) > MIN_EXPLAINED_AT_NOISE
+        len(found.steps) > 1 and study.explained_share(start.fit, last.fit) > study.settings.verdict.explained_at_noise
     )
 
 

@@ -16,7 +16,6 @@ from armdyn.identify.fit import Fit, continue_fit
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import blocks_by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
@@ -139,7 +138,9 @@ def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) ->
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
     # Otherwise the fall of chi2 that a diagnosis requires of one effect among the catalogue is required.
-    margin = TIE_CHI2 if designed else 2.0 * (ACCEPTANCE_NATS + float(np.log(len(study.candidates))))
+    margin = (
+        TIE_CHI2 if designed else 2.0 * (study.settings.search.acceptance_nats + float(np.log(len(study.candidates))))
+    )
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
@@ -231,7 +232,9 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
     model, last = cast(PendulumModel, lean.problem.model), len(lean.problem.runs) - 1  # see `require_gripper`
-    problem = Problem(model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise})
+    problem = Problem(
+        model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise}, lean.problem.settings
+    )
     at = problem.expansion(lean.values, lean.free, guesses=False)
     unknowns = {i: k for k, i in enumerate(np.flatnonzero(lean.free).tolist())}
     places = zip(model.names, problem.unknowns_of_run(last).tolist(), strict=True)

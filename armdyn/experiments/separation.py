@@ -23,9 +23,9 @@ import numpy as np
 from armdyn.estimation.descent import QuadraticExpansion, descend
 from armdyn.estimation.solve import solve_bounded
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.identify.selection.set_score import TIE_NATS
+from armdyn.identify.settings import DEFAULT_SETTINGS
 
-TIE_CHI2 = 2.0 * TIE_NATS
+TIE_CHI2 = 2.0 * DEFAULT_SETTINGS.search.tie_nats
 """Difference of chi2 up to which a diagnosis does not distinguish two effects, if the residual is only noise."""
 DRAWN_OUTCOMES = 400
 """Number of outcomes of an experiment that are drawn to estimate the probability of a right verdict."""

@@ -40,11 +40,6 @@ from armdyn.parameter import Parameter
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.threads import one_thread
 
-MAX_STD_SHARE_OF_PRIOR = 0.5
-"""Largest standard deviation, as a share of its prior's, of an effect's value that counts as determined by the runs."""
-WHITENESS_LEVEL = 0.01
-"""Probability, divided by the number of channels, below which a residual is not white noise."""
-
 
 @dataclass(frozen=True)
 class ChannelQuality:
@@ -234,7 +229,7 @@ def comparison(
     mixed = {name for one in together for name in one.unidentified_parameters}
     ends = set(fit.at_bound) - set(unnamed)
     needed = failed_fit_sentence(fit) if study.fit_has_failed(fit) else ""
-    white = all(c.whiteness_p_value > WHITENESS_LEVEL / len(channels) for c in channels.values())
+    white = all(c.whiteness_p_value > study.settings.search.chance_level / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
         parameters={n: p for n, p in fitted_parameters(study, fit).items() if n not in unnamed},
@@ -294,7 +289,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     covariance = uncertainty(study, fit).covariance
     with np.errstate(divide="ignore"):
         prior = np.where(study.problem.is_effect & (fit.weighted is not None), 1.0 / fit.minimised.prior_weight, np.inf)
-    only_prior = np.sqrt(np.diag(covariance)) > MAX_STD_SHARE_OF_PRIOR * prior
+    only_prior = np.sqrt(np.diag(covariance)) > study.settings.verdict.determined_share * prior
     mixed = {name for one in study.unidentified(fit) for name in one.unidentified_parameters}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()

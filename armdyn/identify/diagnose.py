@@ -13,7 +13,6 @@ from armdyn.identify.residual.block import blocks_by_channel, chi2_z_value
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.noise_tests import MAX_RESIDUAL_CHI2_Z
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect
@@ -24,17 +23,6 @@ from armdyn.identify.tables import candidate_table, missing_force_columns, predi
 from armdyn.identify.uncertainty import model_error_dominates
 from armdyn.recording.spikes import outlier_sentence
 from armdyn.threads import one_thread
-
-MIN_EXPLAINED_AT_NOISE = 0.97
-"""Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
-the catalogue are idealised and may be wrong by a sixth of their size; if more remains, the missing effect is another
-one, which the nearest effect of the catalogue imitates."""
-MIN_FIRST_EFFECT_EXPLAINED_SHARE = 0.5
-"""Share of the squared error that the first effect must explain; otherwise the missing effect counts as unknown."""
-MIN_EXPLAINED_ABOVE_NOISE = 0.8
-"""Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
-with every real robot: effects outside the catalogue leave half of the squared error or more, real robots at most a
-tenth."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,17 +172,18 @@ def decide_verdict(study: Study, found: Search, unknown: ResidualCharacter | Non
     beyond = last.tests.fails and unknown is not None
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
         beyond = beyond and (_above_stated_noise(study, last) or model_error_dominates(study, last.fit))
-    beyond = beyond and last.fit.chi2_per_sample > study.ignored_chi2
+    if study.ignores_input_errors:
+        beyond = beyond and last.fit.chi2_per_sample > study.settings.noise.variance_ratio
     noise = study.leaves_noise(start.fit, last.fit) if beyond else None
     beyond = beyond if noise is None else not noise
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
-        weight = study.model_error_weight(last.fit)
-        needed = MIN_EXPLAINED_AT_NOISE + weight * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
+        words, weight = study.settings.verdict, study.model_error_weight(last.fit)
+        needed = words.explained_at_noise + weight * (words.explained_above_noise - words.explained_at_noise)
         if (
             study.explained_share(start.fit, last.fit) < needed
-            or study.explained_share(start.fit, found.steps[1].fit) < MIN_FIRST_EFFECT_EXPLAINED_SHARE
+            or study.explained_share(start.fit, found.steps[1].fit) < words.first_effect_share
         ):
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
@@ -209,7 +198,7 @@ def _above_stated_noise(study: Study, last: SearchStep) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
     for blocks in blocks_by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_by_stated_noise(blocks)
-        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > MAX_RESIDUAL_CHI2_Z:
+        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > study.settings.noise.z:
             return True
     return False
 

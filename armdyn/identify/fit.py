@@ -16,13 +16,6 @@ from armdyn.run import Channel, Run
 MIN_INDEPENDENT_DERIVATIVE_SHARE = 1e-5
 """An unknown is not identifiable if less than this share of its derivatives (root of squares) is independent of those
 of other unknowns."""
-MAX_CHI2_PER_SAMPLE_STATED_NOISE = 2.0
-"""Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
-MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE = 10.0
-"""Chi2 per sample, for an estimated noise, beyond which a residual is no noise: third differences underestimate noise
-with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
-MAX_CHI2_PER_SAMPLE_NEAR_NOISE = 1.5
-"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves a larger residual."""
 
 MAX_CONTINUATIONS, STEPS_PER_FIT_CONTINUATION = 16, 8
 """Largest number of times that a fit which ran out of steps is continued, and number of further steps each time. Where

@@ -15,9 +15,6 @@ from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.run import Run
 
-MAX_HELD_OUT_ERROR_INCREASE_SHARE = 0.02
-"""Relative increase of the error on held-out runs up to which an added effect is accepted."""
-
 FitRunUnknowns = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
 """Function that fits the unknowns which belong to a single run, such as its start state. Its arguments are the problem
 of that run, (P,) start values, a (P,) mask of the run's unknowns, and a (P,) mask of those that are fitted."""
@@ -60,7 +57,7 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     problem = found.problem
     for left_out in problem.runs:
         rest = [r for r in problem.runs if r is not left_out]
-        others, weighted = Problem(problem.model, rest, problem.noise), None
+        others, weighted = Problem(problem.model, rest, problem.noise, problem.settings), None
         if found.weighted is not None:
             weighted = found.weighted.of_runs(rest)
         else:
@@ -74,7 +71,7 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
 def _predicted(found: Fit, run: Run, fit_own: FitRunUnknowns) -> Fit:
     """Predict one run, its own unknowns fitted."""
     source = found.problem
-    alone = Problem(source.model, [run], source.noise)
+    alone = Problem(source.model, [run], source.noise, source.settings)
     apart = _stated_apart(source, alone)
     start = np.where(apart, alone.start_values(), transfer_values(found.values, source, alone))
     own = alone.per_run | apart

@@ -8,20 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.explained_share import ChannelScale, explained_error_share
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, Fit, channel_rmse, continue_fit, fit, identifiable
+from armdyn.identify.fit import Fit, channel_rmse, continue_fit, fit, identifiable
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.residual.repetition import repeated_square
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_predictor import INDEPENDENT_MODEL_ERROR_SAMPLES
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.selection.sums import INDIRECT_UNKNOWN_FIT_STEPS, sums, with_thresholds
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import model_error_dominates
 
-MAX_REPEATED_SHARE = 0.01
-"""Largest share of a joint's squared error, for the model as given, that may repeat itself in what a model leaves, and
-is said but does not count as a missing effect."""
 MAX_ADDED_EFFECT_FIT_STEPS = 8
 """Largest number of steps of a fit with added effects."""
 FIT_TOLERANCE_STDS = 0.02
@@ -48,7 +44,7 @@ class LinearStudy(Study):
     @property
     def independent_errors(self) -> float:
         """Number of independent samples of the model's own error in one channel."""
-        return INDEPENDENT_MODEL_ERROR_SAMPLES
+        return self.settings.noise.model_errors
 
     @cached_property
     def _scorers(self) -> dict[Fit, LinearScorer]:
@@ -133,11 +129,12 @@ class LinearStudy(Study):
             fit: the fit.
         """
         # Noise with a longer memory than any sensor's has to be small beside the misfit as given.
-        coloured = fit.chi2_per_sample <= MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
+        share = self.settings.noise.repeated_share
+        coloured = fit.chi2_per_sample <= self.settings.noise.estimated_chi2
         others, errors = self.held_out_predictions(fit), channel_rmse(fit.blocks)
         return all(
-            repeated_square(channel, [fit], others) <= MAX_REPEATED_SHARE * error**2
-            and (coloured or errors[channel] ** 2 <= MAX_REPEATED_SHARE * error**2)
+            repeated_square(channel, [fit], others) <= share * error**2
+            and (coloured or errors[channel] ** 2 <= share * error**2)
             for channel, error in channel_rmse(given.blocks).items()
         )
 
@@ -165,7 +162,7 @@ class LinearStudy(Study):
         return found
 
     def _scorer_around(self, at: Fit) -> LinearScorer:
-        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
+        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise, self.settings)
         values = transfer_values(at.values, self.problem, everything)
         free = transfer_mask(at.free, self.problem, everything)
         present = everything.mask_of_unknowns([n for c in self.present for n in c.names])

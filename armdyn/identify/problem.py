@@ -14,6 +14,7 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.estimation.descent import DescentResult, QuadraticExpansion, descend
 from armdyn.identify.residual.block import ResidualBlock, chi2_sum
+from armdyn.identify.settings import DEFAULT_SETTINGS, Settings
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Run
@@ -61,6 +62,7 @@ class Problem:
         model: the model; a fit starts from its values. A parameter of scope ``"per_run"`` is one unknown for each run.
         runs: recordings with different names.
         noise: standard deviation by run and channel, in the channel's unit.
+        settings: numbers that decide the answers of fits.
 
     Values that a run states (`Run.known`) are priors: one for all runs where they agree, else one for each run.
 
@@ -69,10 +71,12 @@ class Problem:
             `armdyn.identify.state_space.places`.
     """
 
-    def __init__(self, model: Model, runs: Sequence[Run], noise: NoiseByChannel) -> None:
+    def __init__(
+        self, model: Model, runs: Sequence[Run], noise: NoiseByChannel, settings: Settings = DEFAULT_SETTINGS
+    ) -> None:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
-        self.model, self.runs, self.noise = model, tuple(runs), noise
+        self.model, self.runs, self.noise, self.settings = model, tuple(runs), noise, settings
         differing = {name for name in model.names if len({run.known.get(name) for run in runs}) > 1}
         columns: list[Unknown] = []
         for index, parameter in enumerate(model.parameters.values()):
@@ -187,7 +191,7 @@ class Problem:
 
     def of_runs(self, runs: Sequence[Run]) -> "Problem":
         """The same problem, with its priors, for some of the runs."""
-        other = Problem(self.model, runs, self.noise)
+        other = Problem(self.model, runs, self.noise, self.settings)
         other.prior_mean = transfer_values(self.prior_mean, self, other)
         other.prior_weight = transfer_values(self.prior_weight, self, other, missing=0.0)
         return other

@@ -12,10 +12,10 @@ from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.compare import Comparison, comparison, fitted_parameters
-from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, decide_verdict
+from armdyn.identify.diagnose import decide_verdict
 from armdyn.identify.explained_share import RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
+from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import force_law_sentence
@@ -264,8 +264,11 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
     if decide_verdict(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
-    near = found.last.fit.chi2_per_sample < MAX_CHI2_PER_SAMPLE_STATED_NOISE
-    little = len(found.steps) > 1 and study.explained_share(found.steps[0].fit, found.last.fit) > MIN_EXPLAINED_AT_NOISE
+    near = found.last.fit.chi2_per_sample < study.settings.noise.stated_chi2
+    little = (
+        len(found.steps) > 1
+        and study.explained_share(found.steps[0].fit, found.last.fit) > study.settings.verdict.explained_at_noise
+    )
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 
 

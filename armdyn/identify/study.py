@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
+from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind, joined_residual_blocks, leave_one_out_predictions, predict_runs
 from armdyn.identify.prepare import noise_std_by_run_and_channel, prepare_runs, stated_noise
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
@@ -17,14 +17,11 @@ from armdyn.identify.residual.noise_tests import ResidualTests, ScoreTest, resid
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
+from armdyn.identify.settings import DEFAULT_SETTINGS, Settings
 from armdyn.identify.unidentified import UnidentifiedCombination
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
-
-MIN_RESIDUAL_EXCESS_STDS, MAX_NOISE_RESIDUAL_EXCESS_STDS = 0.5, 3.0
-"""Excess of a mean squared residual over that of noise, in standard deviations of the latter: the smallest one that is
-used in comparisons, and the largest one that may be noise alone."""
 
 
 class Study(ABC):
@@ -42,6 +39,7 @@ class Study(ABC):
         exam: whole runs that are used for nothing else; only `exam_blocks` uses them.
         asked: names of effects to distinguish which the last run was designed; a small influence of these is enough.
         catalogue_size: number of effects from which the catalogue was chosen, if it is larger than the catalogue.
+        settings: numbers that decide the answer.
 
     Raises:
         InputError: a run cannot be used; see `prepare_runs`.
@@ -51,8 +49,8 @@ class Study(ABC):
     """Whether a diagnosis is undecided if the effects of any step have rivals that fit as well, not only the first."""
     sums_predict: ClassVar[bool] = False
     """Whether one linearisation predicts the fit of any set of effects."""
-    ignored_chi2: ClassVar[float] = 0.0
-    """Chi2 per sample up to which a residual may come from errors of the measured inputs, and is no missing effect."""
+    ignores_input_errors: ClassVar[bool] = False
+    """Whether a residual near the noise may come from errors of the measured inputs, and is no missing effect."""
 
     @one_thread
     def __init__(
@@ -64,8 +62,9 @@ class Study(ABC):
         exam: Sequence[Run] = (),
         asked: Collection[str] = (),
         catalogue_size: int = 0,
+        settings: Settings = DEFAULT_SETTINGS,
     ) -> None:
-        self.model = model
+        self.model, self.settings = model, settings
         self.catalogue = tuple(catalogue)
         self.asked = frozenset(asked)
         self.catalogue_size = catalogue_size
@@ -78,7 +77,7 @@ class Study(ABC):
         shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = self.with_whole_catalogue(model)
-        self.problem = Problem(extended, self.runs, self.noise)
+        self.problem = Problem(extended, self.runs, self.noise, self.settings)
         present = (effect for effect in model.effects if effect.quantities)
         self.present = tuple(
             Candidate.of(effect.name, model.parameter_names_by_joint(effect.name)) for effect in present
@@ -119,6 +118,7 @@ class Study(ABC):
             self.exam,
             self.asked,
             catalogue_size,
+            self.settings,
         )
 
     @one_thread
@@ -154,7 +154,8 @@ class Study(ABC):
 
     def model_error_weight(self, fit: Fit) -> float:
         """Weight of the model's own error in a residual, from 0 (only noise) to 1 (the noise does not matter)."""
-        return 1.0 - MAX_CHI2_PER_SAMPLE_STATED_NOISE / max(MAX_CHI2_PER_SAMPLE_STATED_NOISE, fit.chi2_per_sample)
+        limit = self.settings.noise.stated_chi2
+        return 1.0 - limit / max(limit, fit.chi2_per_sample)
 
     def scorer(self, at: Fit) -> LinearScorer | None:
         """Scorer of sets of effects, linearised at a fit; None for models that are not linear in most parameters."""
@@ -215,7 +216,7 @@ class Study(ABC):
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([sample_count(kind) for kind in kinds if kind])
         means = np.array([chi2_sum(kind) for kind in kinds if kind]) / samples
-        return means - 1.0, MIN_RESIDUAL_EXCESS_STDS * float(np.sqrt(2.0 / samples.min()))
+        return means - 1.0, self.settings.noise.excess_stds * float(np.sqrt(2.0 / samples.min()))
 
     def model_with(self, effects: Collection[Candidate]) -> Model:
         """The base model with some effects of the catalogue and no others."""
@@ -235,7 +236,7 @@ class Study(ABC):
         used = group_by_effect(
             [a for c in self.candidates for a in c.split_by_joint() if not fitted.isdisjoint(a.names)]
         )
-        problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise)
+        problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise, self.settings)
         free = transfer_mask(found.free, self.problem, problem)
         return Fit(problem, free, transfer_values(found.values, self.problem, problem), found.blocks, found.outcome)
 

@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.estimation.solve import pseudo_inverse
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE, MAX_CHI2_PER_SAMPLE_STATED_NOISE, Fit
+from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
@@ -136,9 +136,9 @@ def model_error_dominates(study: Study, fit: Fit) -> bool:
     """Whether the model's own error is larger than the noise, in at least one channel of a fit."""
     for blocks in blocks_by_channel(fit.blocks).values():
         chi2, samples = study.chi2_by_stated_noise(blocks)
-        far, whole = MAX_CHI2_PER_SAMPLE_STATED_NOISE, sample_count(blocks)
+        far, whole = study.settings.noise.stated_chi2, sample_count(blocks)
         if samples < whole:
-            chi2, samples, far = chi2_sum(blocks), whole, MAX_CHI2_PER_SAMPLE_ESTIMATED_NOISE
+            chi2, samples, far = chi2_sum(blocks), whole, study.settings.noise.estimated_chi2
         if chi2 > far * samples:
             return True
     return False

@@ -12,32 +12,19 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
-from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.estimation.solve import solve_positive
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import MAX_HELD_OUT_ERROR_INCREASE_SHARE
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import EffectSetScore
-from armdyn.identify.state_space.scorer import MAX_MISSING_EVIDENCE_SHARE, StateSpaceScorer
-from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
+from armdyn.identify.state_space.scorer import StateSpaceScorer
+from armdyn.identify.state_space.study import StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
 
-MIN_EXCESS_ERROR_RATIO_TO_COMPARE = 1.0
-"""Ratio of the squared error above the noise to the noise variance from which on sets are compared by whole runs."""
 EFFECTS_COMPARED_OVER_WHOLE_RUNS, EFFECTS_COMPARED_IN_PAIRS = 12, 6
 """Number of effects, those with the best evidence, that are compared alone over whole runs, and number of those (with
 the smallest residual) of which pairs are compared."""
-MIN_PARAMETERS_SAVED_BY_PAIR = 2
-"""Number of parameters that a pair of effects must save, at an equal residual, to replace the set with the best
-evidence, while errors are gross."""
-MAX_PAIR_RESIDUAL_RATIO = 0.25
-"""Ratio of the residual of a pair of effects to that of the set with the best evidence (squared errors above the noise)
-up to which the pair replaces the set, while errors are not gross: a wrong pair had 0.41 with small errors of an
-encoder, right pairs with less evidence had 0.18 or less."""
 RIVALS_TRIED_PER_EFFECT = 2
 """Number of other effects, those with the best evidence, that are tried in place of each effect of a set."""
-MIN_ZERO_EFFECT_PROBABILITY = 0.0455
-"""Probability by chance (two standard deviations) above which an effect's values count as zero."""
 
 Effects = tuple[Candidate, ...]
 
@@ -56,13 +43,14 @@ def improve_effect_set_by_run_errors(
     Returns:
         The set, without effects that whole runs show to be absent.
     """
+    search = study.settings.search
     effects, found = whole.effects, _fitted(study, whole.effects)
-    if scorer.candidates and np.any(study.excess(found) > MIN_EXCESS_ERROR_RATIO_TO_COMPARE):
+    if scorer.candidates and np.any(study.excess(found) > study.settings.search.compared_excess):
         say("comparing pairs over whole runs")
         needed = (
-            (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** MIN_PARAMETERS_SAVED_BY_PAIR
-            if found.chi2_per_sample > GROSS_ERROR_TO_NOISE_VARIANCE
-            else MAX_PAIR_RESIDUAL_RATIO
+            search.needed_share(search.parameters_saved_by_pair)
+            if found.chi2_per_sample > study.settings.noise.gross_chi2
+            else search.pair_residual_ratio
         )
         effects = _pair_or(study, scorer, effects, needed)
         say("comparing rivals over whole runs")
@@ -90,12 +78,10 @@ def _pair_or(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, n
     promised = sorted(scorer.candidates, key=lambda c: -scorer.evaluate((c,)).score)[:EFFECTS_COMPARED_OVER_WHOLE_RUNS]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:EFFECTS_COMPARED_IN_PAIRS]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
-    best = min(sets, key=lambda one: _left(study, one) / (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** len(one))
+    best = min(sets, key=lambda one: _left(study, one) / study.settings.search.needed_share(len(one)))
     more = max(len(best) - len(whole), 0)
     return (
-        best
-        if _left(study, best) < (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** more * needed * _left(study, whole)
-        else whole
+        best if _left(study, best) < study.settings.search.needed_share(more) * needed * _left(study, whole) else whole
     )
 
 
@@ -113,14 +99,14 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
             rest = tuple(c for c in whole if c != gone)
             rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
             sets = [scorer.evaluate((*rest, c)) for c in rivals]
-            least = now.score - MAX_MISSING_EVIDENCE_SHARE * (now.score - scorer.evaluate(rest).score)
+            least = now.score - study.settings.search.missing_evidence_share * (now.score - scorer.evaluate(rest).score)
             near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[
                 :RIVALS_TRIED_PER_EFFECT
             ]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
         left = {one: study.excess(study.quick_fit((*study.present, *one))) for one in options}
-        better = [one for one in options if np.all(left[one] < (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) * most)]
+        better = [one for one in options if np.all(left[one] < study.settings.search.needed_share(1) * most)]
         if not better:
             return whole
         whole = min(better, key=lambda one: float(left[one].sum()))
@@ -128,16 +114,14 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
 
 def _added(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set, extended by one effect at a time while errors are gross and the residual of whole runs falls enough."""
-    while _fitted(study, whole).chi2_per_sample > GROSS_ERROR_TO_NOISE_VARIANCE:
+    while _fitted(study, whole).chi2_per_sample > study.settings.noise.gross_chi2:
         now = scorer.optimise(whole)
         left = [c for c in scorer.candidates if c not in whole]
         promised = sorted(left, key=lambda c: -scorer.evaluate((*now.effects, c)).score)[:EFFECTS_COMPARED_IN_PAIRS]
         sets = [one for one in ((*whole, c) for c in promised) if _explains(study, whole, one)]
         if not sets:
             return whole
-        whole = min(
-            sets, key=lambda one: _left(study, one) / (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** len(one[-1].names)
-        )
+        whole = min(sets, key=lambda one: _left(study, one) / study.settings.search.needed_share(len(one[-1].names)))
     return whole
 
 
@@ -168,7 +152,7 @@ def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate)
         return False
     without = _fitted(study, tuple(c for c in effects if c is not one))
     before, after = study.excess(found), study.excess(without)
-    return bool(before[1] + 1.0 > (1.0 + MAX_HELD_OUT_ERROR_INCREASE_SHARE) ** 2 * (after[1] + 1.0))
+    return bool(before[1] + 1.0 > (1.0 + study.settings.search.held_out_error_increase) ** 2 * (after[1] + 1.0))
 
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
@@ -189,13 +173,13 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     if not known.any():
         return False  # a bound holds it
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
-    if square >= chdtri(int(known.sum()), MIN_ZERO_EFFECT_PROBABILITY):
+    if square >= chdtri(int(known.sum()), study.settings.search.zero_probability):
         return False
     placed = not study.motion.threshold_values.keys().isdisjoint(one.names)
     return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
 
 
 def _explains(study: StateSpaceStudy, fewer: Effects, more: Effects) -> bool:
-    """Whether each value of the larger set explains `MIN_EXPLAINED_SHARE_PER_PARAMETER` of the smaller's residual."""
+    """Whether each value of the larger set explains the needed share of the smaller's residual."""
     values = sum(len(c.names) for c in more) - sum(len(c.names) for c in fewer)
-    return _left(study, more) < (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** values * _left(study, fewer)
+    return _left(study, more) < study.settings.search.needed_share(values) * _left(study, fewer)

@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.estimation.equations import NormalEquations
-from armdyn.identify.selection.set_score import TIE_NATS
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, MotionBlocks
 from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
@@ -155,7 +155,7 @@ class Watch:
         if best is None:
             self._alarm = None
             return [self._passed(time, alarm)] if alarm.window <= BLOCKS_AFTER_DETECTION else []
-        others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
+        others = [each for each in rivals if best.evidence - each.evidence < DEFAULT_SETTINGS.search.tie_nats]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
             return [self._identified(time, alarm.since, best, others)]

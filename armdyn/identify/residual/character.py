@@ -15,8 +15,6 @@ from armdyn.recording.channels import is_auxiliary
 
 MAX_RESIDUAL_TERMS = 3
 """Largest number of terms that describe a residual."""
-TERM_SIGNIFICANCE_LEVEL = 1e-3
-"""Probability by chance up to which a term or a frequency is reported."""
 RESIDUAL_SEGMENT_SECONDS = 1.5
 """Length of a segment, s, in which a fitted start state absorbs missing dynamics but no sensor error."""
 START_STATE_STEPS = 4
@@ -186,7 +184,7 @@ def matching_pursuit_terms(fit: Fit, filters: Mapping[str, WhiteningFilter]) -> 
                 if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
                     best, gain, direction = expression, drop, rest / size
             p = min(1.0, len(channels) * len(columns) * float(chdtrc(1, gain)))
-            if not best or p > TERM_SIGNIFICANCE_LEVEL:
+            if not best or p > fit.problem.settings.verdict.term_probability:
                 break
             found.append(ResidualTerm(channel, best, gain / total, p))
             basis = np.column_stack([basis, direction])
@@ -213,7 +211,7 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, WhiteningFilter]) -> tuple[Sp
             power += periodogram(b.time[order:], white(b.residual), frequencies)
         best = int(np.argmax(power))
         p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(long_enough), 2 * float(power[best]))))
-        if p < TERM_SIGNIFICANCE_LEVEL:
+        if p < fit.problem.settings.verdict.term_probability:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])
             wave = 2 * np.pi * frequencies[best] * time

@@ -7,6 +7,7 @@ import numpy as np
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
+from armdyn.identify.settings import VerdictSettings
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
@@ -14,12 +15,8 @@ SIGNAL_BINS_OF_EQUAL_COUNT = 16
 """Number of bins over a signal such as an angle, each with equally many samples."""
 TIME_BINS = 30
 """Number of equally wide bins over the time of a run."""
-MIN_BIN_CHI2_EXCESS_STDS = 5.0
-"""Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
 MAX_REPORTED_FAILING_RANGES = 12
 """Largest number of ranges that are reported."""
-MIN_RANGE_TO_CHANNEL_CHI2_RATIO = 1.5
-"""Ratio of the chi2 per sample of a range to that of the channel from which on the range is reported."""
 
 
 @dataclass(frozen=True)
@@ -55,32 +52,35 @@ class FailingRange:
 
 def find_failing_ranges(fit: Fit) -> tuple[FailingRange, ...]:
     """Find the ranges in which the residual of a fit is far above the noise and above its average, the worst first."""
+    words = fit.problem.settings.verdict
     covariates, places = fit.covariates(), list[FailingRange]()
     for channel, blocks in blocks_by_channel(fit.blocks).items():
         total, samples = chi2_sum(blocks), sample_count(blocks)
         overall = total / samples
-        if chi2_z_value(total, samples) < MIN_BIN_CHI2_EXCESS_STDS:
+        if chi2_z_value(total, samples) < words.range_stds:
             continue
-        found = _over_runs(blocks, overall) if len(blocks) > 1 else []
+        found = _over_runs(blocks, words.range_ratio * overall) if len(blocks) > 1 else []
         for block in blocks:
-            found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, even=True)
+            found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, words, even=True)
         joint = "" if is_auxiliary(channel) else channel.partition(".")[2]
         for name in dict.fromkeys(n for b in blocks for n in covariates[b.run]):
             if joint and not name.endswith(f".{joint}"):
                 continue
             found += _against(
-                channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
+                channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]], words
             )
-        far = (p for p in found if p.chi2_per_sample > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall or p.against == "run")
+        far = (p for p in found if p.chi2_per_sample > words.range_ratio * overall or p.against == "run")
         places += [replace(p, share=min(1.0, p.share / total)) for p in far]
     return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_REPORTED_FAILING_RANGES])
 
 
-def _against(channel: str, name: str, pairs: Sequence[tuple[ResidualBlock, Channel]]) -> list[FailingRange]:
+def _against(
+    channel: str, name: str, pairs: Sequence[tuple[ResidualBlock, Channel]], words: VerdictSettings
+) -> list[FailingRange]:
     at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
-    found = _bins(channel, "", name, unit, at, square, SIGNAL_BINS_OF_EQUAL_COUNT, even=False)
+    found = _bins(channel, "", name, unit, at, square, SIGNAL_BINS_OF_EQUAL_COUNT, words, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
         sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
@@ -98,19 +98,28 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _over_runs(blocks: Sequence[ResidualBlock], overall: float) -> list[FailingRange]:
+def _over_runs(blocks: Sequence[ResidualBlock], least: float) -> list[FailingRange]:
     squares = [float(b.residual @ b.residual) for b in blocks]
     return [
         FailingRange(
             b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square
         )
         for b, square in zip(blocks, squares, strict=True)
-        if square / len(b.residual) > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall
+        if square / len(b.residual) > least
     ]
 
 
 def _bins(
-    channel: str, run: str, against: str, unit: str, at: np.ndarray, square: np.ndarray, bins: int, *, even: bool
+    channel: str,
+    run: str,
+    against: str,
+    unit: str,
+    at: np.ndarray,
+    square: np.ndarray,
+    bins: int,
+    words: VerdictSettings,
+    *,
+    even: bool,
 ) -> list[FailingRange]:
     """Ranges of neighbouring bins that stand out; bins are equally wide, or hold equally many samples."""
     if np.ptp(at) <= 0:
@@ -125,8 +134,8 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > MIN_BIN_CHI2_EXCESS_STDS * np.sqrt(2 * np.maximum(counts, 1))) & (
-        mean > MIN_RANGE_TO_CHANNEL_CHI2_RATIO * overall
+    failing = (sums - counts > words.range_stds * np.sqrt(2 * np.maximum(counts, 1))) & (
+        mean > words.range_ratio * overall
     )
     places, first = [], None
     for i, fails in enumerate([*failing, False]):

@@ -110,7 +110,7 @@ def force_added_by_repair(given: Fit, repaired: Fit) -> list[MissingForce]:
     for block in repaired.blocks:
         run, channel = runs[block.run], Channel(block.time, block.predicted, block.unit)
         runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
-    ideal = Problem(problem.model, list(runs.values()), problem.noise)
+    ideal = Problem(problem.model, list(runs.values()), problem.noise, problem.settings)
     blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
     return missing_forces(replace(given, problem=ideal, blocks=tuple(blocks)))
 
@@ -124,7 +124,9 @@ def missing_accelerations(fit: Fit) -> list[MissingForce]:
     if as_model_with_motion(fit.problem.model) is None:
         return []
     needed = fit.problem.needed_effects(fit.values, fit.free)
-    problem = Problem(fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise)
+    problem = Problem(
+        fit.problem.model.with_only_effects(needed), fit.problem.runs, fit.problem.noise, fit.problem.settings
+    )
     model = as_simulated_model(problem.model)
     values = transfer_values(fit.values, fit.problem, problem)
     free = transfer_mask(fit.free, fit.problem, problem)

@@ -17,6 +17,7 @@ from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import EFFECT_PRIOR_STD_TYPICAL_SIZES, Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.settings import DEFAULT_SETTINGS, NoiseSettings
 
 MIN_INIMITABLE_DERIVATIVE_SHARE = 1e-3
 """An effect is not identifiable if less than this share of its derivatives remains without the part that the fitted
@@ -137,15 +138,6 @@ def _score(
     return ScoreTest(candidate, float(change @ change), ())
 
 
-MAX_RESIDUAL_CHI2_Z = 5.0
-"""Largest z value of the residual's chi2 that counts as noise."""
-MIN_WHITENESS_PROBABILITY = 1e-4
-"""Least p-value of the whiteness test that is noise: with `MAX_RESIDUAL_CHI2_Z`, 0 false alarms in 360 clean runs."""
-MIN_BEST_EFFECT_CHANCE_PROBABILITY = 5e-3
-"""Smallest probability by chance of the best effect that counts as noise. Effects resemble one another, so the rate of
-false alarms is half as large."""
-
-
 @dataclass(frozen=True)
 class ResidualTests:
     """Results of three tests of a fit's residual against noise.
@@ -156,20 +148,19 @@ class ResidualTests:
             channel, times their number.
         score: probability that the best effect of the catalogue lowers chi2 as much by chance, times the number of
             effects.
+        settings: what counts as noise.
     """
 
     z: float
     whiteness: float
     score: float
+    settings: NoiseSettings = DEFAULT_SETTINGS.noise
 
     @property
     def fails(self) -> bool:
         """Whether the residual is more than noise."""
-        return (
-            self.z > MAX_RESIDUAL_CHI2_Z
-            or self.whiteness < MIN_WHITENESS_PROBABILITY
-            or self.score < MIN_BEST_EFFECT_CHANCE_PROBABILITY
-        )
+        noise = self.settings
+        return self.z > noise.z or self.whiteness < noise.whiteness or self.score < noise.effect_probability
 
 
 def residual_tests(fit: Fit, promised: list[ScoreTest]) -> ResidualTests:
@@ -183,4 +174,4 @@ def residual_tests(fit: Fit, promised: list[ScoreTest]) -> ResidualTests:
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
     chances = (float(chdtrc(max(1, len(s.candidate.names)), s.chi2_decrease)) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
-    return ResidualTests(z, min(1.0, whiteness), min(1.0, score))
+    return ResidualTests(z, min(1.0, whiteness), min(1.0, score), fit.problem.settings.noise)

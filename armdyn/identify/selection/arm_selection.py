@@ -14,17 +14,12 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import search_set
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, TIE_NATS, EffectSetScore
+from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.uncertainty import uncertainty
 
 MAX_SUCCESSIVE_LINEARISATIONS = 5
 """Largest number of linearisations, each at the fit of the set that the one before chose; two or three suffice nearly
 always."""
-MAX_LINEAR_TYPICAL_SIZES = 3.0
-"""Size of an effect of the whole arm, such as a tilt of its base (0.3 rad), in typical sizes, beyond which the model is
-linearised again there."""
-MIN_VALUE_STDS = 2.0
-"""Least size of a value of a named effect, in its standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +120,7 @@ def _first(study: LinearStudy, given: SearchStep, say: ProgressCallback) -> Line
         )  # sums are far off
         own = study.problem.mask_of_unknowns(candidate.names)
         sizes = (fit.values[own] - study.problem.null[own]) / study.problem.typical[own]
-        if np.any(np.abs(sizes) > MAX_LINEAR_TYPICAL_SIZES):
+        if np.any(np.abs(sizes) > study.settings.search.linear_typical_sizes):
             turned = study.scorer(fit)
             start = turned.evaluate((*turned.given, *turned.split_into_candidates((candidate,))))
             paths.append(LinearPath(study, turned, search_set(turned, start, say), given.effects, fit))
@@ -169,7 +164,7 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
             if body in found.chosen_set.effects:
                 others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
                 other = found.with_effects([*others, simpler]).relinearised()
-                found = best_path([found, other], ACCEPTANCE_NATS)
+                found = best_path([found, other], found.study.settings.search.acceptance_nats)
         if body in found.chosen_set.effects and body not in found.scorer.given:
             without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
             again = without.with_set(search_set(without.scorer, without.chosen_set, say))
@@ -184,12 +179,12 @@ def _bodies(found: LinearPath) -> list[Candidate]:
     return [c for c in found.scorer.searched_effects if c.joints and model.changes_link(c.names)]
 
 
-def best_path(paths: Sequence[LinearPath], tie: float = TIE_NATS) -> LinearPath:
+def best_path(paths: Sequence[LinearPath], tie: float | None = None) -> LinearPath:
     """The path whose set predicts best at its own optimum, less its complexity; of ties that with fewest values.
 
     Args:
         paths: the paths.
-        tie: difference, nats, up to which two count as tied.
+        tie: difference, nats, up to which two count as tied; None means that of the settings.
     """
     if len({frozenset(path.effects) for path in paths}) == 1:
         return paths[0]
@@ -199,12 +194,13 @@ def best_path(paths: Sequence[LinearPath], tie: float = TIE_NATS) -> LinearPath:
         one.study.worth(one.scorer, one.fit, one.chosen_set, scale) if np.isfinite(one.chosen_set.score) else -np.inf
         for one in ended
     ]
-    tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - tie]
+    margin = paths[0].study.settings.search.tie_nats if tie is None else tie
+    tied = [path for path, one in zip(paths, worth, strict=True) if one >= max(worth) - margin]
     return min(tied, key=lambda path: sum(len(c.names) for c in path.chosen_set.effects))
 
 
-def without_empty_effects(found: LinearPath, least: float = MIN_VALUE_STDS) -> LinearPath:
-    """The path without effects all of whose values are within `least` deviations of nothing."""
+def without_empty_effects(found: LinearPath, least: float | None = None) -> LinearPath:
+    """The path without effects all of whose values are within `least` deviations of nothing; see `SearchSettings`."""
     found = found.relinearised()
     while empty := empty_effects(found.study, found.fit, found.chosen_set.effects, least):
         fewer = [[c for c in found.chosen_set.effects if c is not gone] for gone in empty]
@@ -213,9 +209,10 @@ def without_empty_effects(found: LinearPath, least: float = MIN_VALUE_STDS) -> L
 
 
 def empty_effects(
-    study: LinearStudy, fit: Fit, effects: Sequence[Candidate], least: float = MIN_VALUE_STDS
+    study: LinearStudy, fit: Fit, effects: Sequence[Candidate], least: float | None = None
 ) -> list[Candidate]:
     """Those of some effects all of whose fitted values together are within `least` deviations of nothing."""
+    least = study.settings.search.value_stds if least is None else least
     problem, covariance = study.problem, uncertainty(study, fit).covariance
     values = {
         c: np.flatnonzero(problem.mask_of_unknowns(c.names) & fit.free) for c in effects if c not in study.present
@@ -233,8 +230,9 @@ def _with_unsure_values_held(found: LinearPath) -> LinearPath:
     held one by one, and the others adapt, until the runs are sure of all others: backward elimination (Draper & Smith,
     Applied Regression Analysis, §15), as base parameters of an arm are made (Gautier, J. Robot. Syst. 8, 1991).
     """
+    least = found.study.settings.search.value_stds
     width = next(iter(background_widths(found.scorer, found.chosen_set.effects)), 0.0)
-    unsure = found.scorer.effects_without_sure_value(found.chosen_set.effects, width, MIN_VALUE_STDS)
+    unsure = found.scorer.effects_without_sure_value(found.chosen_set.effects, width, least)
     bodies = _bodies(found)
     for load in [c for c in unsure if c in bodies]:
         # A load of no mass that has a place would lose its torque with any of its values.
@@ -243,7 +241,7 @@ def _with_unsure_values_held(found: LinearPath) -> LinearPath:
             others = [c for c in found.chosen_set.effects if c is not load]
             found = found.with_effects([*others, rivals[0]]).relinearised()
     scorer, effects = found.scorer, found.chosen_set.effects
-    held = scorer.unsure_values(effects, width, MIN_VALUE_STDS)
+    held = scorer.unsure_values(effects, width, least)
     if not held:
         return found
     study, gone = found.study.with_values_held(held), found.study.problem.mask_of_unknowns(held)
@@ -261,10 +259,11 @@ def _background(path: LinearPath, named: SearchStep, say: ProgressCallback) -> l
     Empty where no background predicts better.
     """
     study, scorer, effects = path.study, path.scorer, path.chosen_set.effects
+    least = study.settings.search.value_stds
     for width in background_widths(scorer, effects):
         widths = scorer.prior_widths(effects, width)
         distances = scorer.wald_distances(widths, [(c,) for c in effects if c not in scorer.given])
-        if min(distances, default=np.inf) <= MIN_VALUE_STDS or sure_unnamed_effects(scorer, effects, width):
+        if min(distances, default=np.inf) <= least or sure_unnamed_effects(scorer, effects, width):
             continue
         say(f"fitting {np.count_nonzero(widths)} values")
         fit = study.fit_with_prior_widths(scorer, widths, named.fit.values)

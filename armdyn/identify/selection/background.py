@@ -7,16 +7,9 @@ Technometrics 12, 1970); where no width predicts them better, there is no backgr
 """
 
 from collections.abc import Sequence
-from math import log
 
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS
-
-PRIOR_STDS_TRIED_TYPICAL_SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Prior widths that are tried for the small values, in typical sizes."""
-BACKGROUND_PRICE_NATS = ACCEPTANCE_NATS + log(len(PRIOR_STDS_TRIED_TYPICAL_SIZES))
-"""Gain of log likelihood, nats, that a background needs, because its width is chosen among several."""
 
 
 def background_widths(scorer: LinearScorer, effects: Sequence[Candidate]) -> list[float]:
@@ -26,18 +19,19 @@ def background_widths(scorer: LinearScorer, effects: Sequence[Candidate]) -> lis
         scorer: scorer of sets, linearised at the fit with the named effects.
         effects: the named effects.
     """
+    search = scorer.settings.search
     alone = scorer.prediction_log_likelihood(scorer.prior_widths(effects, 0.0))
     gains = {
         width: scorer.prediction_log_likelihood(scorer.prior_widths(effects, width)) - alone
-        for width in PRIOR_STDS_TRIED_TYPICAL_SIZES
+        for width in search.background_widths
     }
-    return sorted((width for width, gain in gains.items() if gain > BACKGROUND_PRICE_NATS), key=lambda w: -gains[w])
+    return sorted((width for width, gain in gains.items() if gain > search.background_nats), key=lambda w: -gains[w])
 
 
 def sure_unnamed_effects(scorer: LinearScorer, effects: Sequence[Candidate], width: float) -> list[Candidate]:
     """Effects without a name without which a model with a background would predict other motions worse.
 
-    Worse means by `ACCEPTANCE_NATS`: the runs are sure of such an effect, so that it needs a name.
+    Worse means by `SearchSettings.acceptance_nats`: the runs are sure of such an effect, so that it needs a name.
 
     Args:
         scorer: scorer of sets, linearised at the fit with the named effects.
@@ -52,4 +46,8 @@ def sure_unnamed_effects(scorer: LinearScorer, effects: Sequence[Candidate], wid
         without[scorer.positions[one]] = 0.0
         return best - scorer.prediction_log_likelihood(without)
 
-    return [one for one in scorer.searched_effects if one not in effects and loss(one) > ACCEPTANCE_NATS]
+    return [
+        one
+        for one in scorer.searched_effects
+        if one not in effects and loss(one) > scorer.settings.search.acceptance_nats
+    ]

@@ -10,10 +10,10 @@ it predicts of motions to which it was not fitted:
 
 where E_c is the mean squared error of channel c in training runs that are each predicted from the others, and in
 held-out runs predicted from all training runs; v_c that of the wide model. n_c counts independent samples. The sensor's
-noise has N_c / tau_c of them; the model's own error repeats itself, and has `INDEPENDENT_MODEL_ERROR_SAMPLES` however
+noise has N_c / tau_c of them; the model's own error repeats itself, and has `NoiseSettings.model_errors` however
 long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
 
-    1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / INDEPENDENT_MODEL_ERROR_SAMPLES.
+    1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / model_errors.
 
 A joint that moves in one run only cannot be predicted from the other runs: there the stretches of this run are
 predicted in turn (`LinearScorer.folds`).
@@ -21,7 +21,6 @@ predicted in turn (`LinearScorer.folds`).
 
 from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 
@@ -35,14 +34,8 @@ from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import EffectSetScorer
 from armdyn.identify.selection.sums import Sums
+from armdyn.identify.settings import DEFAULT_SETTINGS
 
-INDEPENDENT_MODEL_ERROR_SAMPLES = 20.0
-"""Number of independent samples of a model's own error in one channel, however long a recording is. With 8 the springs
-of a Gen3 arm are not found; with 20 the error on exam runs is below that of the best single prior width for 10 of 15
-imperfect arms, and at most 1.13 times it for the others."""
-MAX_RESIDUAL_TO_NOISE_VARIANCE = 1.2
-"""Ratio of the residual variance of the wide model to the noise variance up to which the residual counts as noise: for
-clean simulations with many samples it is up to 1.1; see `max_noise_ratio`."""
 MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
 STRETCHES_PER_RUN = 5
@@ -53,16 +46,6 @@ MAX_REWEIGHTING_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING_ROW, HELD_OUT_ROW = 0, 1
 """Row index of training runs, and of held-out runs, in arrays of errors."""
-
-
-def max_noise_ratio(samples: float) -> float:
-    """Largest ratio of a mean squared residual to the noise variance that counts as noise.
-
-    Args:
-        samples: number of independent samples; by chance the ratio varies about one with a standard deviation of
-            sqrt(2 / samples).
-    """
-    return MAX_RESIDUAL_TO_NOISE_VARIANCE * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
 def misfit_per_sample(ratio: np.ndarray) -> np.ndarray:
@@ -105,7 +88,7 @@ class LinearPredictor(EffectSetScorer):
         candidates: Sequence[Candidate],
         given: Sequence[Candidate] = (),
         catalogue_size: int = 0,
-        independent_errors: float = INDEPENDENT_MODEL_ERROR_SAMPLES,
+        independent_errors: float = DEFAULT_SETTINGS.noise.model_errors,
         uncertain: Collection[str] = (),
         *,
         leaves_out: bool = True,
@@ -199,7 +182,7 @@ class LinearPredictor(EffectSetScorer):
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
-        m = np.clip(1.0 - MAX_RESIDUAL_TO_NOISE_VARIANCE * noise / self._variance, 0.0, 1.0)
+        m = np.clip(1.0 - self.settings.noise.variance_ratio * noise / self._variance, 0.0, 1.0)
         count = np.array([self._counted(k) for k in (TRAINING_ROW, HELD_OUT_ROW)])
         with np.errstate(divide="ignore"):
             samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / self._independent_errors)

@@ -10,12 +10,9 @@ from armdyn.estimation.solve import inverse_positive, solve_positive
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_predictor import HELD_OUT_ROW, LinearPredictor, max_noise_ratio
-from armdyn.identify.selection.set_score import ACCEPTANCE_NATS, EffectSetScore
+from armdyn.identify.selection.linear_predictor import HELD_OUT_ROW, LinearPredictor
+from armdyn.identify.selection.set_score import EffectSetScore
 
-MIN_LEADING_SHARE = 0.05
-"""Share of the squared error of the model as given that an effect on one joint removes, from which on it is reported
-before the others."""
 SCORED_REMOVALS = 4
 """Number of removals from a set, those with the least predicted loss, whose score is computed in each round."""
 
@@ -28,8 +25,8 @@ class LinearScorer(LinearPredictor):
     def predicts_to_the_noise(self, effects: Sequence[Candidate]) -> bool:
         """Whether the error of predicted runs with a set is only noise, so that no other set can predict better."""
         errors = self.prediction_errors(self.prior_widths(effects, 0.0))
-        count = self._stages.count.reshape(2, -1)
-        return bool(np.all(errors <= self._noise * np.array([[max_noise_ratio(n) for n in row] for row in count])))
+        limit, count = self.settings.noise.max_variance_ratio, self._stages.count.reshape(2, -1)
+        return bool(np.all(errors <= self._noise * np.array([[limit(n) for n in row] for row in count])))
 
     def _score_of(self, effects: tuple[Candidate, ...]) -> EffectSetScore:
         widths = self.prior_widths(effects, 0.0)
@@ -96,7 +93,7 @@ class LinearScorer(LinearPredictor):
             return True
         beyond = np.zeros(len(widths))
         beyond[widths > 0.0] = self._posterior(widths, self.training).gain_beyond_bound_nats
-        return bool(np.all((beyond < ACCEPTANCE_NATS)[own] | (change == self._null)[own]))
+        return bool(np.all((beyond < self.settings.search.acceptance_nats)[own] | (change == self._null)[own]))
 
     def approximate_addition_scores(self, now: EffectSetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
         """(k,) approximate scores of a set with each of k additions, without full solutions, to find promising ones.
@@ -143,7 +140,7 @@ class LinearScorer(LinearPredictor):
         return self.evaluate((*now.effects, *min(options, key=lambda one: self._misfit_with((*now.effects, *one)))))
 
     def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
-        """Effects on single joints that each remove `MIN_LEADING_SHARE` of the squared error, added one by one.
+        """Effects on single joints that each remove the leading share of the squared error, added one by one.
 
         They are added in the order of backward elimination by the error that each value removes, as in an F test, the
         last one first: an effect that imitates two others explains most where it is added alone, but is hardly needed
@@ -161,7 +158,7 @@ class LinearScorer(LinearPredictor):
         found, error = list[Candidate](), now.misfit
         for one in order:
             before, error = error, self._misfit_with((*now.effects, *found, one))
-            if before - error < MIN_LEADING_SHARE * now.misfit:
+            if before - error < self.settings.search.leading_share * now.misfit:
                 break
             found.append(one)
         return found

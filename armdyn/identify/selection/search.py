@@ -7,16 +7,16 @@ from functools import singledispatch
 from armdyn.identify.explained_share import RepairStep
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.linear_study import LinearStudy
-from armdyn.identify.motion_study import MotionStudy
+from armdyn.identify.motion.motion_selection import select_for_motion
+from armdyn.identify.motion.motion_study import MotionStudy
 from armdyn.identify.residual.missing_force import ForceCurve, compare_missing_forces
 from armdyn.identify.selection.arm_selection import select_for_arm
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.motion_selection import select_for_motion
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect, name_tied_effect, rank_effects
 from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
+from armdyn.identify.state_space.study import StateSpaceStudy
 from armdyn.identify.study import Study
 from armdyn.identify.whole_runs import improve_effect_set_by_run_errors
 
@@ -160,10 +160,7 @@ def drop_small_steps(study: StateSpaceStudy, steps: list[SearchStep]) -> list[Se
         later = range(k + 1, len(steps))
         if any(c.effect in study.asked for j in later for c in steps[j].added):
             continue  # in an experiment made for this effect, its evidence counts
-        if all(
-            left[j] > left[k] * (1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER) ** max(values[j] - values[k], 1)
-            for j in later
-        ):
+        if all(left[j] > left[k] * study.settings.search.needed_share(max(values[j] - values[k], 1)) for j in later):
             return steps[: k + 1]
     return steps
 

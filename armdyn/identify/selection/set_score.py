@@ -17,14 +17,6 @@ import numpy as np
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
 
-ACCEPTANCE_NATS = log(100.0)
-"""Evidence beyond chance, nats, at which an effect is accepted: one false effect in a hundred clean recordings."""
-FURTHER_JOINT_NATS = log(10.0)
-"""Evidence beyond chance, nats, at which an accepted effect is also accepted on a further joint."""
-TIE_NATS = 3.0
-"""Difference of score, nats, below which runs cannot tell two sets apart: above it the better set was right in 320 of
-320 cases."""
-
 
 @dataclass(frozen=True, eq=False)
 class EffectSetScore:
@@ -76,7 +68,7 @@ class EffectSetScorer(ABC):
         given: Sequence[Candidate] = (),
         catalogue_size: int = 0,
     ) -> None:
-        self.problem, self._catalogue_size = problem, catalogue_size
+        self.problem, self.settings, self._catalogue_size = problem, problem.settings, catalogue_size
         self.candidates, self.given = tuple(candidates), tuple(given)
         self._reach = Counter(c.effect for c in candidates)
         self._known: dict[frozenset[Candidate], EffectSetScore] = {}
@@ -142,7 +134,7 @@ class EffectSetScorer(ABC):
             without: the set of the effects that both share.
         """
         del without
-        return self.schwarz_criterion_nats(whole) - self.schwarz_criterion_nats(other) < TIE_NATS
+        return self.schwarz_criterion_nats(whole) - self.schwarz_criterion_nats(other) < self.settings.search.tie_nats
 
     def split_into_candidates(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """Split effects on several joints into the scorer's candidates, each on one joint."""
@@ -173,10 +165,14 @@ class EffectSetScorer(ABC):
 
     def _price(self, effect: str, on: int) -> float:
         """Evidence, nats, that one effect on so many joints needs."""
-        reach = self._reach[effect]
+        reach, search = self._reach[effect], self.settings.search
         joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
         catalogue = log(max(len(self._reach), self._catalogue_size, 1))
-        return catalogue + log(reach) + joints + ACCEPTANCE_NATS + (on - 1) * FURTHER_JOINT_NATS if on else 0.0
+        return (
+            catalogue + log(reach) + joints + search.acceptance_nats + (on - 1) * search.further_joint_nats
+            if on
+            else 0.0
+        )
 
     @property
     def searched_effects(self) -> tuple[Candidate, ...]:

@@ -6,9 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
 from armdyn.estimation.equations import NormalEquations
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     ColouredNoise,
@@ -121,15 +119,15 @@ class GreyBoxRun:
         """
         theta, even = values[self.unknowns], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled_out_states(theta), FIRST_ROUND_PIECES
+        noise = self.problem.settings.noise
         none = np.zeros(len(values), dtype=bool)
         around = self.linearise(values, states, even, none)
         while (
-            known < len(states)
-            and not around.mean_squared_residual(FIRST_ROUND_PIECES, len(states)) < GROSS_ERROR_TO_NOISE_VARIANCE
+            known < len(states) and not around.mean_squared_residual(FIRST_ROUND_PIECES, len(states)) < noise.gross_chi2
         ):
             begin, known = known, min(len(states), PIECE_COUNT_FACTOR_PER_ROUND * known)
             for _ in range(MAX_SMOOTHER_STEPS_PER_ROUND):
-                if not around.finite or around.mean_squared_residual(begin, known) < MAX_CHI2_PER_SAMPLE_NEAR_NOISE:
+                if not around.finite or around.mean_squared_residual(begin, known) < noise.minimum_chi2:
                     break
                 states = around.smooth_first_pieces(known)
                 states[known:] = self.pieces.rolled_out_states(theta, known - 1, states[known - 1])[1:]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.estimation.solve import least_squares
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, first_seconds, identifiable, run_duration
+from armdyn.identify.fit import first_seconds, identifiable, run_duration
 from armdyn.identify.problem import Problem
 
 FITTED_START_STATES = 8
@@ -39,7 +39,7 @@ def find_start_states(problem: Problem, values: np.ndarray) -> tuple[np.ndarray,
     """
     begin, shared = values.copy(), []
     for i, run in enumerate(problem.runs):
-        single = Problem(problem.model, [run], problem.noise)
+        single = Problem(problem.model, [run], problem.noise, problem.settings)
         places = problem.unknowns_of_run(i)[[c.index for c in single.columns]]
         found = find_start_state(single, values[places], single.fitted)
         own = problem.per_run[places]
@@ -67,7 +67,7 @@ def find_start_state(single: Problem, values: np.ndarray, free: np.ndarray) -> n
     window, end = model.start_state_window_seconds(theta), run_duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < MAX_CHI2_PER_SAMPLE_NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < cut.settings.noise.minimum_chi2 * cut.samples
     if near_noise and np.array_equal(identifiable(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
@@ -92,7 +92,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.expansion.cost >= MAX_CHI2_PER_SAMPLE_NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.expansion.cost >= cut.settings.noise.minimum_chi2 * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)
@@ -129,7 +129,7 @@ class _Rival:
 
 def _cut(problem: Problem, window: float) -> Problem:
     """A problem with the first part of every run."""
-    return Problem(problem.model, [first_seconds(run, window) for run in problem.runs], problem.noise)
+    return Problem(problem.model, [first_seconds(run, window) for run in problem.runs], problem.noise, problem.settings)
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:

@@ -33,8 +33,6 @@ TRIED_CORRELATION_TIMES_IN_PERIODS = (0.02, 0.08, 1.0 / 3.0)
 """
 NOISE_LEVEL_FACTORS = (0.6, 1.6)
 """Tried factors, besides 1, on the noise of one of several channels."""
-MAX_GAIN_BEYOND_BOUND_NATS = float(np.log(100.0))
-"""Gain of log evidence, nats, of a value beyond its bound, above which the bound decides on the value."""
 COARSE_STRIDES = (3, 3)
 """Strides in the grids of sensor errors and of kicks for a first coarse search."""
 NOISE_OPTIMISATION_ROUNDS = 3
@@ -283,7 +281,7 @@ class RunNoiseTables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((best.gain_beyond_bound_nats > MAX_GAIN_BEYOND_BOUND_NATS) & ends & p.is_effect[c])
+        inside = not np.any((best.gain_beyond_bound_nats > p.settings.search.acceptance_nats) & ends & p.is_effect[c])
         occam = float(freedom_nats(H, self._typical[c])) + spread
         return SetEvidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 

@@ -11,8 +11,7 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.estimation.descent import GROSS_ERROR_TO_NOISE_VARIANCE
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit, continue_fit, fit
+from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
 from armdyn.identify.state_space.starts import likeliest_start_values, nearly_equal
@@ -30,9 +29,6 @@ TRIED_EFFECT_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
 TRIED_START_STATE_FACTORS = (0.4, 0.7)
 """Factors on the start states that are tried where a fit without effects has large errors: without friction a decaying
 swing is best imitated by a smaller one. For two free swings of a link the error falls from 0.94 to 0.50 rad."""
-MIN_WRONG_MOTION_KICK_RATIO = 10.0
-"""Size of the kicks, relative to the accuracy with which one piece of the motion determines a speed, above which a
-motion that was derived from a force may be wrong."""
 MAX_FIT_STEPS, MAX_RANKING_FIT_STEPS = 30, 10
 """Largest number of steps of a fit, and of a fit that only ranks a set of effects among others."""
 MAX_SAMPLES_PREDICTED_FOR_STARTS = 5_000_000
@@ -123,7 +119,10 @@ class EffectSetOptimiser:
             if any(nearly_equal(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.motion_measured and self.box.max_process_noise_std(found[-1][1]) < MIN_WRONG_MOTION_KICK_RATIO:
+            if (
+                not self.motion_measured
+                and self.box.max_process_noise_std(found[-1][1]) < self.problem.settings.noise.kick_ratio
+            ):
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
@@ -173,7 +172,7 @@ class EffectSetOptimiser:
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.motion_measured or self.box.max_process_noise_std(point) < MIN_WRONG_MOTION_KICK_RATIO:
+        if self.motion_measured or self.box.max_process_noise_std(point) < self.problem.settings.noise.kick_ratio:
             return point
         other = self.box.optimise(free, self.box.initial_point(self.box.values_with_start_states(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
@@ -245,7 +244,7 @@ class EffectSetOptimiser:
             return []
         found, starts = list[np.ndarray](), values.copy()
         for i, run in enumerate(problem.runs[:count]):
-            single = Problem(problem.model, [run], problem.noise)
+            single = Problem(problem.model, [run], problem.noise, problem.settings)
             places = problem.unknowns_of_run(i)[[column.index for column in single.columns]]
             alone = fit_run(single, values[places], (free | self.start_unknowns)[places])
             told = values.copy()
@@ -270,15 +269,16 @@ def best_fit(
         others: largest number of start values that are tried after the first two; 0 for a quick fit that only ranks a
             set of effects.
     """
+    noise = problem.settings.noise
     values, steps = iter(starts), MAX_FIT_STEPS if others else MAX_RANKING_FIT_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (MAX_CHI2_PER_SAMPLE_NEAR_NOISE if others else GROSS_ERROR_TO_NOISE_VARIANCE):
+    if found[0].chi2_per_sample > (noise.minimum_chi2 if others else noise.gross_chi2):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
     others = min(
         others, MAX_SAMPLES_PREDICTED_FOR_STARTS // (problem.samples * (3 * FIT_STEPS_BEFORE_SELECTION + MAX_FIT_STEPS))
     )
-    if best.chi2_per_sample > GROSS_ERROR_TO_NOISE_VARIANCE and others:
+    if best.chi2_per_sample > noise.gross_chi2 and others:
         # With large errors the shrinking kicks may have left the best minimum; earlier values may be nearer.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
         sketched = sorted(

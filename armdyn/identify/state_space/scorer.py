@@ -10,11 +10,11 @@ from armdyn.estimation.solve import inverse_positive
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.problem import transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import TIE_NATS, EffectSetScore, EffectSetScorer
+from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.identify.state_space.grey_box import CONVERGED_NATS, LinearisationPoint
 from armdyn.identify.state_space.grey_run import LINEARISED_PRIOR_STD_TYPICAL_SIZES
 from armdyn.identify.state_space.noise_evidence import RunNoiseTables, evaluate_all_noises
-from armdyn.identify.state_space.study import MIN_EXPLAINED_SHARE_PER_PARAMETER, StateSpaceStudy
+from armdyn.identify.state_space.study import StateSpaceStudy
 
 FULLY_SCORED_EFFECT_SETS = 16
 """Number of changed sets, those with the best score at a few noise settings, that are scored in full."""
@@ -29,10 +29,6 @@ MAX_SET_FOR_PAIRS = 3
 
 POSSIBLE_TIE_NATS = 12.0
 """Difference of log evidence, nats, below which a set is optimised to test whether the runs can tell it apart."""
-MAX_MISSING_EVIDENCE_SHARE = 0.5
-"""Share of an effect's evidence that a rival may lack and still be optimised and compared by its residual: linearised
-at the optimum of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own optimum.
-"""
 CACHED_SETS = 4
 """Number of optimised sets whose tables are cached, the most recent ones."""
 
@@ -155,12 +151,13 @@ class StateSpaceScorer(EffectSetScorer):
             other: the set that is compared with it.
             without: the set of the effects that both share.
         """
+        search = self.settings.search
         standing = self.schwarz_criterion_nats(whole)
         gap = standing - self.schwarz_criterion_nats(other)
-        near = gap <= MAX_MISSING_EVIDENCE_SHARE * (standing - self.schwarz_criterion_nats(without))
+        near = gap <= search.missing_evidence_share * (standing - self.schwarz_criterion_nats(without))
         if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_criterion_nats(
             self._again(other, whole)
-        ) < TIE_NATS:
+        ) < search.tie_nats:
             return True
         study = self._study
         if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
@@ -170,9 +167,9 @@ class StateSpaceScorer(EffectSetScorer):
             return False
         least = study.squared_error(found)
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
-        return left * (
-            1.0 - MIN_EXPLAINED_SHARE_PER_PARAMETER
-        ) < least and left - least < MIN_EXPLAINED_SHARE_PER_PARAMETER * (most - least)
+        return left * search.needed_share(1) < least and left - least < search.explained_share_per_parameter * (
+            most - least
+        )
 
     def effects_on_other_states(
         self, whole: EffectSetScore, rest: Sequence[Candidate], part: Sequence[Candidate]

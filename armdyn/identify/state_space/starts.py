@@ -52,7 +52,7 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
         first_seconds(run, START_SEARCH_SWING_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
-    cut = Problem(model.with_only_effects(needed), runs, problem.noise)
+    cut = Problem(model.with_only_effects(needed), runs, problem.noise, problem.settings)
     free = transfer_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):

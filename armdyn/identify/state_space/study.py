@@ -9,11 +9,10 @@ from itertools import chain, tee
 import numpy as np
 
 from armdyn.identify.failed_fit import residual_variance_ratio
-from armdyn.identify.fit import MAX_CHI2_PER_SAMPLE_NEAR_NOISE, Fit
+from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import predict_runs
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_predictor import MAX_RESIDUAL_TO_NOISE_VARIANCE
 from armdyn.identify.state_space.motion_start import find_start_state, find_start_states
 from armdyn.identify.state_space.output_error import (
     OTHER_START_VALUES_TRIED,
@@ -22,22 +21,19 @@ from armdyn.identify.state_space.output_error import (
     every_run_has_motion,
     fit_run,
 )
-from armdyn.identify.study import MAX_NOISE_RESIDUAL_EXCESS_STDS, MIN_RESIDUAL_EXCESS_STDS, Study
+from armdyn.identify.study import Study
 from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
 """Largest number of times of glitches that a sentence lists."""
-MIN_EXPLAINED_SHARE_PER_PARAMETER = 0.125
-"""Share of the squared error above the noise that each parameter of an added effect must explain: parameters that the
-public recordings of pendulums need explain 0.17 or more, a lag that errors of the simulated robot imitate 0.10."""
 
 
 class StateSpaceStudy(Study):
     """Fits a model that simulates a motion, with any effects, to runs; see `Study`."""
 
     later_ties = True
-    ignored_chi2 = MAX_RESIDUAL_TO_NOISE_VARIANCE
+    ignores_input_errors = True
 
     @cached_property
     def motion(self) -> EffectSetOptimiser:
@@ -45,11 +41,11 @@ class StateSpaceStudy(Study):
 
         Where the motion was not measured, the start state of each run is searched first.
         """
-        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
+        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise, self.settings)
         present = everything.mask_of_unknowns(self.present_names)
         options = [everything.start_values()]
         if not every_run_has_motion(everything):
-            alone = Problem(self.model, everything.runs, self.noise)
+            alone = Problem(self.model, everything.runs, self.noise, self.settings)
             found = reversed(find_start_states(alone, alone.start_values()))
             options = [transfer_values(values, alone, everything) for values in found]
         motion = EffectSetOptimiser(everything, len(self.runs), present, options)
@@ -108,7 +104,7 @@ class StateSpaceStudy(Study):
         found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
         if (
             others
-            and found.chi2_per_sample > MAX_CHI2_PER_SAMPLE_NEAR_NOISE
+            and found.chi2_per_sample > self.settings.noise.minimum_chi2
             and (likely := motion.likeliest_start_values(free))
         ):
             other = best_fit(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
@@ -129,8 +125,9 @@ class StateSpaceStudy(Study):
 
     def residual_may_be_noise(self, fit: Fit) -> bool:
         """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
+        noise = self.settings.noise
         excess, by_chance = self._excess(fit)
-        return bool(np.all(excess <= MAX_NOISE_RESIDUAL_EXCESS_STDS / MIN_RESIDUAL_EXCESS_STDS * by_chance))
+        return bool(np.all(excess <= noise.chance_excess_stds / noise.excess_stds * by_chance))
 
     def explained_share(self, before: Fit, after: Fit) -> float:
         """Share of the squared error of the fit `before` that the fit `after` removes, on training and held-out runs.
@@ -156,7 +153,7 @@ class StateSpaceStudy(Study):
 
         A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
         """
-        if fit.chi2_per_sample < MAX_CHI2_PER_SAMPLE_NEAR_NOISE:
+        if fit.chi2_per_sample < self.settings.noise.minimum_chi2:
             return False
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
         return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)

@@ -9,6 +9,7 @@ from armdyn.experiments.rivals import undistinguished_effect_sets
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search, drop_small_steps
+from armdyn.identify.settings import DEFAULT_SETTINGS
 
 
 @pytest.mark.parametrize(
@@ -25,7 +26,12 @@ def test_the_way_ends_where_each_further_value_lowers_the_error_by_little(left, 
     steps = [
         Plain(added=a, fit=Plain(left=x, free=np.ones(k))) for k, (a, x) in enumerate(zip(added, left, strict=True))
     ]
-    study = Plain(asked=asked, squared_error=lambda fit: fit.left, residual_may_be_noise=lambda fit: fit.left < 0.2)
+    study = Plain(
+        asked=asked,
+        settings=DEFAULT_SETTINGS,
+        squared_error=lambda fit: fit.left,
+        residual_may_be_noise=lambda fit: fit.left < 0.2,
+    )
     assert drop_small_steps(study, steps) == steps[:kept]
 
 

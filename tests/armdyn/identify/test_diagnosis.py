@@ -1,6 +1,7 @@
 """Hidden effects, made by equations of their own, are found; clean runs are left alone."""
 
 from dataclasses import replace
+from types import SimpleNamespace as Plain
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.character import periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
@@ -152,6 +154,7 @@ def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency
         )
 
     blocks = (block("long", 400), block("short", 3))
-    fit = Fit(None, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)
+    problem = Plain(settings=DEFAULT_SETTINGS)
+    fit = Fit(problem, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)
     (peak,) = spectral_peaks(fit, {"tau.j": WhiteningFilter(np.zeros(3), 1.0)})
     assert peak.frequency == pytest.approx(1.3, rel=0.02)

@@ -5,7 +5,7 @@ from types import SimpleNamespace as Plain
 import numpy as np
 import pytest
 
-from armdyn.identify.motion_fit import _Cost, _Descent
+from armdyn.identify.motion.motion_fit import _Cost, _Descent
 
 
 def test_without_the_starts_of_windows_values_are_those_of_the_whole_problem():

@@ -13,7 +13,7 @@ from armdyn.arm.closed_loop.motion_model import MotionModel
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
-from armdyn.identify.lost_motion import unless_lost
+from armdyn.identify.motion.lost_motion import unless_lost
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.model_file import ModelFile, read_model_file, write_model_file

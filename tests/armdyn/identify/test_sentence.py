@@ -12,6 +12,7 @@ from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.search import Search
 from armdyn.identify.sentence import RepairResidual as Rest
 from armdyn.identify.sentence import Verdict, repair_sentences, total_errors
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.run import Channel
 
 ARM = ChannelScale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
@@ -85,6 +86,9 @@ def test_what_is_left_without_a_shape_is_coloured_noise_unless_it_is_far_above_a
     block = ResidualBlock(
         "a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3, np.zeros(0, bool)
     )
-    study = Plain(ignored_chi2=0.0, chi2_by_stated_noise=lambda _blocks: (0.0, 0), leaves_noise=lambda *_: None)
+    study = Plain(
+        ignores_input_errors=False, settings=DEFAULT_SETTINGS, leaves_noise=lambda *_: None,
+        chi2_by_stated_noise=lambda _blocks: (0.0, 0),
+    )  # fmt: skip
     step = Plain(tests=Plain(fails=True), fit=Plain(blocks=(block,), chi2_per_sample=level**2))
     assert decide_verdict(study, Search((step,)), Plain(significant=False)) is verdict

@@ -7,6 +7,7 @@ import pytest
 
 from armdyn.identify import whole_runs
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.settings import DEFAULT_SETTINGS
 
 LOAD, DRY, DRAG, BIAS = (Candidate.of(name, {"": (f"{name}.size",)}) for name in ("load", "dry", "drag", "bias"))
 TRAINING, HELD_OUT = 0, 1
@@ -23,6 +24,7 @@ class Runs:
 
     present: tuple[Candidate, ...] = ()
     model = Plain(guessed_parameters=())
+    settings = DEFAULT_SETTINGS
     asked: frozenset[str] = frozenset()
     held_out = ("held out",)
     candidates = (LOAD, DRY, DRAG, BIAS)

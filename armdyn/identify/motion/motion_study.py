@@ -18,10 +18,6 @@ from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.model import Model
 from armdyn.parameter import Prior
 
-INDEPENDENT_ERROR_SECONDS = 1.0
-"""Length of a stretch of a recording, s, with errors that are independent of the next. With 5 s the load friction and
-the rotor of an XL330 are not found (held out 62 instead of 42 mrad); the correlation time of the residuals is minutes
-where a joint follows a slow wave."""
 MAX_FIT_STEPS, FIT_TOLERANCE_STDS = 4, 0.1
 """Largest number of steps of the other fits, and length of a step, in standard deviations, that is not worth the time:
 each step simulates all recordings."""
@@ -33,12 +29,10 @@ MAX_GIVEN_FIT_STEPS = 3
 
 MAX_STEP_ERROR_NATS = 0.5
 """Largest error of one joint's simulation with a step, in nats of a fit: a value may move by a standard deviation."""
-MAX_STEP_ERROR_SHARE, MAX_NOISE_RATIO = 0.2, 1.2
-"""Largest error of a step over the model's own, which is what is left beyond so many variances of the noise."""
-LINKS, LINK_WIDTH = frozenset({simplest_effect(LINK).name}), 0.3
-"""Effect on links, and prior width of what a link differs by from its description, in typical sizes: 9 % of mass,
-centre and extent. A servo tells a link's weight by how far it sags, so that one which is described wrongly looks like
-springs and frictions."""
+MAX_STEP_ERROR_SHARE = 0.2
+"""Largest error of a step over the model's own, which is what is left beyond the noise."""
+LINKS = frozenset({simplest_effect(LINK).name})
+"""Effect on links, of which those that the model does not change are known by their description."""
 USUAL_FRICTIONS = tuple(simplest_effect(slot).name for slot in (DAMPING, FRICTION))
 """Frictions that most servos have, in which a simulation sticks and slides."""
 
@@ -58,7 +52,9 @@ class MotionStudy(LinearStudy):
         """See `Study`; links that the model does not change are known by their description."""
         whole = super().with_whole_catalogue(model)
         links = {n: p for n, p in whole.parameters.items() if p.effect in self.uncertain and n not in model.parameters}
-        known = {n: replace(p, prior=Prior(p.null, LINK_WIDTH * p.typical)) for n, p in links.items()}
+        known = {
+            n: replace(p, prior=Prior(p.null, self.settings.search.link_width * p.typical)) for n, p in links.items()
+        }
         return whole.with_parameters(known)
 
     def suited_step(self, found: Fit) -> float:
@@ -71,7 +67,9 @@ class MotionStudy(LinearStudy):
         own = defaultdict[str, float](float)
         for block in found.blocks:
             sensor = self.noise[block.run, block.channel]
-            excess = float(block.misfit @ block.misfit) - MAX_NOISE_RATIO * len(block.misfit) * sensor**2
+            excess = (
+                float(block.misfit @ block.misfit) - self.settings.noise.variance_ratio * len(block.misfit) * sensor**2
+            )
             own[block.channel] += max(excess, 0.0)
         for step, finer in pairwise(SIMULATION_STEPS_SECONDS):
             coarse, fine = (replace(problem.model, step=longest) for longest in (step, finer))
@@ -136,7 +134,7 @@ class MotionStudy(LinearStudy):
     @property
     def independent_errors(self) -> float:
         """See `LinearStudy.independent_errors`: a servo pulls an arm back in a moment, so that errors are forgotten."""
-        return max(sum(map(run_duration, self.runs)) / INDEPENDENT_ERROR_SECONDS, 1.0)
+        return max(sum(map(run_duration, self.runs)) / self.settings.noise.servo_error_seconds, 1.0)
 
     def coarsely_weighted(self, before: Fit) -> Problem:
         """The problem with the error of a fit as noise, by channel, and as many samples as are independent."""

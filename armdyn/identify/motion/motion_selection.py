@@ -14,12 +14,11 @@ from scipy.stats import norm
 from armdyn.arm.slots import COSINE, REST_TORQUE, SINE, STIFFNESS, slots_of
 from armdyn.effects.effect import Effect
 from armdyn.identify.fit import Fit, continue_fit, fit
-from armdyn.identify.motion_study import LINK_WIDTH, USUAL_FRICTIONS, MotionStudy
+from armdyn.identify.motion.motion_study import USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
-from armdyn.identify.selection.set_score import TIE_NATS
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
 EVERY_USUAL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
@@ -30,8 +29,6 @@ with which an arm swings: from 0.1 typical sizes, four of ten choices of recordi
 """
 LIKE_A_LOAD = frozenset({SINE, COSINE, STIFFNESS, REST_TORQUE})
 """Slots with which several joints together imitate a load; couplings of joints do so, too."""
-CHANCE_LEVEL = 0.01
-"""Probability that the largest effect of a catalogue without any true one passes, by its deviation in the fit."""
 MAX_START_FIT_STEPS = 5
 """Largest number of steps of the fit with which a search begins."""
 MAX_REWEIGHTED_FITS = 2
@@ -71,7 +68,7 @@ def select_for_motion(
 
 def _without_chance_effects(found: LinearPath) -> LinearPath:
     """The path without effects that a catalogue shows by chance, or that are not worth their freedom in evidence."""
-    least = float(norm.isf(CHANCE_LEVEL / 2.0 / max(len(found.scorer.searched_effects), 1)))
+    least = float(norm.isf(found.study.settings.search.chance_level / 2.0 / max(len(found.scorer.searched_effects), 1)))
     found = without_empty_effects(found, least)
     while parts := [(c,) for c in found.chosen_set.effects if c not in found.scorer.given]:
         gone = found.scorer.promising_removals(found.chosen_set, parts)[0]
@@ -112,7 +109,7 @@ def _elsewhere(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
             problem, fitted.free, values, most_steps=MAX_START_FIT_STEPS, tolerance=study.tolerance,
             weighted=fitted.weighted,
         )  # fmt: skip
-        if found.scorer.gain(fitted, again) > TIE_NATS:
+        if found.scorer.gain(fitted, again) > study.settings.search.tie_nats:
             return replace(found, known_fit=continue_fit(again, study.tolerance)).relinearised()
     return None
 
@@ -153,7 +150,7 @@ def _settled(found: LinearPath) -> LinearPath:
         found = found.relinearised()
         again = found.with_set(found.chosen_set)
         gain, found = found.scorer.gain(found.fit, again.fit), again
-        if gain < TIE_NATS:
+        if gain < found.study.settings.search.tie_nats:
             break
     return found.relinearised()
 
@@ -275,6 +272,7 @@ def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallb
 
     Links without a name imitate a load, at a price that only the evidence of the whole set knows.
     """
+    search = found.study.settings.search
     study, scorer, effects = found.study, found.scorer, found.chosen_set.effects
 
     def errors(at: Fit) -> np.ndarray:
@@ -287,10 +285,10 @@ def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallb
 
     least = scorer.evidence(named.fit, errors(named.fit), effects, described=True)
     whole = _finished(found.fit)
-    step = SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), LINK_WIDTH)
+    step = SearchStep((), (), named.effects, whole, study.tests(whole, named.effects), search.link_width)
     gains = {step: gain(whole, effects, described=False)}
     loads = [c for c in scorer.searched_effects if study.problem.model.changes_link(c.names) and c not in effects]
-    for load in loads if gains[step] > TIE_NATS else ():
+    for load in loads if gains[step] > search.tie_nats else ():
         say(f"fitting the motion with {load.label} in place of links")
         near = study.own(scorer.values(scorer.evaluate((*effects, load))), scorer.problem)
         own, chosen = study.problem.mask_of_unknowns(load.names), (*named.effects, load)
@@ -299,5 +297,5 @@ def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallb
         loaded = SearchStep((load,), (), chosen, at, study.tests(at, chosen))
         gains[loaded] = gain(at, (*effects, load), described=True)
     best = max(gains, key=gains.__getitem__)
-    if gains[best] > TIE_NATS:
+    if gains[best] > search.tie_nats:
         yield best
