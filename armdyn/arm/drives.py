@@ -1,35 +1,23 @@
 """Servo drives, which follow a command: their error, times a gain, is the torque that they give.
 
-A position servo gives k (q_cmd - q), and a velocity servo gives k (v_cmd - v). A drive with a torque command, or with a
-recorded current, states its torque itself. Such a reading becomes `tau.<joint>` of a run, and is treated like a
-measured torque. While the drive is on, its own damping and the back-EMF of its motor are not identifiable beside
-viscous friction.
+Their laws are in `control_laws`; a drive with a torque command, or with a recorded current, states its torque itself.
+What follows from a recorded command becomes `tau.<joint>` of a run, and is treated like a measured torque. While the
+drive is on, its own damping and the back-EMF of its motor are not identifiable beside viscous friction.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, make_dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
+from armdyn.arm.control_laws import CONTROL_LAWS, ControlLaw
 from armdyn.arm.known_drives import KNOWN_DRIVES
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
 from urdf.toml_tables import table_to_dataclass
 
-ControlLaw = Literal["position", "velocity", "torque", "current"]
-GAIN_UNITS: Mapping[ControlLaw, str] = {
-    "position": "N m/rad",
-    "velocity": "N m s/rad",
-    "torque": "1",
-    "current": "N m/A",
-}
-"""Unit of the gain by law, for a joint that turns."""
-COMMAND_CHANNELS: Mapping[ControlLaw, str] = {
-    "position": "q_cmd", "velocity": "v_cmd", "torque": "tau_ff", "current": "current"
-}  # fmt: skip
-"""Channel of the command by law; of a drive that is read by its current, the measured current."""
 GAIN_SCALE_CHANNEL = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
 
@@ -55,7 +43,7 @@ class Servo:
     """
 
     joints: tuple[str, ...]
-    law: ControlLaw = "position"
+    law: str = "position"
     gain: KnownQuantity | None = None
     damping: float = 0.0
     supply: float | None = None
@@ -78,14 +66,18 @@ class Servo:
         return self.full_at if self.gain is None else min(self.full_at, self.limit / self.gain.value)
 
     @property
+    def control(self) -> ControlLaw:
+        """The control law."""
+        return CONTROL_LAWS[self.law]
+
+    @property
     def feedback(self) -> tuple[float, float]:
         """Torque per error of the position and of the velocity; 0 for a law that feeds neither back."""
-        gain = 0.0 if self.gain is None else self.gain.value
-        return {"position": (gain, self.damping), "velocity": (0.0, gain)}.get(self.law, (0.0, 0.0))
+        return self.control.feedback(0.0 if self.gain is None else self.gain.value, self.damping)
 
     def command(self, joint: str) -> str:
         """Name of the channel with the command of a joint."""
-        return f"{COMMAND_CHANNELS[self.law]}.{joint}"
+        return f"{self.control.channel}.{joint}"
 
     def torque_share(self, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) share of its torque that the drive of a joint gives at (n,) times, and (n,) share of its gain.
@@ -120,17 +112,17 @@ class Servo:
         return found | {key: f"{getattr(self, key):.6g} {unit}" for key, unit in changed.items()}
 
 
-def gain_unit(law: ControlLaw, slides: bool) -> str:
+def gain_unit(law: str, slides: bool) -> str:
     """Unit of the gain of drives with this law, on joints that slide or turn."""
-    return sliding_unit(GAIN_UNITS[law]) if slides else GAIN_UNITS[law]
+    unit = CONTROL_LAWS[law].gain_unit
+    return sliding_unit(unit) if slides else unit
 
 
-def _units(law: ControlLaw, slides: bool) -> dict[str, str]:
+def _units(law: str, slides: bool) -> dict[str, str]:
     """Units of a drive's quantities, by their keys in a model file."""
-    error = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"}[law]
     turning = {
-        "gain": GAIN_UNITS[law], "damping": "N m s/rad", "supply": "V", "limit": "N m", "full_at": error, "delay": "s",
-        "rate": "rad/s", "reference": "V",
+        "gain": CONTROL_LAWS[law].gain_unit, "damping": "N m s/rad", "supply": "V", "limit": "N m",
+        "full_at": CONTROL_LAWS[law].error_unit, "delay": "s", "rate": "rad/s", "reference": "V",
     }  # fmt: skip
     return {key: sliding_unit(unit) if slides else unit for key, unit in turning.items()}
 
@@ -157,8 +149,8 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
     for name, entries in table.items():
         with error_location(f"[drives.{name}]"):
             entry = table_to_dataclass(_Entry, entries)
-            if entry.law not in get_args(ControlLaw):
-                raise UnknownNameError("law", entry.law, get_args(ControlLaw))
+            if entry.law not in CONTROL_LAWS:
+                raise UnknownNameError("law", entry.law, CONTROL_LAWS)
             if not entry.joints:
                 raise InputError("joints: name at least one")
             for joint in entry.joints:
@@ -190,8 +182,8 @@ def chosen_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any
     found: dict[str, Any] = {}
     for text in chosen:
         kind, colon, law, listed = split_drive_option(text)
-        if colon and law not in get_args(ControlLaw):
-            raise UnknownNameError("law", law, get_args(ControlLaw))
+        if colon and law not in CONTROL_LAWS:
+            raise UnknownNameError("law", law, CONTROL_LAWS)
         if not colon and kind not in KNOWN_DRIVES:
             hint = f"; of another kind state the law, as in {kind}:position={listed}"
             raise UnknownNameError("drive", kind, KNOWN_DRIVES, hint)
@@ -215,10 +207,10 @@ def split_drive_option(text: str) -> tuple[str, str, str, str]:
     return kind, colon, law, listed
 
 
-def law_of_commands(run: Run) -> ControlLaw | None:
+def law_of_commands(run: Run) -> str | None:
     """The law of drives whose commands a recording contains; None where it has a torque, or no command."""
     kinds = {name.partition(".")[0] for name in run.channels}
-    return None if "tau" in kinds else next((law for law, kind in COMMAND_CHANNELS.items() if kind in kinds), None)
+    return None if "tau" in kinds else next((name for name, law in CONTROL_LAWS.items() if law.channel in kinds), None)
 
 
 def _servo(entry: Any, *, slides: bool) -> Servo:

@@ -124,7 +124,7 @@ class ArmModel(Model):
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
             "command_delay": any(servo.delay is None for servo in drives),
             "supply_voltage": any(servo.supply is not None for servo in drives),
-            "servo_damping": all(servo.law != "position" for servo in drives),
+            "servo_damping": not any(servo.control.holds_position for servo in drives),
         }
         return EFFECTS_IDENTIFIED_PER_DRIVE_KIND | {name for name, told in identified.items() if told}
 

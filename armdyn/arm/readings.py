@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from armdyn.arm.control_laws import DriveSignals
 from armdyn.arm.drives import Servo
 from armdyn.arm.motion import measured_motion
 from armdyn.object_cache import cached_with_first_argument
@@ -23,7 +24,7 @@ INFORMATIVE_READING_QUANTILES = (0.1, 0.9)
 
 def mean_command(run: Run, joint: str, servo: Servo, edges: np.ndarray) -> np.ndarray:
     """(n,) mean command that a drive follows in the n intervals between (n + 1,) times `edges`, s."""
-    if servo.law == "position" and np.isfinite(servo.rate):
+    if servo.control.holds_position and np.isfinite(servo.rate):
         return _mean(*_followed(run, servo.command(joint), servo.rate), edges)
     return run.channels[servo.command(joint)].mean_zero_order_hold_values(edges)
 
@@ -86,18 +87,58 @@ def drive_error(
     """
     edges = _midpoints(time)
     command = mean_command(run, joint, servo, edges - delay)
-    if servo.law == "position" and not smooth:
-        q = run.channels[f"q.{joint}"]
-        at = [np.interp(t, q.time, q.value) for t in (edges[:-1], time, edges[1:])]
-        return command - 0.25 * (at[0] + 2.0 * at[1] + at[2])
-    if servo.law in ("torque", "current"):
-        return command
+    return servo.control.error(command, *_sensed_motion(run, joints, joint, servo, time, smooth=smooth))
+
+
+def _sensed_motion(
+    run: Run, joints: tuple[str, ...], joint: str, servo: Servo, time: np.ndarray, *, smooth: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) positions and velocities that a drive feeds back around (n,) times; see `drive_error`."""
+    q, v, edges, senses = np.zeros(len(time)), np.zeros(len(time)), _midpoints(time), servo.control.senses
+    if senses == "position" and not smooth:
+        recorded = run.channels[f"q.{joint}"]
+        at = [np.interp(t, recorded.time, recorded.value) for t in (edges[:-1], time, edges[1:])]
+        q = 0.25 * (at[0] + 2.0 * at[1] + at[2])
+    if not senses:
+        return q, v
     motion = measured_motion(run, joints)
     curve = motion.joints[joints.index(joint)].curve
-    ends, inner = (curve(np.clip(t, motion.start, motion.end), 0)[:, 0] for t in (edges, time))
-    if servo.law == "velocity":
-        return command - np.diff(ends) / np.diff(edges)
-    return command - (ends[:-1] + 4.0 * inner + ends[1:]) / 6.0  # Simpson's rule
+    if smooth or senses == "velocity":
+        ends, inner = (curve(np.clip(t, motion.start, motion.end), 0)[:, 0] for t in (edges, time))
+        if senses == "velocity":
+            return q, np.diff(ends) / np.diff(edges)
+        q = (ends[:-1] + 4.0 * inner + ends[1:]) / 6.0  # Simpson's rule
+    if senses == "position" and servo.damping:
+        v = curve(np.clip(time, motion.start, motion.end), 1)[:, 0]
+    return q, v
+
+
+def drive_signals(run: Run, joint: str, servo: Servo, time: np.ndarray, edges: np.ndarray) -> DriveSignals:
+    """Signals of a drive at (n,) times; each is (n,) or a constant.
+
+    Args:
+        run: a recording.
+        joint: joint of the drive.
+        servo: the drive, with a gain.
+        time: (n,) times, s.
+        edges: (n + 1,) edges of intervals around them, delayed, over which commands are averaged, s.
+    """
+    assert servo.gain is not None
+    share, scale = servo.torque_share(run, joint, time)
+    beside = {"feed": f"tau_ff.{joint}"} | ({"velocity": f"v_cmd.{joint}"} if servo.control.holds_position else {})
+    told = {
+        name: run.channels[channel].mean_zero_order_hold_values(edges)
+        for name, channel in beside.items()
+        if channel in run.channels and channel != servo.command(joint)
+    }
+    return DriveSignals(
+        command=mean_command(run, joint, servo, edges),
+        limit=servo.largest,
+        share=share,
+        gain=scale * servo.gain.value,
+        damping=servo.damping,
+        **told,
+    )
 
 
 @cached_with_first_argument
@@ -118,28 +159,19 @@ def _reading(
     """Reading of one drive; None where its command is constant."""
     q, delay = run.channels[f"q.{joint}"], servo.delay or 0.0
     edges = _midpoints(q.time) - delay
-    share, scale = servo.torque_share(run, joint, q.time)
-    by_error, by_smooth_error = (
-        scale * gain * drive_error(run, joints, joint, servo, delay, q.time, smooth=smooth) for smooth in (False, True)
-    )
-    velocity, damped = np.zeros(len(q)), 0.0
-    if servo.law == "position" and f"v_cmd.{joint}" in run.channels:
-        velocity = run.channels[f"v_cmd.{joint}"].mean_zero_order_hold_values(edges)
-    if servo.damping and servo.law == "position":
-        v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
-        damped = servo.damping * (velocity - v)
-    wanted = by_error + damped
-    given, smooth_given = (
-        share * np.clip(torque, -servo.largest, servo.largest) for torque in (wanted, by_smooth_error + damped)
-    )
+    law, signals = servo.control, drive_signals(run, joint, servo, q.time, edges)
+    moved, smooth_moved = (_sensed_motion(run, joints, joint, servo, q.time, smooth=smooth) for smooth in (False, True))
+    wanted = law.unlimited_torque(signals, *moved)
+    given, smooth_given = (law.torque(signals, *motion) for motion in (moved, smooth_moved))
     if not np.ptp(np.quantile(given, INFORMATIVE_READING_QUANTILES)) > 0.0:
         return None
     std = gain_std if servo.unloaded is None else servo.unloaded
     off = np.hypot(servo.determined * std / gain * given, IDENTIFIED_DELAY_STD_SECONDS * np.gradient(wanted, q.time))
-    by_command = np.gradient(mean_command(run, joint, servo, edges), q.time)
-    rate = np.where(np.abs(wanted) < servo.largest, share * scale * gain * by_command, 0.0)
-    total = cumulative_trapezoid(given, q.time, initial=0.0)
+    by_command = signals.share * signals.gain * np.gradient(signals.command, q.time)
+    rate = np.where(np.abs(wanted) < servo.largest, by_command, 0.0)
+    total = cumulative_trapezoid(law.integrand(signals, *moved), q.time, initial=0.0)
     # Effects are functions of the smooth torque: otherwise they would contain the noise of what they predict.
-    told = np.array([smooth_given, rate, total, velocity, servo.relative_excess_voltage(run, joint, q.time)])
+    velocity, voltage = np.zeros(len(q)) + signals.velocity, servo.relative_excess_voltage(run, joint, q.time)
+    told = np.array([smooth_given, rate, total, velocity, voltage])
     unit = "N" if q.unit == "m" else "N m"
-    return DriveReading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))), told)
+    return DriveReading(q.time, given, unit, float(np.sqrt(np.mean((signals.share * off) ** 2))), told)

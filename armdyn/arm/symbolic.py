@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.control_laws import DriveSignals
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import joint_axes, parent_joints
@@ -44,20 +45,19 @@ def drive_command_function(model: ArmModel) -> ca.Function:
 def servo_torque_function(model: ArmModel) -> ca.Function:
     """``(q, v, q_cmd, v_cmd) -> tau``, (n,) each: torques of servos without delay; 0 for joints without one.
 
-    The torque is (R - offset) / gain with R = clip(k (q_cmd - q) + d (v_cmd - v), +-limit), see `Servo`.
+    The torque is (R - offset) / gain, with R by the law of the servo.
     """
     joints = model.arm.joints
     q, v, q_cmd, v_cmd = (ca.SX.sym(name, len(joints)) for name in ("q", "v", "q_cmd", "v_cmd"))
     asked, driven = [ca.SX(0)] * len(joints), ca.DM.zeros(len(joints))
     for i, joint in enumerate(joints):
-        servo = model.servo(joint)
-        if servo is None or servo.gain is None or servo.law not in ("position", "velocity"):
+        servo, commands = model.servo(joint), {"q_cmd": q_cmd[i], "v_cmd": v_cmd[i]}
+        if servo is None or servo.gain is None or servo.control.channel not in commands:
             continue
-        k, d = servo.feedback
         driven[i] = 1
-        asked[i] = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
-        if np.isfinite(servo.largest):
-            asked[i] = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked[i]))
+        command, own = commands[servo.control.channel], (servo.gain.value, servo.damping)
+        signals = DriveSignals(0.0, command, v_cmd[i], servo.largest, 1.0, *own)
+        asked[i] = servo.control.torque(signals, q[i], v[i])
     told = [DriveCommands(R, velocity=v_cmd[i]) for i, R in enumerate(asked)]
     none, on, theta = ca.SX.zeros(len(joints)), ca.SX.ones(len(joints)), ca.SX(model.theta())
     _, gain, offset = torques_added_by_effects(model, (q, v, none), ca.sign(v), none, on, theta, told)

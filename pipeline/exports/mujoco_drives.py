@@ -127,7 +127,7 @@ def add_drives(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointD
             # A friction that differs by direction is exported as a symmetric one and an offset, also at rest.
             law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven)
             if late := drive_delay(model, joint.name):
-                late += 0.0 if by.integrator == IMPLICIT and servo.law == "velocity" else by.step / 2
+                late += 0.0 if by.integrator == IMPLICIT and servo.control.senses == "velocity" else by.step / 2
                 count = int(np.ceil(late / MIN_TIME_STEP)) + 2
                 law |= {"delay": repr(late), "nsample": str(count), "interp": "linear"}
             ET.SubElement(actuators, "general", attributes | law)

@@ -51,7 +51,7 @@ def add_start(root: ET.Element, model: ArmModel, parts: Sequence[ExportedJointDy
     for j, joint in enumerate(parts):
         at[joint.name], at[play_joint(joint.name)] = q[j], -joint.play * sides[j]
         servo = model.servo(joint.name)
-        told[joint.name] = q[j] if servo is not None and servo.law == "position" else 0.0
+        told[joint.name] = q[j] if servo is not None and servo.control.holds_position else 0.0
         if told[joint.name] and drive_delay(model, joint.name):
             span = np.array([arm.lowerPositionLimit[j], arm.upperPositionLimit[j]])
             actuators[joint.name].set("ctrlrange", xml_number_list(span))

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
+from armdyn.arm.control_laws import CONTROL_LAWS, DriveSignals
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics
@@ -192,13 +193,8 @@ def _recorded(
         if volts is not None:
             share *= np.interp(time[k] + h * (np.arange(each) + 0.5), time, volts)[:, None] / 12.0
         most = np.tile(limit, (each, 1))
-        if law == "torque":
-            given = share * np.clip(gain * command, -most, most)
-            drives = DriveInputs(given, zeros, zeros, np.full((each, JOINTS), np.inf), zeros + 1.0, 0 * gain, 0 * gain)
-        elif law == "velocity":
-            drives = DriveInputs(zeros, zeros, command, most, share, 0 * gain, gain)
-        else:
-            drives = DriveInputs(zeros, command, zeros, most, share, gain, 0 * gain)
+        told_to = DriveSignals(zeros, command, zeros, most, share, zeros + gain, zeros)
+        drives = DriveInputs(told_to, (CONTROL_LAWS[law],) * JOINTS, zeros)
         states.append((q, v))
         found_q, found_v = simulate_arm(truth, theta, (q, v), drives, h)
         q, v = found_q[-1], found_v[-1]

@@ -23,15 +23,14 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.closed_loop.play import has_play, plays
 from armdyn.arm.closed_loop.rollout import INTEGRAL_EFFECT, SimulatedWindow, SimulationWindow, drive_inputs
-from armdyn.arm.closed_loop.simulator import UNLIMITED_TORQUE, DriveInputs, drive_law, model_without_values
+from armdyn.arm.closed_loop.simulator import DriveInputs, drive_law_function, model_without_values
+from armdyn.arm.control_laws import DRIVE_SIGNALS, ControlLaw, DriveSignals
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.effects.effect import Effect
 
-INPUTS = ("given", "q_cmd", "v_cmd", "limit", "on", "gain", "damping")
-"""Inputs of a drive that may differ, in the order of those of `drive_law`; see `DriveInputs`."""
 GRAVITY_DIFFERENCE = 1e-5
 """Change of an effect on the base in a difference quotient of gravity, in typical sizes."""
 INPUT_DIFFERENCE = 1e-3
@@ -76,18 +75,17 @@ def motion_slopes(
         q, v = (np.where(np.abs(part) < MAX_STATE, part, 0.0) for part in (q, v))
         middle = [(part[1:] + part[:-1]) / 2.0 for part in (q, v)]
     slides = ((v[1:] != 0.0) & ~away[:, None]).astype(float)
-    asked = drives.asked_at(*middle)
-    total = drives.total + (np.cumsum(asked, axis=0) - asked) * step
-    volts = np.zeros_like(asked) if drives.voltage is None else drives.voltage
-    inputs = _inputs(drives)
+    summed = drives.integrands(*middle)
+    total = drives.total + (np.cumsum(summed, axis=0) - summed) * step
+    *inputs, volts = drives.rows
     signals = np.hstack([*middle, np.diff(v, axis=0) / step, np.sign(v[1:]), volts, total, *inputs])
-    changes = np.array([_inputs(other) for other in others]).reshape(-1, *np.shape(inputs)) - inputs
+    changes = np.array([other.rows[:-1] for other in others]).reshape(-1, *np.shape(inputs)) - inputs
     links, of_changes = model.arm.described.copy(), np.zeros((10 * n, len(theta)))
     for i, (change, derivatives) in model.changed_links(theta).items():
         links[i] += change
         of_changes[10 * i : 10 * (i + 1)] = derivatives
     by_links, by_gravity = _nonzero(of_changes[:, columns]), _nonzero(_gravity_slopes(model, theta)[:, columns])
-    function = _compiled(model.arm, model.servo_joints, model.effects, model.names)
+    function = _compiled(model.arm, model.servo_joints, model.effects, model.names, drives.laws)
     values = np.concatenate([links.ravel(), model.gravity_at(theta), theta])
     integrates = any(theta[i] != 0.0 for i, p in enumerate(model.parameters.values()) if p.effect == INTEGRAL_EFFECT)
     states = np.zeros((SAMPLES_PER_CALL + 1, (3 if integrates else 2) * n, width + 2 * n))
@@ -95,22 +93,22 @@ def motion_slopes(
     if integrates:  # the change of the integral is a third state
         for i, other in enumerate(others):
             states[0, 2 * n :, size + i] = other.total - drives.total
-    forces, asked_more = np.zeros((2, SAMPLES_PER_CALL, n, width))
+    forces, summed_more = np.zeros((2, SAMPLES_PER_CALL, n, width))
     for begin in range(0, count, SAMPLES_PER_CALL):
         part = slice(begin, min(begin + SAMPLES_PER_CALL, count))
         m = part.stop - begin
         found = _evaluated(function, signals[part], values)
-        by_q, by_v, by_a, of_links, of_gravity, of_theta, by_total, asked_by_q, asked_by_v = (
+        by_q, by_v, by_a, of_links, of_gravity, of_theta, by_total, summed_by_q, summed_by_v = (
             one.reshape(m, n, -1) for one in found[:9]
         )
         forces[:m, :, :size] = of_theta[:, :, columns]
         for of, (given, own) in ((of_links, by_links), (of_gravity, by_gravity)):
             forces[:m, :, own] += of @ given
-        by_input, asked_by_input = np.split(np.array(found[9:]), 2)
+        by_input, summed_by_input = np.split(np.array(found[9:]), 2)
         forces[:m, :, size:] = np.einsum("imj,oimj->mjo", by_input, changes[:, :, part])
         if integrates:
-            asked_more[:m, :, size:] = np.einsum("imj,oimj->mjo", asked_by_input, changes[:, :, part])
-        integral = (by_total, asked_by_q, asked_by_v, asked_more[:m]) if integrates else None
+            summed_more[:m, :, size:] = np.einsum("imj,oimj->mjo", summed_by_input, changes[:, :, part])
+        integral = (by_total, summed_by_q, summed_by_v, summed_more[:m]) if integrates else None
         following, pushes = _transitions((by_q, by_v, by_a), forces[:m], slides[part], step, integral)
         states[1 : m + 1, :, :width] = pushes
         states[1 : m + 1, :, width:] = 0.0
@@ -135,13 +133,6 @@ def _gravity_slopes(model: ArmModel, theta: np.ndarray) -> np.ndarray:
             changed[i] += GRAVITY_DIFFERENCE * p.typical
             found[:, i] = (model.gravity_at(changed) - at) / (GRAVITY_DIFFERENCE * p.typical)
     return found
-
-
-def _inputs(drives: DriveInputs) -> list[np.ndarray]:
-    """(n, nj) inputs of the drives, in the order of `INPUTS`."""
-    shape, limit = np.ones_like(drives.given), np.minimum(drives.limit, UNLIMITED_TORQUE)
-    given = (drives.given, drives.q_cmd, drives.v_cmd, limit, drives.on)
-    return [*given, drives.gain * shape, drives.damping * shape]
 
 
 def _evaluated(function: PreallocatedFunction, signals: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
@@ -169,8 +160,8 @@ def _transitions(
         forces: (m, n, k) R_theta.
         slides: (m, n) 0 where a joint sticks, else 1.
         step: length of a step, s.
-        integral: for integral action, (m, n, 1) R_total, derivatives of the torques that are asked of the drives by
-            positions and by velocities, and (m, n, k) those by parameters.
+        integral: for integral action, (m, n, 1) R_total, derivatives of the laws' integrands by positions and by
+            velocities, and (m, n, k) those by parameters.
     """
     (by_q, by_v, by_a), n = by_motion, forces.shape[1]
     half = step / 2.0 * by_v + step**2 / 4.0 * by_q
@@ -184,44 +175,48 @@ def _transitions(
     rows = [[unit + middle * stiffness, middle * (unit + inertia)], [stiffness, inertia]]  # of dq and dv
     pushes = [middle * push, push]
     if integral is not None:
-        by_total, asked_by_q, asked_by_v, asked_more = integral
+        by_total, summed_by_q, summed_by_v, summed_more = integral
         through = -step * (inverse @ _diagonal(by_total))
         rows = [[*rows[0], middle * through], [*rows[1], through]]
-        rows.append([step * _diagonal(asked_by_q), step * _diagonal(asked_by_v), np.broadcast_to(unit, by_a.shape)])
-        pushes.append(step * asked_more)
+        rows.append([step * _diagonal(summed_by_q), step * _diagonal(summed_by_v), np.broadcast_to(unit, by_a.shape)])
+        pushes.append(step * summed_more)
     return np.block(rows), np.concatenate(pushes, axis=1)
 
 
 @lru_cache(maxsize=16)
 def _compiled(
-    arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
+    arm: Arm,
+    servo_joints: frozenset[str],
+    effects: tuple[Effect, ...],
+    names: tuple[str, ...],
+    laws: tuple[ControlLaw, ...],
 ) -> PreallocatedFunction:
     """``(signals, values) -> derivatives`` of rho for `SAMPLES_PER_CALL` samples, each a column, row-major."""
-    one = _derivatives(model_without_values(arm, servo_joints, effects, names))
+    one = _derivatives(model_without_values(arm, servo_joints, effects, names), laws)
     name = f"slopes_{len(arm.joints)}"
     function = one.map(name, "serial", SAMPLES_PER_CALL, [1], [])  # the values are the same for all samples
     return PreallocatedFunction(compile_functions(name, {name: function})[name])
 
 
-def _derivatives(model: ArmModel) -> ca.Function:
+def _derivatives(model: ArmModel, laws: Sequence[ControlLaw]) -> ca.Function:
     n, size = len(model.arm.joints), len(model.names)
     q, v, a, way, volts, total = (ca.SX.sym(name, n) for name in ("q", "v", "a", "way", "volts", "total"))
-    inputs = [ca.SX.sym(name, n) for name in INPUTS]
-    v_cmd, on = inputs[INPUTS.index("v_cmd")], inputs[INPUTS.index("on")]
+    inputs = [ca.SX.sym(name, n) for name in DRIVE_SIGNALS]
+    drive = DriveSignals(*inputs)
     links, gravity, theta = ca.SX.sym("links", 10 * n), ca.SX.sym("gravity", 3), ca.SX.sym("theta", size)
-    _, asked = drive_law(inputs, q, v)
-    told = [DriveCommands(asked[i], ca.SX(0), total[i], v_cmd[i], volts[i]) for i in range(n)]
+    *_, asked, summed = drive_law_function(laws)(*inputs, q, v)
+    told = [DriveCommands(asked[i], ca.SX(0), total[i], drive.velocity[i], volts[i]) for i in range(n)]
     of_link = (ca.vertsplit(links, 10), gravity)
     load = rigid_torques(model.arm.model, *of_link, q, v, a)
     if has_play(model):
         link = q - ca.vertcat(*plays(model, theta)) * ca.sign(load)
         load = rigid_torques(model.arm.model, *of_link, link, v, a)
-    live = ca.if_else(on > 0, 1, 0)
+    live = ca.if_else(drive.share > 0, 1, 0)
     added, sensor_gain, offset = torques_added_by_effects(model, (q, v, a), way, load, live, theta, told)
     rho = load + added - (asked - offset) / sensor_gain
     outputs = [ca.jacobian(rho, x) for x in (q, v, a, links, gravity, theta)]
-    own = [(rho, total), (asked, q), (asked, v)]
-    own += [(what, x) for what in (rho, asked) for x in inputs]
+    own = [(rho, total), (summed, q), (summed, v)]
+    own += [(what, x) for what in (rho, summed) for x in inputs]
     outputs += [ca.vertcat(*(ca.jacobian(what[i], x[i]) for i in range(n))) for what, x in own]
     rows = [ca.densify(ca.vec(part.T)) for part in outputs]
     signals = ca.vertcat(q, v, a, way, volts, total, *inputs)

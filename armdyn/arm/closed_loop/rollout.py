@@ -13,10 +13,11 @@ import pinocchio as pin
 
 from armdyn.arm.closed_loop.play import play_sides, plays
 from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
+from armdyn.arm.control_laws import CONTROL_LAWS
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.readings import mean_command
+from armdyn.arm.readings import drive_signals
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 
@@ -87,7 +88,7 @@ def _commanded(servo: Servo | None, run: Run, joint: str) -> bool:
 def has_all_position_commands(model: ArmModel, run: Run) -> bool:
     """Whether a run contains a position command of every joint of the arm."""
     servos = {joint: model.servo(joint) for joint in model.arm.joints}
-    return all(s is not None and s.law == "position" and s.command(j) in run.channels for j, s in servos.items())
+    return all(s is not None and s.control.holds_position and s.command(j) in run.channels for j, s in servos.items())
 
 
 def can_simulate_motion(model: ArmModel, run: Run) -> bool:
@@ -226,10 +227,8 @@ def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | Non
     """Longest step, s, that resolves how each position servo pulls its joint back; infinite without one."""
     rigid = model.rigid_body_model_at(theta)
     mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid))).tolist()
-    stiff = ((m, s.gain.value) for m, s in zip(mass, servos, strict=True) if s and s.gain and s.law == "position")
-    return min(
-        (MAX_STEP_SHARE_OF_SERVO_TIME * float(np.sqrt(inertia / gain)) for inertia, gain in stiff), default=np.inf
-    )
+    stiff = ((m, k) for m, s in zip(mass, servos, strict=True) if s and (k := s.feedback[0]) > 0.0)
+    return min((MAX_STEP_SHARE_OF_SERVO_TIME * float(np.sqrt(inertia / k)) for inertia, k in stiff), default=np.inf)
 
 
 def drive_inputs(
@@ -243,8 +242,8 @@ def drive_inputs(
     earlier, q, v = _motion_before(run, model.arm.joints, float(edges[0]), step)
     if len(earlier) < 2:
         return found
-    asked = _drive_inputs(model, theta, run, servos, earlier).asked_at(q, v)
-    return replace(found, total=asked.sum(axis=0) * step)
+    summed = _drive_inputs(model, theta, run, servos, earlier).integrands(q, v)
+    return replace(found, total=summed.sum(axis=0) * step)
 
 
 @cached_with_first_argument
@@ -263,29 +262,20 @@ def _drive_inputs(
 ) -> DriveInputs:
     """See `drive_inputs`; as if nothing came before."""
     channels, values = run.channels, dict(zip(model.names, theta.tolist(), strict=True))
-    drives, middle = DriveInputs.off(len(edges) - 1, len(servos)), (edges[1:] + edges[:-1]) / 2
-    voltage = np.zeros_like(drives.on)
+    laws = [CONTROL_LAWS["torque"] if servo is None else servo.control for servo in servos]
+    drives, middle = DriveInputs.off(len(edges) - 1, laws), (edges[1:] + edges[:-1]) / 2
     for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
         if servo is None or servo.gain is None or not _commanded(servo, run, joint):
-            time = middle + values.get(f"{TORQUE_DELAY_PARAMETER}[{joint}]", 0.0)
-            drives.on[:, j] = 1.0
-            drives.given[:, j] = np.interp(time, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
+            time, torque = middle + values.get(f"{TORQUE_DELAY_PARAMETER}[{joint}]", 0.0), channels[f"tau.{joint}"]
+            drives.signals.share[:, j] = 1.0
+            drives.signals.feed[:, j] = np.interp(time, torque.time, torque.value)
             continue
-        gain, (share, scale) = servo.gain.value, servo.torque_share(run, joint, middle)
         when = edges - (servo.delay or 0.0) - values.get(f"{COMMAND_DELAY_PARAMETER}[{joint}]", 0.0)
-        voltage[:, j] = servo.relative_excess_voltage(run, joint, middle)
-        if servo.law in ("torque", "current"):
-            torque = scale * gain * mean_command(run, joint, servo, when)
-            drives.given[:, j], drives.on[:, j] = share * np.clip(torque, -servo.largest, servo.largest), share
-            continue
-        drives.on[:, j], drives.limit[:, j] = share * scale, servo.largest / scale
-        drives.gain[j], drives.damping[j] = servo.feedback
-        if servo.law == "position":
-            drives.q_cmd[:, j] = mean_command(run, joint, servo, when)
-        for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
-            if f"{kind}.{joint}" in channels:
-                signal[:, j] = channels[f"{kind}.{joint}"].mean_zero_order_hold_values(when)
-    return replace(drives, voltage=voltage)
+        drives.voltage[:, j] = servo.relative_excess_voltage(run, joint, middle)
+        told = drive_signals(run, joint, servo, middle, when)
+        for whole, own in zip(drives.signals.all, told.all, strict=True):
+            whole[:, j] = own
+    return drives
 
 
 def simulated_position_errors(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[SimulatedPositionError, ...]:

@@ -16,7 +16,7 @@ joint at rest stays exactly at rest.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.closed_loop.play import has_play, plays
+from armdyn.arm.control_laws import DRIVE_SIGNALS, ControlLaw, DriveSignals, LawValue, over_joints
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import DriveCommands, Expression
@@ -38,52 +39,40 @@ SLIDING_NEWTON_STEPS = 3
 """Iterations that find which joints stick, and in which direction the others slide; the last one is hardly needed."""
 COORDINATE_SWEEPS = 2
 """Sweeps of coordinate descent; the rest of a wrong iteration is then an error of the friction in one step."""
-SIGNALS_PER_JOINT = 6
-"""Signals of a joint in every step; see `DriveInputs`."""
 
 
 @dataclass(frozen=True, eq=False)
 class DriveInputs:
-    """Inputs of an arm's drives over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), -limit, limit).
+    """Inputs of an arm's drives over n steps.
 
     Attributes:
-        given: (n, nj) measured torque, or feed-forward torque, N m or N.
-        q_cmd: (n, nj) commanded positions that act in the step, rad or m.
-        v_cmd: (n, nj) commanded velocities, per s.
-        limit: (n, nj) largest torque, N m or N, which may follow the supply voltage; may be infinite.
-        on: (n, nj) share of its torque that a drive gives, 0 where it is off.
-        gain: (nj,) k, N m/rad or N/m.
-        damping: (nj,) d, N m s/rad or N s/m.
-        voltage: (n, nj) relative excess of supply voltages over those of the gains; None means 0.
-        total: (nj,) sums over time of the torques before the first step, N m s or N s, for integral action.
+        signals: what the drives are told, (n, nj) each.
+        laws: law of each joint's drive; without a gain it gives what is fed forward.
+        voltage: (n, nj) relative excess of supply voltages over those of the gains.
+        total: (nj,) sums over time of the laws' integrands before the first step, N m s or N s, for integral action.
     """
 
-    given: np.ndarray
-    q_cmd: np.ndarray
-    v_cmd: np.ndarray
-    limit: np.ndarray
-    on: np.ndarray
-    gain: np.ndarray
-    damping: np.ndarray
-    voltage: np.ndarray | None = None
+    signals: DriveSignals
+    laws: tuple[ControlLaw, ...]
+    voltage: np.ndarray
     total: np.ndarray | float = 0.0
 
-    def asked_at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(n, nj) torques of the drives in n steps, by the law above.
+    def integrands(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(n, nj) integrands of the laws in n steps, with (n, nj) positions and velocities in their middle."""
+        return np.column_stack(over_joints(lambda law: law.integrand, self.laws, self.signals, q, v))
 
-        Args:
-            q: (n, nj) positions in the middle of the steps.
-            v: (n, nj) velocities, likewise.
-        """
-        wanted = self.gain * (self.q_cmd - q) + self.damping * (self.v_cmd - v)
-        return self.given + self.on * np.clip(wanted, -self.limit, self.limit)
+    @property
+    def rows(self) -> list[np.ndarray]:
+        """(n, nj) signals of compiled functions, which take no infinite limit; then the voltage."""
+        told = self.signals
+        return [*replace(told, limit=np.minimum(told.limit, UNLIMITED_TORQUE)).all, self.voltage]
 
     @classmethod
-    def off(cls, count: int, joints: int) -> "DriveInputs":
+    def off(cls, count: int, laws: Sequence[ControlLaw]) -> "DriveInputs":
         """Inputs over `count` steps of drives that are off, in new arrays that may be changed."""
-        given, q_cmd, v_cmd, on = (np.zeros((count, joints)) for _ in range(4))
-        limit = np.full((count, joints), np.inf)
-        return cls(given, q_cmd, v_cmd, limit, on, np.zeros(joints), np.zeros(joints))
+        signals = {name: np.zeros((count, len(laws))) for name in DRIVE_SIGNALS}
+        signals["limit"] += np.inf
+        return cls(DriveSignals(**signals), tuple(laws), np.zeros((count, len(laws))))
 
 
 def simulate_arm(
@@ -104,20 +93,17 @@ def simulate_arm(
     Raises:
         InputError: an effect depends on time or has states of its own.
     """
-    count, joints = drives.given.shape
-    function = _compiled(model.arm, model.servo_joints, model.effects, model.names)
+    count, joints = drives.voltage.shape
+    function = _compiled(model.arm, model.servo_joints, model.effects, model.names, drives.laws)
     links = model.arm.described.copy()
     for i, (change, _) in model.changed_links(theta).items():
         links[i] += change
     gravity = model.gravity_at(theta)
-    values = np.concatenate([links.ravel(), gravity, theta, drives.gain, drives.damping, [step]])
-    volts = np.zeros(drives.given.shape) if drives.voltage is None else drives.voltage
-    rows = np.hstack(
-        [drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, UNLIMITED_TORQUE), drives.on, volts]
-    )
+    values = np.concatenate([links.ravel(), gravity, theta, [step]])
+    rows = np.hstack(drives.rows)
     state = np.concatenate([*start, np.zeros(joints), np.zeros(joints) + drives.total])
     found = np.empty((count + 1, len(state)))
-    inputs = np.zeros((SIGNALS_PER_JOINT * joints, ARM_STEPS_PER_CALL))
+    inputs = np.zeros((rows.shape[1], ARM_STEPS_PER_CALL), order="F")  # as the function has it
     inputs[:] = rows[:1].T
     # The first step is made twice, because the acceleration before it is unknown.
     state[2 * joints : 3 * joints] = function(state, inputs, values)[0][2 * joints : 3 * joints, 0]
@@ -138,10 +124,14 @@ UNLIMITED_TORQUE = 1e30
 
 @lru_cache(maxsize=16)
 def _compiled(
-    arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]
+    arm: Arm,
+    servo_joints: frozenset[str],
+    effects: tuple[Effect, ...],
+    names: tuple[str, ...],
+    laws: tuple[ControlLaw, ...],
 ) -> PreallocatedFunction:
     """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
-    step = _step(model_without_values(arm, servo_joints, effects, names))
+    step = _step(model_without_values(arm, servo_joints, effects, names), laws)
     name = f"arm_{len(arm.joints)}_steps"
     block = step.mapaccum(name, ARM_STEPS_PER_CALL)
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)
@@ -150,17 +140,17 @@ def _compiled(
     return PreallocatedFunction(compile_functions(name, {name: whole})[name])
 
 
-def drive_law(inputs: Sequence[Expression], q: Expression, v: Expression) -> tuple[Expression, Expression]:
-    """(n,) torques of drives before limit and feed-forward, and with them; see `DriveInputs`.
+def drive_law_function(laws: Sequence[ControlLaw]) -> ca.Function:
+    """``(*signals, q, v)`` to (n,) torques without limit, their slopes, torques and integrands; see `ControlLaw`.
 
-    Args:
-        inputs: given, q_cmd, v_cmd, limit, on, gain and damping, (n,) each.
-        q: (n,) positions.
-        v: (n,) velocities.
+    The slopes are those by position and velocity, with the other sign.
     """
-    given, q_cmd, v_cmd, limit, on, gain, damping = inputs
-    wanted = gain * (q_cmd - q) + damping * (v_cmd - v)
-    return wanted, given + on * ca.fmax(-limit, ca.fmin(limit, wanted))
+    q, v, *told = (ca.SX.sym(name, len(laws)) for name in ("q", "v", *DRIVE_SIGNALS))
+    values: list[LawValue] = [lambda law: law.unlimited_torque, lambda law: law.torque, lambda law: law.integrand]
+    wanted, torque, integrand = (ca.vertcat(*over_joints(one, laws, DriveSignals(*told), q, v)) for one in values)
+    slopes = [-ca.vertcat(*(ca.jacobian(wanted[i], x[i]) for i in range(len(laws)))) for x in (q, v)]
+    found = ca.cse([wanted, *map(ca.densify, slopes), torque, integrand])
+    return ca.Function("drive_law", [*told, q, v], found)
 
 
 def model_without_values(
@@ -171,18 +161,19 @@ def model_without_values(
     return ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))})
 
 
-def _step(model: ArmModel) -> ca.Function:
+def _step(model: ArmModel, laws: Sequence[ControlLaw]) -> ca.Function:
     """``(state, inputs, p) -> state`` of one step.
 
-    The state is q, v, the mean acceleration of the last step, and the sum of the drives' torques, for integral action.
+    The state is q, v, the mean acceleration of the last step, and the sum of the laws' integrands, for integral action.
     """
     n, size = len(model.arm.joints), len(model.names)
-    state, inputs = ca.SX.sym("x", 4 * n), ca.SX.sym("w", SIGNALS_PER_JOINT * n)
-    p = ca.SX.sym("p", 12 * n + 4 + size)
+    state, inputs = ca.SX.sym("x", 4 * n), ca.SX.sym("w", (len(DRIVE_SIGNALS) + 1) * n)
+    p = ca.SX.sym("p", 10 * n + 4 + size)
     q, v, last, total = (state[i * n : (i + 1) * n] for i in range(4))
-    given, q_cmd, v_cmd, limit, on, volts = (inputs[i * n : (i + 1) * n] for i in range(SIGNALS_PER_JOINT))
-    links, ends = ca.vertsplit(p[: 10 * n], 10), np.cumsum([0, 3, size, n, n, 1]).tolist()
-    gravity, theta, gain, damping, h = ca.vertsplit(p[10 * n :], ends)
+    *signals, volts = ca.vertsplit(inputs, n)
+    drive = DriveSignals(*signals)
+    links, ends = ca.vertsplit(p[: 10 * n], 10), np.cumsum([0, 3, size, 1]).tolist()
+    gravity, theta, h = ca.vertsplit(p[10 * n :], ends)
     qm, vm = q + h / 2 * v, v + h / 2 * last
     qs, vs, a, way, load, live = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load", "live"))
     rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
@@ -206,19 +197,19 @@ def _step(model: ArmModel) -> ca.Function:
     asks = b + M @ last
     if has_play(model):  # the links are where their loads push them
         b = needed(qm - ca.vertcat(*plays(model, theta)) * ca.sign(asks), vm, p)
-    wanted, asked = drive_law((given, q_cmd, v_cmd, limit, on, gain, damping), qm, vm)
-    within = on * (ca.fabs(wanted) < limit)
-    live = ca.if_else(on > 0, 1, 0)
-    more, free, up, down, own, sensor_gain, offset = parts(qm, vm, asks, live, asked, total, v_cmd, volts, p)
+    wanted, stiffness, damping, asked, integrand = drive_law_function(laws)(*signals, qm, vm)
+    within = drive.share * (ca.fabs(wanted) < drive.limit)
+    live = ca.if_else(drive.share > 0, 1, 0)
+    more, free, up, down, own, sensor_gain, offset = parts(qm, vm, asks, live, asked, total, drive.velocity, volts, p)
     u = (asked - offset) / sensor_gain
-    D, K = own + within * damping / sensor_gain, within * gain / sensor_gain
+    D, K = own + within * damping / sensor_gain, within * stiffness / sensor_gain
     A = M + more + ca.diag(h**2 / 4 * K)
     H = A + ca.diag(h / 2 * D)
     r = A @ v + h * (u - b - free + D * (vm - v / 2))
     v_next = _sliding(H, r, h * up, h * down, v)
     stops = v_next == 0
     a_next = ca.if_else(stops, 0, (v_next - v) / h)
-    following = ca.vertcat(qm + h / 2 * v_next, v_next, a_next, total + h * asked)
+    following = ca.vertcat(qm + h / 2 * v_next, v_next, a_next, total + h * integrand)
     return ca.Function("step", [state, inputs, p], [ca.densify(following)])
 
 

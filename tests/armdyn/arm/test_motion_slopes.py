@@ -7,6 +7,7 @@ import pytest
 
 from armdyn.arm.closed_loop.motion_slopes import interpolate_rows, motion_slopes
 from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
+from armdyn.arm.control_laws import CONTROL_LAWS
 from armdyn.effects.catalogue import find
 
 from . import urdfs
@@ -37,11 +38,12 @@ def model(kind, tmp_path_factory):
 @pytest.fixture(scope="module")
 def drives():
     time = np.arange(0.0, SECONDS, STEP)
-    given = DriveInputs.off(len(time), 2)
-    given.on[:], given.gain[:], given.damping[:] = 1.0, 25.0, 0.5
-    given.q_cmd[:] = np.column_stack([0.6 * np.sin(2.0 * time) + 0.4, 0.5 * np.sin(3.1 * time + 1.0) - 0.4])
-    given.q_cmd[time > 4.5] = given.q_cmd[np.searchsorted(time, 4.5)]  # it stops, and sticks
-    given.limit[:] = 6.0  # reached now and then
+    given = DriveInputs.off(len(time), [CONTROL_LAWS["position"]] * 2)
+    told = given.signals
+    told.share[:], told.gain[:], told.damping[:] = 1.0, 25.0, 0.5
+    told.command[:] = np.column_stack([0.6 * np.sin(2.0 * time) + 0.4, 0.5 * np.sin(3.1 * time + 1.0) - 0.4])
+    told.command[time > 4.5] = told.command[np.searchsorted(time, 4.5)]  # it stops, and sticks
+    told.limit[:] = 6.0  # reached now and then
     return given
 
 
@@ -79,8 +81,11 @@ def test_slopes_by_every_parameter_are_difference_quotients(model, drives, kind)
 def test_slopes_by_inputs_and_start_are_difference_quotients(model, drives, kind):
     theta = model.theta()
     motion = moved(model, theta, drives)
-    others = [replace(drives, gain=drives.gain + 1e-2), replace(drives, q_cmd=drives.q_cmd + 1e-4)]
-    others += [replace(drives, damping=drives.damping + 1e-3), replace(drives, limit=drives.limit + 1e-3)]
+    changes = {"gain": 1e-2, "command": 1e-4, "damping": 1e-3, "limit": 1e-3}
+    told = drives.signals
+    others = [
+        replace(drives, signals=replace(told, **{name: getattr(told, name) + size})) for name, size in changes.items()
+    ]
     slopes = whole_slopes(model, theta, motion, drives, others, STEP)
     count = len(theta)
     for i, other in enumerate(others):

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from armdyn.arm.closed_loop.simulator import DriveInputs, simulate_arm
+from armdyn.arm.control_laws import CONTROL_LAWS
 from armdyn.arm.model import ArmModel, arm_model
 
 from . import urdfs
@@ -12,8 +13,10 @@ from .conftest import with_effects
 
 
 def drives(count: int, joints: int, **given: np.ndarray | float) -> DriveInputs:
-    off = DriveInputs.off(count, joints)
-    return replace(off, **{k: np.broadcast_to(v, getattr(off, k).shape) for k, v in given.items()})
+    off = DriveInputs.off(count, [CONTROL_LAWS["position"]] * joints)
+    return replace(
+        off, signals=replace(off.signals, **{k: np.broadcast_to(v, (count, joints)) for k, v in given.items()})
+    )
 
 
 @pytest.fixture(scope="module")
@@ -70,23 +73,25 @@ def test_what_slides_stops_where_its_friction_has_used_up_its_energy_and_rests_e
 
 
 def test_a_force_below_the_friction_moves_nothing_and_one_above_moves_by_what_is_left(sled):
-    still, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=2.99), 2e-3)
-    moved, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=5.0), 2e-3)
+    still, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, feed=2.99), 2e-3)
+    moved, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, feed=5.0), 2e-3)
     assert not still.any()
     assert moved[-1, 0] == pytest.approx(0.5 * (5.0 - 3.0) / 2.0, rel=1e-9)
 
 
 def test_a_servo_that_swings_rests_where_its_gain_no_longer_overcomes_the_friction(sled):
-    servo = drives(5000, 1, q_cmd=0.5, on=1.0, gain=40.0, damping=4.0)
+    servo = drives(5000, 1, command=0.5, share=1.0, gain=40.0, damping=4.0)
     q, v = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
     assert not v[-1].any()
     assert 0.0 < abs(0.5 - q[-1, 0]) <= 3.0 / 40.0 + 1e-9
 
 
 def test_a_saturated_servo_accelerates_by_its_limit_and_one_that_is_off_by_nothing(sled):
-    servo = drives(250, 1, q_cmd=5.0, on=1.0, gain=1000.0, limit=7.0)
+    servo = drives(250, 1, command=5.0, share=1.0, gain=1000.0, limit=7.0)
     q, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
-    off, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(250, 1, q_cmd=5.0, gain=1000.0), 2e-3)
+    off, _ = simulate_arm(
+        sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(250, 1, command=5.0, gain=1000.0), 2e-3
+    )
     assert q[-1, 0] == pytest.approx(0.5 * (7.0 - 3.0) / 2.0 * 0.5**2, rel=1e-9)
     assert not off.any()
 
@@ -100,14 +105,14 @@ def test_joints_that_stick_and_slide_together_keep_every_friction_within_its_siz
     )
     step, count = 2e-3, 1500
     time_ = (np.arange(count) + 0.5)[:, None] * step
-    servo = drives(count, 6, q_cmd=0.3 * np.sin(time_ * np.arange(1.0, 7.0)), on=1.0, gain=600.0, damping=20.0)
+    servo = drives(count, 6, command=0.3 * np.sin(time_ * np.arange(1.0, 7.0)), share=1.0, gain=600.0, damping=20.0)
     start = np.zeros(6), np.zeros(6)
     q, v = simulate_arm(model, model.theta(), start, servo, step)
     middle, mean, rate = q[:-1] + step / 2 * v[:-1], (v[:-1] + v[1:]) / 2, (v[1:] - v[:-1]) / step
     arm, data = model.arm.model.copy(), model.arm.model.createData()
     arm.armature = np.full(6, 0.3)
     asked = np.array([pin.rnea(arm, data, *row) for row in zip(middle, mean, rate, strict=True)]) + 2.0 * mean
-    friction = 600.0 * (servo.q_cmd - middle) - 20.0 * mean - asked
+    friction = 600.0 * (servo.signals.command - middle) - 20.0 * mean - asked
     stands, slides = v[1:] == 0.0, np.abs(v[1:]) > 1e-3
     assert 0.02 < stands.mean() < 0.5
     assert np.abs(friction[stands]).max() < 6.0 + 0.3
