@@ -222,8 +222,56 @@ def torque_functions_with_effects(effects: Sequence[Effect]) -> JointTorqueFunct
     return _composed(tuple(e.on() for e in effects))  # the same functions on every joint
 
 
+@dataclass(frozen=True, eq=False)
+class ComposedJoint:
+    """One joint with its effects, as expressions: the one place where effects are applied to an arm's joint.
+
+    Attributes:
+        names: ``"<effect>.<quantity>"`` in the order of theta.
+        inputs: (15 + c,) symbols in the order of `JOINT_INPUTS`, then those of c recorded quantities.
+        theta: (k,) symbols of the parameters.
+        before: the joint without effects.
+        after: the joint with them; its torque is the sum of those `added`.
+        added: torque of each effect.
+        recorded: c recorded quantities that the effects read.
+    """
+
+    names: tuple[str, ...]
+    inputs: Expression
+    theta: Expression
+    before: Joint
+    after: Joint
+    added: tuple[Expression, ...]
+    recorded: tuple[RecordedColumn, ...]
+
+    @cached_property
+    def torques(self) -> ca.Function:
+        """``(inputs, theta)`` to torque, torque on the neighbour towards the base, and gain and offset of the reading.
+
+        Recorded quantities have their usual values.
+        """
+        joint, usual = self.after, [column.usual for column in self.recorded]
+        inputs, recorded = ca.vertsplit(self.inputs, [0, len(JOINT_INPUTS), self.inputs.numel()])
+        found = [joint.torque, joint.inner_torque, joint.gain, joint.offset]
+        outputs = ca.substitute(found, [recorded], [ca.SX(usual)]) if usual else found
+        return ca.Function("torques", [inputs, self.theta], outputs)
+
+    @property
+    def needs_more_than_an_instant(self) -> str:
+        """Why torques are no function of one instant; empty if they are."""
+        if self.after.added_states:
+            return "has a state of its own"
+        time = self.before.time
+        return "depends on time" if ca.depends_on(ca.vertcat(self.after.torque, self.after.inner_torque), time) else ""
+
+
 @lru_cache(maxsize=256)
-def _composed(effects: tuple[Effect, ...]) -> JointTorqueFunctions:
+def composed_joint(effects: tuple[Effect, ...]) -> ComposedJoint:
+    """A joint with effects, in the given order.
+
+    Raises:
+        InputError: an effect changes the joint's torque otherwise than by adding to it.
+    """
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
@@ -233,15 +281,24 @@ def _composed(effects: tuple[Effect, ...]) -> JointTorqueFunctions:
     time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT_INDEX]
     told = DriveCommands(*symbols[COMMAND_INPUT_INDEX : len(JOINT_INPUTS)])
     recorded = dict(zip(columns, symbols[len(JOINT_INPUTS) :], strict=True))
-    before, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
-    joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)
+    torque, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
+    before = joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)
     added = []
     for e in effects:
-        joint = e.apply(replace(joint, torque=before), by_name, recorded)
-        added.append(ca.substitute(joint.torque, before, 0))
-        if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
+        joint = e.apply(replace(joint, torque=torque), by_name, recorded)
+        added.append(ca.substitute(joint.torque, torque, 0))
+        if not ca.is_equal(ca.jacobian(joint.torque, torque), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
-    remembered = InternalStates(joint.added_states, inputs, load, theta)
+    after = replace(joint, torque=sum(added, ca.SX(0)))
+    return ComposedJoint(names, inputs, theta, before, after, tuple(added), columns)
+
+
+@lru_cache(maxsize=256)
+def _composed(effects: tuple[Effect, ...]) -> JointTorqueFunctions:
+    composed = composed_joint(effects)
+    names, inputs, theta, joint = composed.names, composed.inputs, composed.theta, composed.after
+    added, columns, shape = composed.added, composed.recorded, composed.before.link.shape
+    remembered = InternalStates(joint.added_states, inputs, composed.before.load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.lag, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):

@@ -5,13 +5,14 @@ is called that adds it. An effect whose equation is no sum of slots has none, an
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
+from armdyn.arm.composition import composed_joint
+from armdyn.arm.physics import DriveCommands, Expression
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 
@@ -85,12 +86,10 @@ def slots_of(effect: Effect) -> EffectSlots:
         return EffectSlots(frozenset({PLAY}), "", ca.Function("slots", [play], [play]), (PLAY,))
     if effect.columns:
         return EffectSlots(frozenset(), "a recorded column")
-    theta = {f"{effect.name}.{short}": ca.SX.sym(short) for short in effect.quantities}
-    time, q, v, a, way, load, on = (ca.SX.sym(name) for name in ("time", "q", "v", "a", "way", "load", "on"))
-    inner = Neighbour(*(ca.SX.sym(f"inner_{name}") for name in "qva"))
-    told = DriveCommands(*(ca.SX.sym(one.name) for one in fields(DriveCommands)))
-    before = Joint(time, q, v, a, way, load, inner, Link(ca.SX.eye(4), ca.SX(4, 4)), on=on, told=told)
-    after = effect.apply(before, theta)
+    composed = composed_joint((effect.on(),))
+    before, after, theta = composed.before, composed.after, ca.vertsplit(composed.theta)
+    q, v, a, way = before.position, before.velocity, before.acceleration, before.direction
+    inner, told = before.inner, before.told
     found = dict[str, Expression]()
     if not ca.is_equal(after.link.pseudo_inertia, before.link.pseudo_inertia, MAX_DEPTH):
         found[LINK] = ca.SX(0)
@@ -98,11 +97,11 @@ def slots_of(effect: Effect) -> EffectSlots:
         found[GAIN] = after.gain
     if not _vanishes(after.delay):
         found[READING_DELAY] = after.delay
-    torque, reading = (ca.substitute(ca.SX(part), on, 1) for part in (after.torque, after.offset))
+    torque, reading = (ca.substitute(ca.SX(part), before.on, 1) for part in (after.torque, after.offset))
     if after.added_states or not _vanishes(after.inner_torque):
         return EffectSlots(frozenset(), "a state of its own" if after.added_states else "another joint")
     others = {
-        "the time": [time], "the load": [load], PAST_COMMANDS: [told.total], VOLTAGE: [told.voltage],
+        "the time": [before.time], "the load": [before.load], PAST_COMMANDS: [told.total], VOLTAGE: [told.voltage],
         "the drive's torque": [told.torque],
         "another joint's motion": [inner.position, inner.velocity, inner.acceleration],
     }  # fmt: skip
@@ -116,7 +115,7 @@ def slots_of(effect: Effect) -> EffectSlots:
     except _NotLinearError as wrong_in:
         return EffectSlots(frozenset(), str(wrong_in))
     values = {name: part for name, part in found.items() if name != LINK}
-    return EffectSlots(frozenset(found), "", ca.Function("slots", [*theta.values()], [*values.values()]), tuple(values))
+    return EffectSlots(frozenset(found), "", ca.Function("slots", theta, [*values.values()]), tuple(values))
 
 
 def simplest_effect(*slots: str) -> Effect:

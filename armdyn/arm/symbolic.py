@@ -6,15 +6,16 @@ effects; other effects add to the drives' torques. Gain and offset of a drive's 
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.composition import composed_joint
 from armdyn.arm.control_laws import DriveSignals
 from armdyn.arm.model import ArmModel
-from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
+from armdyn.arm.physics import DriveCommands, Expression
 from armdyn.arm.rigid import joint_axes, parent_joints
 from armdyn.arm.slots import slots_of
 from armdyn.errors import InputError
@@ -110,30 +111,26 @@ def torques_added_by_effects(
     Raises:
         InputError: an effect depends on time or has states of its own.
     """
-    n, before, time = len(model.arm.joints), parent_joints(model.arm.model), ca.SX.sym("time")
+    n, inward = len(model.arm.joints), parent_joints(model.arm.model)
     torque, gain, offset = [ca.SX(0)] * n, [], []
-    for i, (name, inner) in enumerate(zip(model.arm.joints, before, strict=True)):
-        neighbour = Neighbour(*(part[inner] if inner >= 0 else ca.SX(0) for part in motion))
-        command, link = told[i] if told else DriveCommands(), Link(ca.SX(4, 4), ca.SX(4, 4))
-        q, v, a = (part[i] for part in motion)
-        joint = Joint(time, q, v, a, direction[i], load[i], neighbour, link, on=on[i], told=command)
-        for effect in model.effects:
-            if effect.reach == "base" or name not in model.joints_having_effect(effect.name):
-                continue
-            full = (f"{effect.name}.{short}" for short in effect.quantities)
-            values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
-            # The link's parameters contain the changes of the link already.
-            joint = replace(effect.apply(joint, values), link=joint.link)
-            if joint.added_states or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
-                why = "has a state of its own" if joint.added_states else "depends on time"
+    for i, (name, inner) in enumerate(zip(model.arm.joints, inward, strict=True)):
+        effects = [e.on() for e in model.effects if name in model.joints_having_effect(e.name)]
+        for effect in effects:
+            if why := composed_joint((effect,)).needs_more_than_an_instant:
                 raise InputError(
                     f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
                 )
-        torque[i] += joint.torque
+        joint, neighbour = composed_joint(tuple(effects)), [part[inner] if inner >= 0 else 0 for part in motion]
+        own = [part[i] for part in (*motion, direction, load)]
+        command = told[i] if told else DriveCommands()
+        given = [0, *own, *neighbour, on[i], *(getattr(command, part.name) for part in fields(DriveCommands))]
+        values = [theta[model.names.index(f"{quantity}[{name}]")] for quantity in joint.names]
+        own_torque, inner_torque, own_gain, own_offset = joint.torques(ca.vertcat(*given), ca.vertcat(*values))
+        torque[i] += own_torque
         if inner >= 0:
-            torque[inner] += joint.inner_torque
-        gain.append(joint.gain)
-        offset.append(joint.offset)
+            torque[inner] += inner_torque
+        gain.append(own_gain)
+        offset.append(own_offset)
     return ca.vertcat(*torque), ca.vertcat(*gain), ca.vertcat(*offset)
 
 
