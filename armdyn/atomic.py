@@ -1,12 +1,16 @@
-"""Write files in one step: also after a crash, a file has its old or its complete new content, never a part of it.
+"""The only place that writes files: also after a crash, a file has its old or its new content, never a part of it.
 
 A regular file is replaced by renaming a complete new one, which gets its mode and owner. A link stays a link: the file
-that it points to is replaced. Pipes and devices are written to directly.
+that it points to is replaced. Pipes and devices are written to directly. Recordings, logs and journals, which are
+useful before they are complete, grow (`CrashSafeGrowingFile`). No file that the command has read is overwritten, under
+whatever name: that is checked at the start, and again before the old file is replaced.
 """
 
+import io
 import os
 import re
 import secrets
+import shutil
 import stat
 import sys
 import time
@@ -40,7 +44,8 @@ def make_directory(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot make the directory {str(path)!r}: {error}; choose another place") from error
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot make the directory {str(path)!r}: {why}; choose another place") from error
 
 
 @contextmanager
@@ -56,7 +61,7 @@ def replace_file(path: Path) -> Iterator[BinaryIO]:
     """
     with _refusing(path):
         if is_stream(path):
-            with _stream(path) as file:
+            with io.BufferedWriter(_stream(path)) as file:
                 yield file
         else:
             with _beside(_replaceable(path)) as file:
@@ -121,59 +126,120 @@ def _open_descriptor(path: Path) -> int | None:
     return int(match[1]) if match else _STANDARD.get(name)
 
 
-def _stream(path: Path) -> BinaryIO:
+def _stream(path: Path) -> io.FileIO:
     descriptor = _open_descriptor(path)
     if descriptor is None:
         return path.open("wb", buffering=0)
     for standard in (sys.stdout, sys.stderr):  # earlier output comes first
         with suppress(OSError, ValueError, AttributeError):
             standard.flush()
-    return os.fdopen(os.dup(descriptor), "wb")
+    return os.fdopen(os.dup(descriptor), "wb", buffering=0)
+
+
+def move_file(source: Path, target: Path) -> None:
+    """Move a file to a place, where it replaces a file and gets its mode; a link at `target` stays a link.
+
+    Raises:
+        InputError: `target` cannot be written to, or the command has read the old file there.
+    """
+    with _refusing(target):
+        place = _replaceable(target)
+        if place.is_file():
+            with suppress(OSError):
+                shutil.copymode(place, source)
+        try:
+            source.replace(place)
+        except OSError:  # on another disk
+            with source.open("rb") as old, replace_file(place) as new:
+                shutil.copyfileobj(old, new)
+            source.unlink()
+        allow_overwrite(place)
 
 
 class CrashSafeGrowingFile:
     """A file that is useful before it is complete, such as a recording: after a crash it holds all that was written.
 
     A new file is written under its own name. Where an old file has this name, the new one is written beside it under
-    another name, and replaces the old one in `finish`.
+    another name, and replaces the old one in `finish`. A full disk raises no error: `failure` then says what happened,
+    and nothing more is written, because neither a robot nor its watch may stop for a log.
 
     Args:
         path: path of the file; see `replace_file`.
+        append: whether to append to an old file, instead of replacing it.
 
     Attributes:
-        stream: stream to write to.
+        stream: stream for a library to write to; its errors are passed to `fail`.
+        failure: why the file could not be written any further; None while it can.
 
     Raises:
         InputError: the file cannot be written to.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._target = self._beside = None
+    def __init__(self, path: Path, *, append: bool = False) -> None:
+        self.failure: str | None = None
+        self._name, self._target, self._beside = path.name, path, path
         with _refusing(path):
             if is_stream(path):
-                self.stream = _stream(path)
-                return
-            target = _replaceable(path)
-            if target.exists():
-                unfinished = f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
-                self._target, self._beside = target, target.with_name(unfinished)
-            self.stream = (self._beside or target).open("xb")
-            allow_overwrite(self._beside or target)
+                self._raw: io.RawIOBase = _stream(path)
+            else:
+                self._target = self._beside = _replaceable(path)
+                if self._target.exists() and not append:
+                    unfinished = f"{path.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{path.suffix}"
+                    self._beside = self._target.with_name(unfinished)
+                self._raw = self._beside.open("ab" if append else "xb", buffering=0)
+                allow_overwrite(self._beside)
+        self.stream = io.BufferedWriter(self._raw)
+
+    def write(self, text: str, *, durable: bool = False) -> None:
+        """Append a text as UTF-8; of a text that does not fit on the disk, nothing is written.
+
+        Args:
+            text: complete lines.
+            durable: whether to wait until the disk has stored them.
+        """
+        if self.failure is not None:
+            return
+        before = None
+        try:
+            before = self._raw.tell() if self._raw.seekable() else None
+            left = memoryview(text.encode("utf-8", errors="replace"))
+            while left:
+                left = left[self._raw.write(left) or 0 :]
+            if durable:
+                os.fsync(self._raw.fileno())
+        except OSError as error:
+            self.fail(error)
+            if before is not None:
+                with suppress(OSError):
+                    self._raw.truncate(before)
+
+    def fail(self, error: OSError) -> None:
+        """Write nothing more because of an error, which `failure` then describes."""
+        where = f"; what came before is in {self._beside}" if self._beside != self._target else ""
+        self.failure = self.failure or (
+            f"{self._name} could not be written any further: {error.strerror or error}; make room, or choose another "
+            f"place{where}"
+        )
 
     def finish(self) -> None:
-        """Close the file; where an old file has its name, the new one replaces it.
-
-        Raises:
-            OSError: the disk is full, or the file was moved away.
-        """
-        self.stream.close()
-        if self._beside is not None and self._target is not None:
+        """Close the file; where an old file has its name, the new one replaces it, unless `failure` is set."""
+        try:
+            self.stream.close()
+        except OSError as error:  # the disk is full
+            self.fail(error)
+        if self.failure is not None or self._beside == self._target:
+            return
+        try:
+            check_not_input(self._target)  # it may have been read after this file was opened
             with suppress(OSError):
-                old = self._target.stat()
-                self._beside.chmod(stat.S_IMODE(old.st_mode))
+                self._beside.chmod(stat.S_IMODE(self._target.stat().st_mode))
             self._beside.replace(self._target)
             allow_overwrite(self._target)
-            self._beside = None
+            self._beside = self._target
+        except InputError as error:
+            self.failure = f"{error}; what was written is in {self._beside}"
+        except OSError as error:  # the file was moved away
+            self.fail(error)
 
 
 @contextmanager
@@ -192,6 +258,7 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
                     os.fchown(descriptor, old.st_uid, old.st_gid)
                 os.fchmod(descriptor, mode)  # whatever the umask, and after the owner, which clears bits
             os.fsync(descriptor)  # a disk that is full says so at the latest here
+        check_not_input(target)  # it may have been read since the beginning
         temporary.replace(target)
         allow_overwrite(target)
     finally:

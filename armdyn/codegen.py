@@ -13,7 +13,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from armdyn import atomic
 from armdyn.cache import is_private, private_directory
+from armdyn.errors import InputError
 from armdyn.quoting import identifier
 
 # No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines. No
@@ -61,7 +63,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
         library = _kept(directory, stem) or _compile(command, source, directory, stem)
         if library is not None:
             return {key: ca.external(key, str(library)) for key in functions}
-    except (OSError, RuntimeError):  # a full disk, one without permission to execute, or a damaged library
+    except (InputError, OSError, RuntimeError):  # a full disk, one without permission to execute, or a damaged library
         pass
     return dict(functions)
 
@@ -88,7 +90,7 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
     """Compile the library; None where the compiler fails."""
     with tempfile.TemporaryDirectory(dir=directory) as scratch:
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
-        code.write_text(source)
+        atomic.write_text(code, source)
         result = subprocess.run(
             [command, *COMPILER_FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False
         )

@@ -46,7 +46,6 @@ class Recorder(Closable):
     Attributes:
         path: path of the MCAP file.
         dropped: number of samples that were left out, by channel.
-        failure: why the file could not be written any further; None while it can.
 
     Raises:
         InputError: the file cannot be written, or a channel that models use is not in SI units.
@@ -67,7 +66,6 @@ class Recorder(Closable):
     ) -> None:
         self.path = Path(path)
         self.dropped: dict[str, int] = {}
-        self.failure: str | None = None
         self._units = {name: _si(name, unit) for name, unit in channels.items()}
         for name in noise or {}:
             if name not in self._units:
@@ -84,6 +82,11 @@ class Recorder(Closable):
             self._begin()
         except OSError as error:
             raise InputError(f"cannot write {self.path}: {error.strerror or error}; choose another place") from error
+
+    @property
+    def failure(self) -> str | None:
+        """Why the file could not be written any further; None while it can."""
+        return self._file.failure
 
     def _begin(self) -> None:
         self._writer.start(profile="armdyn", library="armdyn")
@@ -123,7 +126,7 @@ class Recorder(Closable):
         try:
             self._write(channel, time, value)
         except OSError as error:
-            self._fail(error)
+            self._file.fail(error)
 
     def _write(self, channel: str, time: float, value: float) -> None:
         if time - self._flushed_at >= FLUSH_PERIOD_SECONDS:
@@ -188,17 +191,8 @@ class Recorder(Closable):
                 self._writer.add_metadata(DROPPED_RECORD, {name: str(count) for name, count in self.dropped.items()})
             self._writer.finish()
         except OSError as error:
-            self._fail(error)
-        try:
-            self._file.finish()
-        except OSError as error:
-            self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        self.failure = self.failure or (
-            f"the recording {self.path.name} could not be written any further: {error.strerror or error}; make room, "
-            "or choose another place"
-        )
+            self._file.fail(error)
+        self._file.finish()
 
     def _register_topics(self) -> dict[str, int]:
         """Register a topic per group of channels, with a JSON schema that names each field's channel and unit."""

@@ -85,6 +85,41 @@ def test_effects_are_seldom_called_by_name():
     assert found.total() <= MOST_EFFECTS_BY_NAME, found.most_common(5)
 
 
+WRITES_ITSELF = {
+    "armdyn/atomic.py",
+    "pipeline/console/screen.py",  # the null device, for a reader that ended early
+    "pipeline/console/streams.py",  # the same, and the report of an error of armdyn's own
+    "pipeline/trial/folder.py",  # the lock
+}
+
+
+WRITING_MODE = re.compile(r"[wax][bt]?\+?[bt]?|r[bt]?\+[bt]?")
+
+
+def writes(call):
+    """Whether a call may write to a file without `armdyn.atomic`."""
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    of = call.func.value.id if isinstance(call.func, ast.Attribute) and isinstance(call.func.value, ast.Name) else ""
+    modes = {part.value for part in [*call.args[:2], *(k.value for k in call.keywords if k.arg == "mode")]
+             if isinstance(part, ast.Constant) and isinstance(part.value, str)}  # fmt: skip
+    return (
+        (name in ("write_text", "write_bytes") and of not in ("atomic", ""))
+        or (name in ("open", "fdopen") and any(map(WRITING_MODE.fullmatch, modes)))
+        or (of == "os" and name == "open")
+        or (of == "shutil" and name in ("copy", "copy2", "copyfile", "move"))
+        or name == "NamedTemporaryFile"
+    )  # fmt: skip
+
+
+def test_files_are_written_by_one_module():
+    """What writes a file by itself may overwrite an input, or leave half a file on a full disk."""
+    found = {
+        file.relative_to(ROOT).as_posix() for file in FILES
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call) and writes(node)
+    }  # fmt: skip
+    assert found == WRITES_ITSELF
+
+
 def test_linear_systems_are_solved_in_the_kernel():
     """Elsewhere only where a robot's own mechanics or a sensor's smoothing needs a decomposition."""
     solve = re.compile(r"linalg\.(solve|inv|pinv|lstsq|cholesky)\(|cho_(solve|factor)\(|solve_(triangular|banded)\(")

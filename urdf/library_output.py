@@ -1,11 +1,13 @@
 """Capture messages that C++ libraries print, in order to report them in an error message of one line."""
 
+import io
 import os
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import IO
 
 from urdf.robot import UrdfError
 
@@ -29,7 +31,7 @@ def captured_output() -> Iterator[CapturedOutput]:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
             stream.flush()
-    with tempfile.TemporaryFile() as file:
+    with _scratch_file() as file:
         for descriptor in (1, 2):
             with suppress(OSError):  # closed: there is nothing to print to
                 kept.append((os.dup(descriptor), descriptor))
@@ -44,6 +46,11 @@ def captured_output() -> Iterator[CapturedOutput]:
             said.text = " ".join(file.read(100 * MAX_MESSAGE_CHARACTERS).decode("utf-8", errors="replace").split())[
                 :MAX_MESSAGE_CHARACTERS
             ]
+
+
+def _scratch_file() -> io.FileIO | IO[bytes]:
+    """A file in memory, because a disk may be full; on systems without such files one in a temporary directory."""
+    return io.FileIO(os.memfd_create("said"), "r+") if hasattr(os, "memfd_create") else tempfile.TemporaryFile()
 
 
 @contextmanager

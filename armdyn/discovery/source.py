@@ -7,6 +7,7 @@ from textwrap import indent, wrap
 
 import numpy as np
 
+from armdyn import atomic
 from armdyn.discovery.term import CandidateTerm, TermParameter
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import effects_defined_in
@@ -43,7 +44,7 @@ def effects_of_terms(terms: Sequence[CandidateTerm]) -> tuple[Effect, ...]:
     """Make effects of candidate terms, in their order; the effect of a joint's term acts on that joint only."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
-        path.write_text(effects_file_text("Candidate terms.", terms))
+        atomic.write_text(path, effects_file_text("Candidate terms.", terms))
         found = effects_defined_in(path, vars(load_module(path, "terms")))
     return tuple(e.on(t.location.joint) if t.location.joint else e for e, t in zip(found, terms, strict=True))
 

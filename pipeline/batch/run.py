@@ -7,7 +7,6 @@ later one is used. The Parquet file has a column per quantity, with the unit in 
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing import set_forkserver_preload
@@ -41,13 +40,12 @@ class Journal(Closable):
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         self.outcomes: dict[str, JobOutcome] = {}
+        self._file = atomic.CrashSafeGrowingFile(path, append=True)
+        data = read_bytes(path, MAX_JOURNAL_BYTES)
+        whole = data.rfind(b"\n") + 1
         try:
-            data = read_bytes(path, MAX_JOURNAL_BYTES) if path.exists() else b""
-            self._file = path.open("ab")
-            whole = data.rfind(b"\n") + 1
-            self._file.truncate(whole)
+            self._file.stream.truncate(whole)
         except OSError as error:
             raise InputError(
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
@@ -63,20 +61,14 @@ class Journal(Closable):
         Raises:
             InputError: the disk is full.
         """
-        try:
-            self._file.write(f"{outcome.line}\n".encode())
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise InputError(
-                f"cannot write {self._path}: {error.strerror or error}; make room and run it again"
-            ) from error
+        self._file.write(f"{outcome.line}\n", durable=True)
+        if self._file.failure is not None:
+            raise InputError(f"{self._file.failure}; the same command then continues")
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:
         """Close the journal's file."""
-        with suppress(OSError):
-            self._file.close()
+        self._file.finish()
 
 
 @dataclass(frozen=True)

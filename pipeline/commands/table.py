@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from armdyn.atomic import make_directory
 from pipeline.console.options import JsonOption
 from pipeline.console.screen import finish_command, progress_display
 
@@ -21,9 +22,9 @@ def table(
     from pipeline.report.table import table_one_report
     from pipeline.trial.table import run_table_one
 
+    make_directory(out)
     with progress_display() as show:
         result = run_table_one(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
     report = out / "report.html"
-    out.mkdir(parents=True, exist_ok=True)
     document = table_one_report(result)
     finish_command(document, result.as_json, json_file, report, lambda: document)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armdyn.atomic import CrashSafeGrowingFile
 from armdyn.errors import InputError
 from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
@@ -98,8 +99,8 @@ def watch(
         say("preparing")
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:
-        out = _Out(model, effects, json_file, sound, stack)
         kept = SampleLog(log, given) if log is not None else None
+        out = _Out(model, effects, json_file, sound, stack)
         if kept is not None:
             stack.callback(kept.close)
         shown = None
@@ -122,6 +123,9 @@ def watch(
                     out.report(event, kept)
             watching.observer.restart()
         out.end(files)
+    for written in (kept, out.file):
+        if written is not None and written.failure is not None:
+            raise InputError(f"the watch went on to its end, but {written.failure}")
 
 
 def _sources(
@@ -150,9 +154,10 @@ class _Out:
     ) -> None:
         self._model, self._effects, self._sound = model, effects, sound
         self._quiet = json_file == STANDARD_STREAM
-        self._stream = None
-        if json_file is not None:
-            self._stream = sys.stdout if self._quiet else stack.enter_context(json_file.open("w", encoding="utf-8"))
+        self.file = None
+        if json_file is not None and not self._quiet:
+            self.file = CrashSafeGrowingFile(json_file)
+            stack.callback(self.file.finish)
         self.source: Path | None = None
         self._events = 0
         self._changed: Path | None = None
@@ -169,10 +174,13 @@ class _Out:
         from armdyn.watch.event import EventKind
 
         self._events += 1
-        if self._stream is not None:
-            run = {} if self.source is None else {"run": str(self.source)}
-            self._stream.write(json.dumps({**event.answer, **run}, allow_nan=False) + "\n")
-            self._stream.flush()
+        run = {} if self.source is None else {"run": str(self.source)}
+        line = json.dumps({**event.answer, **run}, allow_nan=False) + "\n"
+        if self._quiet:
+            sys.stdout.write(line)
+            sys.stdout.flush()
+        elif self.file is not None:
+            self.file.write(line)
         where = "" if self.source is None else f"{self.source}: "
         self.note(f"{where}{event.time:.2f} s: {event.sentence}")
         if event.kind in (EventKind.LOAD_CHANGED, EventKind.ROBOT_CHANGED):

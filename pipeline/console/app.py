@@ -1,5 +1,6 @@
 """Build the command line from the commands, run a command, and convert its errors to one line and an exit status."""
 
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterable
@@ -152,7 +153,12 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
         return _say(str(error), 1)
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
         return _say(str(error), 2)
-    if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is full or gone
+    # Of a temporary file; without a file's name also ENOENT, which `tempfile` raises where no directory takes a file.
+    if isinstance(error, OSError) and (
+        error.errno in FULL_DISK_ERRORS or (error.errno == errno.ENOENT and error.filename is None)
+    ):
+        return _say(f"nothing more can be written: {error.strerror}: make room, or choose another place", 2)
+    if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is gone
         return _say(f"{printable_excerpt(str(error.filename))}: {error.strerror}: choose another file or place", 2)
     return _say(report_unexpected_error(error), 3)
 
@@ -163,6 +169,8 @@ def _is_urdf_error(error: BaseException) -> bool:
     return module is not None and isinstance(error, module.UrdfError)
 
 
+FULL_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""Numbers of the system's errors where there is no room to write, or nothing on the disk may be written."""
 MAX_WORD_CHARACTERS = 300
 """Largest number of characters of a word in an error message; longer words are cut."""
 

@@ -151,19 +151,27 @@ def report_and_save_trial(
 
     Raises:
         typer.Exit: with status 1 if the load missed the box, 128 + n if signal n ended the trial.
+        InputError: a file could not be written; the result was printed before.
     """
     result, report = done.result, out / "report.html"
-    # The result is written first, so that a failing report (after a fault, on a full disk) cannot lose it.
-    if json_file is not None:
-        write_json(answer, json_file)
     pictures: Sequence[Path] = ()
+    unwritten = result.unwritten
+    try:
+        # The result is written first, so that a failing report (after a fault, on a full disk) cannot lose it.
+        if json_file is not None:
+            write_json(answer, json_file)
+    except InputError as error:
+        unwritten = unwritten or str(error)
     if result.signal is not None and not always_report:
         problem = "no report: who interrupts a trial wants it to end"
     else:
         with progress_display() as progress:
             progress("writing the report")
-            problem = _report_problem(done, report)
-            pictures = draw(progress)
+            try:
+                problem = _report_problem(done, report)
+                pictures = draw(progress)
+            except InputError as error:
+                problem, unwritten = "no report", unwritten or str(error)
     if json_file != Path("-"):
         say = screen_console().print
         if result.estimates:
@@ -185,6 +193,8 @@ def report_and_save_trial(
             say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
     if result.signal is not None:
         raise typer.Exit(128 + result.signal)
+    if unwritten:
+        raise InputError(f"the trial went on to its end, but {unwritten}")
     if not result.success:
         raise typer.Exit(1)
 

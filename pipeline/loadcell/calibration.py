@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-from armdyn.atomic import write_text
+from armdyn import atomic
 from armdyn.errors import InputError
 from pipeline.loadcell.faults import LoadCellFaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
@@ -115,11 +115,8 @@ class Calibration:
             table = tomlkit.inline_table()
             table.update(entries)
             document.add(name, table)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot make the folder {path.parent}: {error.strerror}; choose another place") from error
-        write_text(path, tomlkit.dumps(document))
+        atomic.make_directory(path.parent)
+        atomic.write_text(path, tomlkit.dumps(document))
 
     @classmethod
     def load(cls, path: Path) -> "Calibration":

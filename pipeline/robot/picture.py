@@ -12,6 +12,7 @@ import trimesh
 from PIL import Image
 
 import urdf
+from armdyn import atomic
 from armdyn.errors import InputError
 from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import add_box, add_load, add_string, arm_only_urdf
@@ -160,9 +161,11 @@ def render_swing(
     if animated:
         first, *others = (image.quantize(128) for image in images)
         duration = round(1000 / frames_per_second)
-        first.save(path, save_all=True, append_images=others, duration=duration, loop=0)
+        with atomic.replace_file(path) as file:
+            first.save(file, "gif", save_all=True, append_images=others, duration=duration, loop=0)
     else:
-        _sheet(images).save(path)
+        with atomic.replace_file(path) as file:
+            _sheet(images).save(file, "png")
 
 
 def _frames(

@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
@@ -23,11 +23,13 @@ class TrialEnding:
         success: whether the load came to rest in the box.
         message: sentence for the user.
         stopped: whether the trial was ended early, for safety or by the user.
+        unwritten: sentence on files that could not be written, such as on a full disk; empty where all were.
     """
 
     success: bool
     message: str
     stopped: bool
+    unwritten: str = field(default="", kw_only=True)
 
 
 def bring_to_rest(

@@ -258,7 +258,7 @@ class Experiment:
         """Reason why the trial must stop, as a sentence; None if it may continue."""
         if self.interrupted is not None:
             return f"{signal_sentence(self.interrupted)} at {self._robot.time:.2f} s"
-        return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
+        return self.measurement.fault or self.drive.fault or self._watched
 
     @property
     def _watched(self) -> str | None:

@@ -4,12 +4,12 @@ A killed trial leaves the user's files unchanged, and its recording in a folder 
 """
 
 import os
-import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
+from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.read_files import check_not_input
 
@@ -53,19 +53,13 @@ def temporary_output_folder(out: Path | None) -> Iterator[Path]:
 
 def _move(folder: Path, out: Path) -> None:
     """Move the files; old reports are removed first, so that no report lies beside a recording that is not its own."""
+    files = sorted(folder.iterdir())
+    for name in {*REPORT_AND_PICTURE_FILES, *(file.name for file in files)}:
+        check_not_input(out / name)  # all of them before the first is moved
     for name in REPORT_AND_PICTURE_FILES:
         (out / name).unlink(missing_ok=True)
-    for file in sorted(folder.iterdir()):
-        target = out / file.name
-        # Links are followed, and the existing file's permissions are kept.
-        target = target.resolve() if target.is_symlink() else target
-        if target.is_file():
-            with suppress(OSError):
-                shutil.copymode(target, file)
-        try:
-            file.replace(target)
-        except OSError:  # the link points to another disk
-            shutil.move(file, target)
+    for file in files:
+        atomic.move_file(file, out / file.name)
     folder.rmdir()
 
 

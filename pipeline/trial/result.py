@@ -216,16 +216,17 @@ def finish_recording(experiment: Experiment, ending: TrialEnding, recorder: Reco
     Returns:
         The ending; its message also contains failures to write.
     """
-    problems = []
+    unfinished = ""
     try:
         recorder.close()
     except (ArmdynError, OSError) as error:
-        problems.append(str(error))
-    if recorder.failure is not None:
-        problems.append(recorder.failure)
+        unfinished = str(error)
+    problems = [problem for problem in (recorder.failure, unfinished) if problem]
     try:
         write_model_file(folder / "model.toml", ModelFile(experiment.estimator.model, {}))
     except (ArmdynError, OSError) as error:
         problems.append(f"the model was not written: {error}")
+    if not problems:
+        return ending
     new = [problem for problem in problems if problem not in ending.message]
-    return replace(ending, message="; ".join([ending.message, *new])) if new else ending
+    return replace(ending, message="; ".join([ending.message, *new]), unwritten=problems[0])

@@ -1,17 +1,18 @@
 """Log of a watch's samples as recordings, with a new file after each change of the arm, for a repair of the model."""
 
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.errors import InputError
+from armdyn.atomic import CrashSafeGrowingFile
 from armdyn.watch.fault_free import JointSample
 
 
 class SampleLog:
-    """Writes an arm's samples to recordings in CSV; every line is flushed, and existing later files are kept.
+    """Writes an arm's samples to recordings in CSV; every line is written at once, and existing later files are kept.
+
+    A full disk ends the log, not the watch: see `CrashSafeGrowingFile`.
 
     Args:
         file: first recording; ``run_2.csv`` follows ``run.csv``.
@@ -37,13 +38,15 @@ class SampleLog:
         self.file = file
         self._stream = self._opened()
 
-    def _opened(self) -> TextIO:
-        try:
-            stream = self.file.open("w", encoding="utf-8", buffering=1)
-        except OSError as error:
-            raise InputError(f"cannot write {self.file}: {error.strerror}; choose another place, --log") from error
+    def _opened(self) -> CrashSafeGrowingFile:
+        stream = CrashSafeGrowingFile(self.file)
         stream.write(self._heads + "\n")
         return stream
+
+    @property
+    def failure(self) -> str | None:
+        """Why the log could not be written any further; None while it can."""
+        return self._stream.failure
 
     def write(self, sample: JointSample) -> None:
         """Write a sample as one line; a missing value (nan) becomes an empty cell."""
@@ -52,8 +55,10 @@ class SampleLog:
         self._stream.write(",".join(cells) + "\n")
 
     def next_file(self) -> None:
-        """Close the present file, and start the file with the next unused number."""
+        """Close the present file, and start the file with the next unused number; nothing after a full disk."""
         self.close()
+        if self.failure is not None:
+            return
         while self.file.exists():
             self._count += 1
             self.file = self._first.with_stem(f"{self._first.stem}_{self._count}")
@@ -61,4 +66,4 @@ class SampleLog:
 
     def close(self) -> None:
         """Close the present file."""
-        self._stream.close()
+        self._stream.finish()

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from armdyn import atomic
 from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
@@ -246,7 +247,7 @@ def write_discovered_laws(folder: Path, own: Path | None, text: str) -> Path:
     """
     before = "" if own is None else own.read_text(encoding="utf-8") + "\n\n"
     target = folder / "discovered.py"
-    target.write_text(before + text, encoding="utf-8")
+    atomic.write_text(target, before + text)
     return target
 
 
@@ -352,5 +353,6 @@ def _copied(file: Path, target: Path, writable: WritableFileCheck, over: bool) -
     """Copy a file, unless an equal copy exists."""
     if not target.exists() or target.read_bytes() != file.read_bytes():
         writable.check(target, over)
-        shutil.copyfile(file, target)
+        with atomic.replace_file(target) as copy:
+            copy.write(file.read_bytes())
     return [target]

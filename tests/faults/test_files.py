@@ -13,6 +13,7 @@ import pytest
 
 from armdyn import atomic
 from armdyn.errors import InputError
+from armdyn.read_files import refuse_overwriting_inputs
 from armdyn.run import Run, read_run, write_run_csv
 from pipeline.console.outputs import check_outputs
 
@@ -202,6 +203,63 @@ def test_a_reader_that_ends_early_is_no_error():
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("old", ["old", None], ids=["a file", "nothing yet"])
+def test_what_grows_on_a_full_disk_ends_with_a_whole_line_and_never_raises(tmp_path, old):
+    code = (
+        "import resource, sys; from pathlib import Path; from armdyn.atomic import CrashSafeGrowingFile\n"
+        "file = CrashSafeGrowingFile(Path(sys.argv[1])); resource.setrlimit(resource.RLIMIT_FSIZE, (1005, 1005))\n"
+        "for _ in range(300): file.write('123456789\\n')\n"
+        "file.finish(); print(file.failure)"
+    )
+    path = tmp_path / "a.csv"
+    if old is not None:
+        path.write_text(old)
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("a.csv could not be written any further: File too large")
+    written = [file for file in tmp_path.iterdir() if file.read_text() != "old"]
+    assert [file.read_text() for file in written] == [100 * "123456789\n"]
+    assert (path.read_text() == "old") == (old is not None)
+
+
+@pytest.mark.parametrize("growing", [True, False])
+def test_a_file_that_is_read_while_another_is_written_under_its_name_stays(tmp_path, growing):
+    path, link = tmp_path / "a.csv", tmp_path / "b.csv"
+    path.write_text("old")
+    os.link(path, link)
+
+    def replaced():
+        with atomic.replace_file(path) as new:
+            new.write(b"new")
+            link.read_text()
+
+    with refuse_overwriting_inputs():
+        if growing:
+            file = atomic.CrashSafeGrowingFile(path)
+            file.write("new")
+            link.read_text()
+            file.finish()
+            assert "is an input, which was read" in file.failure
+        else:
+            with pytest.raises(InputError, match="is an input, which was read"):
+                replaced()
+    assert path.read_text() == "old"
+    assert len(names(tmp_path)) == 2 + growing  # what was recorded is kept beside it
+
+
+def test_a_file_is_moved_over_another_but_not_over_an_input(tmp_path):
+    for name in ("new", "old", "read"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "old").chmod(0o600)
+    with refuse_overwriting_inputs():
+        (tmp_path / "read").read_text()
+        with pytest.raises(InputError, match="is an input"):
+            atomic.move_file(tmp_path / "new", tmp_path / "read")
+        atomic.move_file(tmp_path / "new", tmp_path / "old")
+    assert names(tmp_path) == ["old", "read"]
+    assert (tmp_path / "old").read_text() == "new"
+    assert stat.S_IMODE((tmp_path / "old").stat().st_mode) == 0o600
 
 
 def test_a_full_disk_never_leaves_half_a_pair(tmp_path, monkeypatch, complains):

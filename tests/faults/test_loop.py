@@ -272,7 +272,7 @@ def test_a_plan_that_is_not_a_number_never_moves_the_arm(tmp_path, monkeypatch, 
     assert_told(trial, "plan holds a NaN", tmp_path)
 
 
-def test_a_full_disk_ends_at_rest_and_leaves_what_was_written(tmp_path):
+def test_a_full_disk_costs_the_recording_and_not_the_swing(tmp_path):
     robot = Through()
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
@@ -281,6 +281,7 @@ def test_a_full_disk_ends_at_rest_and_leaves_what_was_written(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert_at_rest_within_limits(trial, robot)
+    assert trial.experiment.estimator.history  # long after the disk was full
     assert "could not be written any further" in trial.result.message
     assert len(trial.experiment.channel("gripper_x")) > 50  # in memory nothing is lost
     assert read_run(tmp_path / "trial.mcap", recover=True).channels["gripper_x"].time[-1] > 0.1

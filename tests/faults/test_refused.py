@@ -3,6 +3,7 @@
 import os
 import shlex
 
+import numpy as np
 import pytest
 from faults.samples import csv
 from robots import joint, link, robot
@@ -56,7 +57,8 @@ READ = (  # what was read, also indirectly or under another name, is no output
     "repair m.toml a.csv --output a.toml", "inspect a.csv --json a.toml", "new arm a.urdf --urdf a.urdf",
     "new arm n.toml --urdf a.urdf --json a.urdf", "new arm n.toml --urdf a.urdf --json arm.stl",
     "batch spec.toml --output out --json m.toml", "batch spec.toml --output out --json a.toml",
-    "trial --model model.toml --out . --seed 1",
+    "trial --model model.toml --out . --seed 1", "watch arm.toml q.csv --calibrate q.csv --log hard.urdf",
+    "watch arm.toml q.csv --calibrate q.csv --json hard.urdf", "export arm.toml --output hard.urdf --force",
 )  # fmt: skip
 PIPES = (
     "compare m.toml pipe", "inspect pipe", "import pipe --output runs", "compare pipe a.csv",
@@ -73,12 +75,16 @@ def folder(tmp_path):
         (tmp_path / name).write_text(GOOD)
     (tmp_path / "a.toml").write_text('description = "a swing"\n')
     (tmp_path / "spec.toml").write_text(SPEC)
+    (tmp_path / "arm.toml").write_text('base = "arm"\nurdf = "a.urdf"\njoints = ["j"]\neffects = []\n')
+    rows = (f"{i / 50},{np.sin(i / 30)},{9.81 * np.cos(i / 30)}\n" for i in range(1000))
+    (tmp_path / "q.csv").write_text("time [s],q.j [rad],tau.j [N m]\n" + "".join(rows))
     (tmp_path / "arm.stl").write_text(MESH)
     shape = '<visual><geometry><mesh filename="arm.stl"/></geometry></visual>'
     (tmp_path / "a.urdf").write_text(robot('<link name="base"/>', link("arm", shape=shape), joint("j", "base", "arm")))
     for name, target in (("link.json", "a.toml"), ("loop.csv", "other.csv"), ("other.csv", "loop.csv")):
         (tmp_path / name).symlink_to(target)
-    os.link(tmp_path / "a.toml", tmp_path / "hard.json")
+    for name, other in (("a.toml", "hard.json"), ("a.urdf", "hard.urdf")):
+        os.link(tmp_path / name, tmp_path / other)
     return tmp_path
 
 

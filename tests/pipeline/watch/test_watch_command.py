@@ -120,6 +120,18 @@ def test_what_it_cannot_watch_is_refused(folder, calibrated, refused, tmp_path, 
     assert "its first line has no q.shoulder_lift_joint" in said
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+def test_a_full_disk_costs_the_log_and_not_the_watch(folder, calibrated, armdyn):
+    words = ("watch", folder / "m.toml", folder / "day" / "a_contact.csv", *calibrated, "--log", "/dev/full")
+    status, out, err = armdyn(*words)
+    assert status == 2
+    assert "something outside acts on the arm" in out
+    assert err == (
+        "armdyn: the watch went on to its end, but full could not be written any further: No space left on device; "
+        "make room, or choose another place\n"
+    )
+
+
 def test_no_part_of_a_log_writes_over_a_file(tmp_path):
     (tmp_path / "day_2.csv").write_text("kept")
     log = SampleLog(tmp_path / "day.csv", arm_model(robot="ur5"))
