@@ -49,10 +49,7 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
             f"of it, {proposal}"
         )
     try:
-        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in header and "," not in header:
-                raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
-        columns = _columns(labels_of(header, ","), units)
+        columns = header_columns(header, units)
         return _channels(parse_delimited(text), columns, complete=units is not None)
     except UnknownNameError as error:
         strange = f"; if it is another program's: {proposal}" if units is None else ""
@@ -93,10 +90,21 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
     return "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n"
 
 
-def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[str, Conversion]:
-    """Conversion of each column to its SI unit, by the column's name."""
+def header_columns(header: str, units: Mapping[str, str] | None = None) -> dict[str, Conversion]:
+    """Conversion of each column of a recording to its SI unit, by the column's name.
+
+    Args:
+        header: first line of the table.
+        units: SI unit of every allowed column, for a table that is no recording.
+
+    Raises:
+        InputError: the columns are not separated by commas, or one has no known name and unit.
+    """
+    for separator, separators in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in header and "," not in header:
+            raise InputError(f"columns are separated by {separators}: save it with commas and decimal points")
     columns: dict[str, Conversion] = {}
-    for place, label in enumerate(labels, start=1):
+    for place, label in enumerate(labels_of(header, ","), start=1):
         name, written = name_and_unit(label)
         if not written and "[" in label and not label.endswith("]"):
             raise InputError(

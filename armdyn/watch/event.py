@@ -10,52 +10,56 @@ EVENT_SCHEMA = "armdyn.watch/1"
 
 
 class EventKind(Enum):
-    """Kind of an event, with its name in JSON; `UNIDENTIFIED` is a detected change that is not identifiable yet."""
+    """Kind of an event, with its name in JSON.
+
+    `UNIDENTIFIED` is a detected change that is not identifiable yet; `SILENT` a source without samples to watch.
+    """
 
     OUTSIDE_TORQUE = "outside_torque"
     LOAD_CHANGED = "load_changed"
     ROBOT_CHANGED = "robot_changed"
     UNIDENTIFIED = "not_told"
     RECOVERED = "recovered"
+    SILENT = "silent"
 
 
 @dataclass(frozen=True)
 class WatchEvent:
-    """An event on the arm: an outside torque or a change, detected or ended.
+    """An event on the arm: an outside torque or a change, detected or ended; or one of the source of its samples.
 
     Attributes:
         time: time of the report, s.
         kind: kind of the event.
-        joint: name of the joint with the clearest evidence.
         since: estimated time of the event's start, s.
+        what: name of the effect, or of all possible effects; why samples of the source are not watched.
+        false_alarms_per_hour: rate of events of all kinds on a fault-free robot.
+        sentence: the event in words.
+        joint: name of the joint with the clearest evidence; None for an event of the source, as all that follows.
         size: estimated size, in `unit`.
         std: standard deviation of the size, in `unit`.
         unit: unit of size and std.
-        what: name of the effect, or of all possible effects.
-        false_alarms_per_hour: rate of events of all kinds on a fault-free robot.
-        sentence: the event in words.
     """
 
     time: float
     kind: EventKind
-    joint: str
     since: float
-    size: float
-    std: float
-    unit: str
     what: str
     false_alarms_per_hour: float
     sentence: str
+    joint: str | None = None
+    size: float | None = None
+    std: float | None = None
+    unit: str | None = None
 
     @property
     def answer(self) -> dict[str, Any]:
         """The event as a dictionary for JSON."""
-        return {
+        given = {
             "schema": EVENT_SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint,
-            "since": self.since,
-            "size": self.size, "std": self.std, "unit": self.unit, "what": self.what,
+            "since": self.since, "size": self.size, "std": self.std, "unit": self.unit, "what": self.what,
             "false_alarms_per_hour": self.false_alarms_per_hour, "sentence": self.sentence,
         }  # fmt: skip
+        return {name: value for name, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,10 @@ class EventReporter:
         """Create an event at `time`, s, that began at `since`, s; `sentence` follows the joint's name in its text."""
         joint = self.joints[found.joint]
         return WatchEvent(
-            time, kind, joint, since, found.size, found.std, found.unit, found.what, self.per_hour,
-            f"{joint}: {sentence}",
+            time, kind, since, found.what, self.per_hour, f"{joint}: {sentence}",
+            joint, found.size, found.std, found.unit,
         )  # fmt: skip
+
+    def source_event(self, kind: EventKind, time: float, since: float, what: str, sentence: str) -> WatchEvent:
+        """Create an event of the source of samples at `time`, s, that began at `since`, s."""
+        return WatchEvent(time, kind, since, what, self.per_hour, sentence)

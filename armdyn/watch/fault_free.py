@@ -214,7 +214,7 @@ def _settled(
         observer, before = Observer(model, bandwidth), np.inf
         for sample in recording():
             step = observer.process_sample(*sample)
-            if step is not None and step.settled:
+            if isinstance(step, ObserverOutput) and step.settled:
                 elapsed += max(step.time - before, 0.0)
                 before = step.time
                 yield elapsed, step

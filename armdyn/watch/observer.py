@@ -34,6 +34,7 @@ from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
+from armdyn.watch.coverage import Skipped
 
 FILTER_ORDER = 3
 """Order of the low-pass F of torque and motion: the lowest that gives an acceleration."""
@@ -50,6 +51,8 @@ DEFAULT_OBSERVER_BANDWIDTH, MAX_BANDWIDTH_TIMES_INTERVAL = 40.0, 0.8
 between samples."""
 INTERVALS_FOR_SAMPLING_RATE = 20
 """Number of intervals from which the sampling rate is estimated."""
+IMPOSSIBLE_EFFORTS, LARGEST_EFFORT = 10.0, 1e4
+"""Multiple of a drive's effort limit that no sensor reads, and limit of a drive that states none, N m or N."""
 MAX_DETECTION_SECONDS = 0.05
 """Time within which an outside torque should be detected, s."""
 LOW_PASS_STAGE_BANDWIDTH, TORQUE_LOW_PASS_STAGES, PREDICTION_LOW_PASS_STAGES = 100.0, 8, 5
@@ -114,6 +117,8 @@ class Observer:
         self._function = compiled_observer(model)
         self._fastest = 2.0 * np.nan_to_num(np.asarray(model.arm.model.velocityLimit), nan=np.inf, posinf=np.inf)
         self._fastest[self._fastest <= 0.0] = np.inf
+        effort = np.asarray(model.arm.model.effortLimit)
+        self._strongest = IMPOSSIBLE_EFFORTS * np.where(np.isfinite(effort) & (effort > 0.0), effort, LARGEST_EFFORT)
         self._state = np.zeros(STATES_PER_JOINT * self._joints + 1)
         self._last: tuple[float, FloatArray] | None = None
         self._intervals: list[float] = []
@@ -126,8 +131,8 @@ class Observer:
 
     def process_sample(
         self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0
-    ) -> ObserverOutput | None:
-        """Process one sample; return the residuals, or None if a value is missing or time does not increase.
+    ) -> ObserverOutput | Skipped:
+        """Process one sample; return the residuals, or why there are none.
 
         Args:
             time: time of the sample, s.
@@ -136,13 +141,18 @@ class Observer:
             shift: (nj,) torque of changes that were reported before, which is subtracted from the residual.
         """
         tau = np.where(self._asked, tau, 0.0)
-        if not (np.isfinite(time) and np.isfinite(q).all() and np.isfinite(tau).all()):
-            return None
+        if not np.isfinite(time):
+            return Skipped.NO_TIME
+        known = np.isfinite(q).all(), np.isfinite(tau).all()
+        if not all(known):
+            return Skipped.NO_TORQUE if known[0] else Skipped.NO_POSITION if known[1] else Skipped.NO_VALUE
+        if (np.abs(tau) > self._strongest).any():
+            return Skipped.IMPOSSIBLE
         step = 0.0
         if self._last is not None:
             step = time - self._last[0]
             if step == 0.0 or (step < 0.0 and step > -MAX_SAMPLE_GAP_SECONDS):
-                return None  # repeated, or out of order
+                return Skipped.NOT_LATER
             if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any() or (
                 step > 0.0 and len(self._intervals) < INTERVALS_FOR_SAMPLING_RATE and self._too_rarely(step)
             ):

@@ -10,6 +10,7 @@ from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, MotionBlocks
+from armdyn.watch.coverage import Coverage, Skipped
 from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
 from armdyn.watch.observer import Observer, ObserverOutput
@@ -53,12 +54,14 @@ class Watch:
     Attributes:
         observer: filters that compute the residuals.
         touches: detector of outside torques.
+        false_alarms_per_hour: the same as `per_hour`.
+        coverage: what was watched, and what was not.
         latest: the observer's latest output.
     """
 
     def __init__(self, model: ArmModel, sound: FaultFreeStatistics, per_hour: float) -> None:
         joints = model.arm.joints
-        self.model, self.sound = model, sound
+        self.model, self.sound, self.false_alarms_per_hour = model, sound, per_hour
         self._report = EventReporter(model, per_hour)
         self.observer = Observer(model, sound.bandwidth)
         self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
@@ -78,7 +81,13 @@ class Watch:
         self._alarm: _Alarm | None = None
         self._waited = 0
         self._refining: _Change | None = None
+        self.coverage = Coverage()
         self.latest: ObserverOutput | None = None
+
+    def begin_source(self) -> None:
+        """Begin with another source, such as the next recording."""
+        self.observer.restart()
+        self.coverage.begin()
 
     def events_of(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
         """Process successive samples; return all their events."""
@@ -95,13 +104,17 @@ class Watch:
         """
         self.observer.mean_is_held = self.touches.is_active
         step = self.observer.process_sample(time, q, tau, self._shift)
-        if step is None:
-            return []
+        if isinstance(step, Skipped):
+            return self._skipped(time, step)
         self.latest = step
         if not step.settled:
             self.touches.reset(time)
-            return []
+            return self._skipped(time, Skipped.SETTLING)
+        silent_since = self.coverage.count(time, None)
         events: list[WatchEvent] = []
+        if silent_since is not None:
+            sentence = f"samples can be watched again; those since {silent_since:.2f} s could not."
+            events.append(self._report.source_event(EventKind.RECOVERED, time, silent_since, "silent", sentence))
         going_on = self.touches.is_certainly_outside_torque
         if self._blocks.is_due(time):
             bandwidth = self.observer.bandwidth
@@ -123,6 +136,21 @@ class Watch:
         if going_on and not self.touches.is_certainly_outside_torque:
             self._blocks.clear()
         return events
+
+    def wait(self, idle: float) -> list[WatchEvent]:
+        """The events after `idle` s, on the observer's own clock, without a sample that can be watched."""
+        return self._silence(self.coverage.time_after(idle), "no sample")
+
+    def _skipped(self, time: float, reason: Skipped) -> list[WatchEvent]:
+        self.coverage.count(time, reason)
+        return self._silence(time, reason.value)
+
+    def _silence(self, time: float, why: str) -> list[WatchEvent]:
+        since = self.coverage.silent_since(time)
+        if since is None:
+            return []
+        sentence = f"nothing can be watched since {since:.2f} s: {why}."
+        return [self._report.source_event(EventKind.SILENT, time, since, why, sentence)]
 
     def _known(self) -> FloatArray:
         """(nj,) torque of the reported changes at the last sample, N m or N."""

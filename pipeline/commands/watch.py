@@ -2,10 +2,11 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -66,7 +67,10 @@ def watch(
         Path | None, typer.Option("--json", help="File with one line of JSON per event; '-' is standard output.")
     ] = None,
 ) -> None:
-    """Compare a repaired model with its arm at work, and report contacts, loads and changes. The arm is not moved."""
+    """Compare a repaired model with its arm at work, and report contacts, loads and changes. The arm is not moved.
+
+    Exit status 1 if no sample could be watched.
+    """
     from armdyn.arm.model import required_arm
     from armdyn.effects.catalogue import find_several
     from armdyn.effects.user import load_effects
@@ -112,25 +116,31 @@ def watch(
             if not no_browser and sys.stdout.isatty():
                 shown.open()
         for name, samples in _sources(watching, ros, arm, [*zip(files, sample_sources(given, watched), strict=True)]):
-            out.source = name
+            out.source, heard = name, time.monotonic()
+            watching.begin_source()
             for sample in samples:
-                found = watching.process_sample(*sample)
-                if kept is not None:
+                found = watching.process_sample(*sample) if sample is not None else []
+                if watching.coverage.is_watching and sample is not None:
+                    heard = time.monotonic()
+                elif live:
+                    found += watching.wait(time.monotonic() - heard)
+                if kept is not None and sample is not None:
                     kept.write(sample)
                 if shown is not None:
                     shown.take(found)
                 for event in found:
                     out.report(event, kept)
-            watching.observer.restart()
-        out.end(files)
+        out.end(watching, files)
     for written in (kept, out.file):
         if written is not None and written.failure is not None:
             raise InputError(f"the watch went on to its end, but {written.failure}")
+    if not watching.coverage.watched:
+        raise typer.Exit(1)
 
 
 def _sources(
     watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]"
-) -> "Iterator[tuple[Path | None, Iterator[JointSample]]]":
+) -> "Iterator[tuple[Path | None, Iterator[JointSample | None]]]":
     """Yield each source of samples: the recording's file, or None for a live source, and its samples."""
     from pipeline.watch.sources import RosSampleSource, samples_from_lines
 
@@ -143,6 +153,8 @@ def _sources(
         for file, samples in recorded:
             yield file, samples()
     else:
+        if sys.stdin is None:
+            raise InputError("standard input is closed: give recordings, or write lines to it")
         yield None, samples_from_lines(sys.stdin, watching.model)
 
 
@@ -174,13 +186,7 @@ class _Out:
         from armdyn.watch.event import EventKind
 
         self._events += 1
-        run = {} if self.source is None else {"run": str(self.source)}
-        line = json.dumps({**event.answer, **run}, allow_nan=False) + "\n"
-        if self._quiet:
-            sys.stdout.write(line)
-            sys.stdout.flush()
-        elif self.file is not None:
-            self.file.write(line)
+        self._write({**event.answer, **({} if self.source is None else {"run": str(self.source)})})
         where = "" if self.source is None else f"{self.source}: "
         self.note(f"{where}{event.time:.2f} s: {event.sentence}")
         if event.kind in (EventKind.LOAD_CHANGED, EventKind.ROBOT_CHANGED):
@@ -189,13 +195,36 @@ class _Out:
                 kept.next_file()
                 self.note(f"to repair the model from here on: {self._repair([kept.file])}")
 
-    def end(self, files: list[Path]) -> None:
+    def end(self, watching: "Watch", files: list[Path]) -> None:
         """Print the summary, and the command for a repair with the files after a change."""
+        from armdyn.watch.event import EVENT_SCHEMA
+
+        seen = watching.coverage
+        answer = {
+            "schema": EVENT_SCHEMA, "event": "summary", "watched": round(seen.watched, 6),
+            "skipped": seen.skipped.total(), "reasons": seen.reasons,
+            "false_alarms_per_hour": watching.false_alarms_per_hour,
+        }  # fmt: skip
+        self._write(answer)
+        why = ", ".join(f"{reason}: {count}" for reason, count in seen.reasons.items())
+        self.note(
+            f"watched {seen.watched:.1f} s; {seen.skipped.total()} samples skipped" + (f" ({why})." if why else ".")
+        )
+        if not seen.watched:
+            return self.note("Nothing was watched: whether something happened is unknown.")
         count = f"{self._events} event{'s' * (self._events != 1)}"
         self.note(f"{count}, at {self._rate()}." if self._events else f"Nothing happened, at {self._rate()}.")
         after = files[files.index(self._changed) + 1 :] if self._changed in files else []
         if after:
             self.note(f"to repair the model with what came after: {self._repair(after)}")
+
+    def _write(self, answer: Mapping[str, Any]) -> None:
+        line = json.dumps(answer, allow_nan=False) + "\n"
+        if self._quiet:
+            sys.stdout.write(line)
+            sys.stdout.flush()
+        elif self.file is not None:
+            self.file.write(line)
 
     def _rate(self) -> str:
         extrapolated = "" if self._sound.seconds is None else ", extrapolated from the sound recordings"

@@ -1,7 +1,10 @@
 """Sources of an arm's samples (time, positions, torques): recordings, CSV lines on standard input, or ROS topics."""
 
+import io
 import math
+import os
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -12,17 +15,26 @@ from typing import TextIO
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.errors import InputError
-from armdyn.recording.channels import FloatArray, name_and_unit, unit_conversion
+from armdyn.errors import InputError, error_location
+from armdyn.recording.channels import Conversion, FloatArray
+from armdyn.recording.checks import MIN_SAMPLE_INTERVAL_SECONDS, check_stamps
+from armdyn.recording.csv_run import header_columns
 from armdyn.run import Run, read_run
 from armdyn.watch.fault_free import JointSample, joint_samples_of_recording
+from armdyn.watch.observer import INTERVALS_FOR_SAMPLING_RATE, MAX_SAMPLE_GAP_SECONDS
 from pipeline.interrupts import deferred_signals
 from pipeline.ros.bridge import Message, RosBridge
 from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStateBuffer, missing_state_error
+from urdf.bounds import parse_number
 
 RECORDING_SUFFIXES = (".csv", ".mcap")
 MAX_QUEUED_JOINT_STATES = 2000
 """Largest number of buffered joint states, 2 s at 1 kHz; a new state then replaces the oldest one."""
+WAIT_SECONDS = 0.1
+"""Time after which a source that gives no sample says so [s]."""
+MAX_LINE_CHARACTERS = 2**20
+"""Largest length of a line of standard input; a sample of 100 joints has 5000 characters."""
+BYTE_ORDER_MARK = "\ufeff"
 RECONNECT_PERIOD_SECONDS = 1.0
 """Time between attempts to connect to a lost bridge again [s]."""
 
@@ -46,8 +58,19 @@ def recordings_in(paths: Sequence[Path]) -> list[Path]:
 
 
 def read_arm_runs(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
-    """Read recordings of the model's arm; for servo motors torques are computed from position or velocity errors."""
-    return [model.with_estimated_channels(read_run(path)) for path in paths]
+    """Read recordings of the model's arm; for servo motors torques are computed from position or velocity errors.
+
+    Raises:
+        InputError: a recording cannot be read, or its times cannot be those of samples.
+    """
+    runs = [model.with_estimated_channels(read_run(path)) for path in paths]
+    for path, run in zip(paths, runs, strict=True):
+        with error_location(path):
+            check_stamps(run)
+            for channel in run.channels.values():
+                if len(channel) > 1:
+                    check_sampling(channel.time)
+    return runs
 
 
 def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:
@@ -55,10 +78,28 @@ def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], It
     return [partial(joint_samples_of_recording, run, model) for run in runs]
 
 
-def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample]:
+def check_sampling(time: FloatArray) -> None:
+    """Refuse times of samples, s, from which no motion can be seen.
+
+    Raises:
+        InputError: the samples are too rare, or so frequent that the unit of time is wrong.
+    """
+    step = float(np.median(np.diff(time)))
+    if not step > MIN_SAMPLE_INTERVAL_SECONDS:
+        raise InputError(
+            f"time: a sample every {step:.3g} s, which no sensor does: check the unit of 'time', such as 'time [s]'"
+        )
+    if step > MAX_SAMPLE_GAP_SECONDS:
+        raise InputError(
+            f"time: a sample every {step:.3g} s where a watch needs one every {MAX_SAMPLE_GAP_SECONDS:g} s: check the "
+            "unit of 'time', such as 'time [ms]', or record more often"
+        )
+
+
+def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample | None]:
     """Samples from lines of CSV, whose first line names the columns: ``time [s],q.elbow [rad],...``.
 
-    Lines that are malformed or lack a value are skipped.
+    Values that are missing or cannot be read are nan; None stands for a while without a line.
 
     Args:
         stream: the lines.
@@ -66,29 +107,92 @@ def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard in
         name: name of the stream for error messages.
 
     Raises:
-        InputError: the first line lacks the time, a position or a torque.
+        InputError: the lines are not those of a recording of this arm, as in a file.
     """
-    heads = [name_and_unit(cell) for cell in stream.readline().strip().split(",")]
-    index = {head: i for i, (head, _) in enumerate(heads)}
     joints = model.arm.joints
     wanted = ["time", *(f"q.{joint}" for joint in joints), *(f"tau.{joint}" for joint in model.joints)]
-    missing = [head for head in wanted if head not in index]
-    if missing:
-        raise InputError(
-            f"{name}: its first line has no {', '.join(missing)}: write the heads of a recording, time [s], q.<joint> "
-            "[rad] and tau.<joint> [N m] of every joint"
-        )
-    units = {head: unit_conversion(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
-    for line in stream:
-        cells = line.strip().split(",")
+    asked = np.array([joint in model.joints for joint in joints])
+    cells: list[int] = []
+    conversions: list[Conversion] = []
+    width, times = 0, list[float]()
+    with error_location(name):
+        for line in _lines(stream):
+            if line is None:
+                yield None
+                continue
+            if not conversions:
+                if line.strip():
+                    columns = header_columns(line.strip().removeprefix(BYTE_ORDER_MARK))
+                    missing = [head for head in wanted if head not in columns]
+                    if missing:
+                        raise InputError(
+                            f"its first line has no {', '.join(missing)}: write the heads of a recording, time [s], "
+                            "q.<joint> [rad] and tau.<joint> [N m] of every joint"
+                        )
+                    cells, conversions = [[*columns].index(head) for head in wanted], [columns[one] for one in wanted]
+                    width = len(columns)
+                continue
+            parts = line.split(",")
+            if not times and len(parts) != width:
+                raise InputError(
+                    f"a line of {len(parts)} cells follows {width} heads: write commas between the cells, and decimal "
+                    "points"
+                )
+            values = np.array([_number(parts[cell]) if cell < len(parts) else np.nan for cell in cells])
+            values = np.array([to_si(value) for to_si, value in zip(conversions, values, strict=True)])
+            if len(times) <= INTERVALS_FOR_SAMPLING_RATE and np.isfinite(values[0]):
+                times.append(float(values[0]))
+                if len(times) > INTERVALS_FOR_SAMPLING_RATE:
+                    check_sampling(np.array(times))
+            tau = np.zeros(len(joints))
+            tau[asked] = values[1 + len(joints) :]
+            yield float(values[0]), values[1 : 1 + len(joints)], tau
+
+
+def _number(cell: str) -> float:
+    try:
+        return parse_number(cell.strip())
+    except ValueError:
+        return math.nan
+
+
+def _lines(stream: TextIO) -> Iterator[str | None]:
+    """Lines of a stream until it ends or a signal arrives; None where none came for `WAIT_SECONDS`."""
+    waiting: queue.Queue[str | Exception] = queue.Queue(MAX_QUEUED_JOINT_STATES)
+    ended = threading.Event()
+
+    def read() -> None:
         try:
-            value = {
-                head: float(cells[index[head]]) * (units[head].factor if head in units else 1.0) for head in wanted
-            }
-        except (ValueError, IndexError):
-            continue
-        q = np.array([value[f"q.{joint}"] for joint in joints])
-        yield value["time"], q, np.array([value.get(f"tau.{joint}", 0.0) for joint in joints])
+            # A thread of its own must not hold the lock of the interpreter's stream when the program ends.
+            with os.fdopen(os.dup(stream.fileno()), encoding="utf-8-sig") as own:
+                _pass_on(own, waiting)
+        except io.UnsupportedOperation:  # a stream in memory
+            _pass_on(stream, waiting)
+        except (OSError, UnicodeError) as error:
+            waiting.put(InputError(f"it cannot be read as text ({error}): write CSV as UTF-8"))
+
+    with deferred_signals(lambda _: ended.set()):
+        threading.Thread(target=read, daemon=True, name="lines").start()
+        while not ended.is_set():
+            try:
+                line = waiting.get(timeout=WAIT_SECONDS)
+            except queue.Empty:
+                yield None
+                continue
+            if isinstance(line, Exception):
+                raise line
+            if not line:
+                return
+            yield line
+
+
+def _pass_on(stream: TextIO, waiting: "queue.Queue[str | Exception]") -> None:
+    while line := stream.readline(MAX_LINE_CHARACTERS):
+        if len(line) == MAX_LINE_CHARACTERS:
+            waiting.put(InputError(f"a line has more than {MAX_LINE_CHARACTERS} characters: end each sample by a line"))
+            return
+        waiting.put(line)
+    waiting.put("")
 
 
 class RosSampleSource:
@@ -107,8 +211,10 @@ class RosSampleSource:
         self._waiting: queue.Queue[JointSample] = queue.Queue(MAX_QUEUED_JOINT_STATES)
         self._ended = False
 
-    def samples(self) -> Iterator[JointSample]:
+    def samples(self) -> Iterator[JointSample | None]:
         """Samples until a signal (SIGINT, SIGTERM) arrives, with times since the first sample on this computer's clock.
+
+        None stands for a while without one; a state that cannot be read has the value nan throughout.
 
         Raises:
             InputError: no connection, no states of these joints, or states without torques.
@@ -119,8 +225,10 @@ class RosSampleSource:
             start, begun, torques = None, time.monotonic(), False
             while not self._ended:
                 try:
-                    stamp, q, tau = self._waiting.get(timeout=0.1)
+                    stamp, q, tau = self._waiting.get(timeout=WAIT_SECONDS)
                 except queue.Empty:
+                    if start is not None:
+                        yield None
                     if bridge.failure is not None:
                         bridge = self._reconnected(stack) or bridge
                     elif start is None and time.monotonic() - begun > FIRST_STATE_TIMEOUT_SECONDS:
@@ -136,7 +244,11 @@ class RosSampleSource:
         bridge, joints, newest = RosBridge(self._uri), JointStateBuffer(self._names), [-math.inf]
 
         def take(message: Message, now: float) -> None:
+            unreadable = joints.unreadable
             joints.take(message, now)
+            if joints.unreadable > unreadable and newest[0] > -math.inf:
+                nothing = np.full(len(self._names), np.nan)
+                self._put((now, nothing, nothing))
             state = joints.latest
             if state is not None and state.time > newest[0]:
                 newest[0] = state.time

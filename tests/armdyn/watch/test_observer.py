@@ -5,13 +5,14 @@ import pytest
 from watch_work import FRICTION, RATE, samples, work
 
 from armdyn.watch import observer as observing
+from armdyn.watch.coverage import Skipped
 from armdyn.watch.observer import Observer, visible_share_of_step
 
 
 def steps(arm, recording, bandwidth=40.0):
     observer = Observer(arm, bandwidth)
     found = [observer.process_sample(*sample) for sample in samples(recording)]
-    return [step for step in found if step is not None and step.settled]
+    return [step for step in found if not isinstance(step, Skipped) and step.settled]
 
 
 @pytest.fixture
@@ -52,14 +53,19 @@ def test_samples_that_come_rarely_make_the_filter_slower(arm):
     assert observer.bandwidth == pytest.approx(observing.MAX_BANDWIDTH_TIMES_INTERVAL / 0.04)
 
 
-def test_a_sample_that_lacks_something_or_comes_again_is_no_sample(arm):
-    observer, q = Observer(arm), np.zeros(6)
-    assert observer.process_sample(0.0, q, q) is not None
-    assert observer.process_sample(0.01, np.full(6, np.nan), q) is None
-    assert observer.process_sample(0.01, q, np.full(6, np.nan)) is None
-    assert observer.process_sample(np.nan, q, q) is None
-    assert observer.process_sample(0.0, q, q) is None
-    assert observer.process_sample(-0.01, q, q) is None
+def test_a_sample_that_cannot_be_used_is_skipped_with_its_reason(arm):
+    observer, q, gone = Observer(arm), np.zeros(6), np.full(6, np.nan)
+    assert not isinstance(observer.process_sample(0.0, q, q), Skipped)
+    for sample, reason in (
+        ((0.01, gone, q), Skipped.NO_POSITION),
+        ((0.01, q, gone), Skipped.NO_TORQUE),
+        ((0.01, gone, gone), Skipped.NO_VALUE),
+        ((np.nan, q, q), Skipped.NO_TIME),
+        ((0.0, q, q), Skipped.NOT_LATER),
+        ((-0.01, q, q), Skipped.NOT_LATER),
+        ((0.01, q, q + 1e200), Skipped.IMPOSSIBLE),
+    ):
+        assert observer.process_sample(*sample) is reason
 
 
 @pytest.mark.parametrize("jump", [1.0, -1.0, 1e9])

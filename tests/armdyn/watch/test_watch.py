@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from watch_work import samples, work
+from watch_work import RATE, samples, work
 
 from armdyn.errors import InputError
+from armdyn.watch.coverage import Skipped
 from armdyn.watch.event import EventKind
 from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
 from armdyn.watch.watch import Watch
@@ -79,7 +80,30 @@ def test_gaps_missing_values_and_clocks_that_jump_are_no_events(arm, sound):
     time[11000:] -= 3000.0
     keep = np.ones(len(time), dtype=bool)
     keep[13000:13200] = False
-    assert events(arm, sound, (time[keep], q[keep], tau[keep])) == []
+    watch = Watch(arm, sound, 0.01)
+    found = list(watch.events_of(samples((time[keep], q[keep], tau[keep]))))
+    # The clock is set forward by 100 s: that nothing came meanwhile is all there is to say.
+    assert [event.kind for event in found] == [EventKind.SILENT, EventKind.RECOVERED]
+    assert (found[0].since, found[0].time) == pytest.approx((36.0, 136.0), abs=0.01)
+    assert watch.coverage.skipped[Skipped.NO_POSITION] == 100
+    assert watch.coverage.skipped[Skipped.NO_TORQUE] == 401
+    settling = watch.coverage.skipped[Skipped.SETTLING]
+    assert watch.coverage.skipped.total() == 501 + settling
+    assert watch.coverage.watched == pytest.approx((len(time) - 200 - 501 - settling) / RATE, abs=0.1)
+
+
+def test_a_source_that_falls_silent_is_told_once_and_again_when_it_is_back(arm, sound):
+    time, q, tau = work(arm, 33, 40.0)
+    tau = tau.copy()
+    tau[(time > 10.0) & (time < 20.0)] = np.nan
+    watch = Watch(arm, sound, 0.01)
+    before = list(watch.events_of(samples((time, q, tau))))
+    assert [event.kind for event in before] == [EventKind.SILENT, EventKind.RECOVERED]
+    assert before[0].what == "no torque"
+    assert before[0].time == pytest.approx(13.0, abs=0.1)
+    idle = [event for seconds in (1.5, 2.5, 3.5, 4.5) for event in watch.wait(seconds)]
+    assert [(event.kind, event.time) for event in idle] == [(EventKind.SILENT, pytest.approx(43.5, abs=0.1))]
+    assert "size" not in idle[0].answer
 
 
 def test_another_recording_begins_where_the_arm_was_not(arm, sound):

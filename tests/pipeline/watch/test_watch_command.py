@@ -59,6 +59,9 @@ def test_a_folder_of_logs_becomes_a_line_per_event_and_says_what_to_do(folder, c
     assert status == 0
     found = lines((tmp_path / "events.json").read_text())
     assert {event["schema"] for event in found} == {"armdyn.watch/1"}
+    end = found.pop()
+    assert (end["event"], end["watched"]) == ("summary", pytest.approx(16 + 60 + 16, abs=4.0))
+    assert end["skipped"] == sum(end["reasons"].values()) > 0
     by_run = {Path(event["run"]).name: event["event"] for event in found if event["event"] != "not_told"}
     assert by_run == {"a_contact.csv": "recovered", "b_load.csv": "load_changed", "c_after.csv": "recovered"}
     assert {event["false_alarms_per_hour"] for event in found} == {0.01}
@@ -87,7 +90,86 @@ def test_lines_of_standard_input_are_samples(folder, calibrated, armdyn, monkeyp
     monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(text)))
     status, out, _ = armdyn("watch", folder / "m.toml", "-", *calibrated[:4], "--json", "-")
     assert status == 0
-    assert [event["event"] for event in lines(out)][-2:] == ["outside_torque", "recovered"]
+    *found, end = lines(out)
+    assert [event["event"] for event in found][-2:] == ["outside_torque", "recovered"]
+    assert end["reasons"].keys() == {"no time", "no position", SETTLING}
+
+
+ARM = arm_model(robot="ur5").joints
+HEADS = ["time [s]", *(f"q.{joint} [rad]" for joint in ARM), *(f"tau.{joint} [N m]" for joint in ARM)]
+SETTLING = "filters settle after a start, a gap or a jump"
+
+
+def table(heads=HEADS, *, step=0.004, count=1000, separator=",", cell=lambda _i, _k, value: repr(value), begin=0.0):
+    """Lines of a robot that swings slowly, whose cells a function may change; the first column is the time."""
+    rows = [
+        separator.join(
+            cell(i, k, value) for k, value in enumerate([begin + step * i, *[0.1 * float(np.sin(step * i))] * 12])
+        )
+        for i in range(count)
+    ]
+    return "\n".join([separator.join(heads), *rows, ""])
+
+
+def without(*columns):
+    return table([head for k, head in enumerate(HEADS) if k not in columns])
+
+
+def said(text):
+    """Cells that are this text: from column 1 on."""
+    return lambda _, k, value: text if k else repr(value)
+
+
+def only(columns, text):
+    return lambda _, k, value: text if k in columns else repr(value)
+
+
+NAMED = [head.replace("elbow", "ellbow") for head in HEADS]
+DEAF = {
+    "nothing": "", "blank lines": "\n\n\n", "heads alone": table(count=0), "one sample": table(count=1),
+    "fewer samples than settle": table(count=100), "no words": "hello\n", "binary": "\x00\x01\x02\n",
+    "torques nan": table(cell=only(range(7, 13), "nan")), "one torque nan": table(cell=only([9], "nan")),
+    "positions nan": table(cell=only(range(1, 7), "nan")), "one position nan": table(cell=only([2], "nan")),
+    "all nan": table(cell=said("nan")), "empty cells": table(cell=said("")), "text": table(cell=said("off")),
+    "infinite": table(cell=said("inf")), "null": table(cell=said("null")), "no time": table(cell=only([0], "")),
+    "time nan": table(cell=only([0], "nan")), "constant time": table(step=0.0), "falling time": table(step=-0.004),
+    "ms as s": table(step=4.0), "us as s": table(step=4000.0), "ns as s": table(step=4e6, begin=1.7e18),
+    "s as ms": table([HEADS[0].replace("[s]", "[ms]"), *HEADS[1:]]), "one sample a second": table(step=1.0),
+    "two samples a second": table(step=0.5), "epoch of ms": table(step=4.0, begin=1.7e12),
+    "wrong names": table(NAMED), "no torques": without(*range(7, 13)), "no positions": without(*range(1, 7)),
+    "one joint left out": without(3, 9), "no heads": table().partition("\n")[2],
+    "semicolons": table(separator=";"), "tabs": table(separator="\t"),
+    "decimal commas": table(cell=lambda _i, _k, value: f"{value:.4f}".replace(".", ",")),
+    "quoted commas": table(cell=lambda _i, _k, value: '"' + f"{value:.4f}".replace(".", ",") + '"'),
+    "no units": table([head.partition(" ")[0] for head in HEADS]),
+    "degrees as radians": table(cell=lambda i, k, value: repr(value * 5e4 * (-1) ** i) if 0 < k < 7 else repr(value)),
+    "torques of 1e200": table(cell=only(range(7, 13), "1e200")), "a line without end": "0," * 2**20,
+    "half the cells": table(cell=lambda _, k, value: repr(value) if k < 6 else "").replace(",,,,,,,", ""),
+}  # fmt: skip
+"""Forty ways to be deaf."""
+
+
+@pytest.fixture(scope="module")
+def own_error(tmp_path_factory):
+    """A model that says its error, so that it needs no recordings."""
+    arm, here = model(), tmp_path_factory.mktemp("deaf")
+    history = ({"rmse": {f"tau.{joint}": 0.2 for joint in arm.joints}},)
+    write_model_file(here / "m.toml", ModelFile(arm, {"robot": "ur5"}, history=history))
+    return here / "m.toml"
+
+
+@pytest.mark.parametrize("way", DEAF)
+def test_who_hears_nothing_is_not_content(own_error, armdyn, monkeypatch, way):
+    monkeypatch.setattr("sys.stdin", io.StringIO(DEAF[way]))
+    status, out, told = armdyn("watch", own_error, "-")
+    assert status in (1, 2)
+    assert "Nothing happened" not in out
+    assert ("Nothing was watched" in out) if status == 1 else ("armdyn:" in told)
+
+
+def test_a_byte_order_mark_is_none_of_a_column(own_error, armdyn, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("\ufeff" + table()))
+    assert armdyn("watch", own_error, "-")[0] == 0
 
 
 def test_the_page_shows_residuals_with_their_limits_and_events(complains):

@@ -1,0 +1,138 @@
+"""Arms at work in MuJoCo for as long as one likes, and what happens to them: touches, loads, joints that wear.
+
+The truth is MuJoCo's: rigid bodies, rotors, damping and friction loss with its stiction, under a stiff computed-torque
+controller that knows nothing of friction, loads and touches. A user's description is off by `LINK_ERROR` everywhere,
+and has no rotors and no friction.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+
+import urdf
+
+from .motions import Motion, Room, random_fourier, random_moves
+from .mujoco_arm import robot_of
+from .mujoco_plant import DAMPED, FARTHEST, MARGIN, Hidden, bare, compiled, with_links_off
+
+STEP = 1e-3  # s
+DRY: Mapping[str, tuple[float, ...]] = {
+    "panda": (1.0, 1.5, 1.0, 1.5, 0.8, 0.8, 0.8), "ur10": (12.0, 14.0, 13.0, 3.0, 3.0, 2.5),
+    "xarm7": (4.0, 4.0, 3.0, 3.0, 1.5, 1.5, 1.0),
+}  # fmt: skip
+"""Dry friction of each joint, N m; there is viscous friction of `VISCOUS` times as much per rad/s."""
+VISCOUS, ROTOR = 0.5, 0.05  # s/rad; kg m^2 per N m of dry friction
+BANDWIDTH = 60.0  # rad/s of the controller
+SPEED, ACCELERATION = 0.8, 3.0  # rad/s, rad/s^2: largest of work
+TORQUE_NOISE, POSITION_NOISE = 0.05, 2e-5  # N m and rad, white
+
+
+@dataclass(frozen=True)
+class Happening:
+    """What happens to an arm from `begin` [s] on: at most one of a touch, a load and wear.
+
+    Attributes:
+        touch: (nj,) N m, acting on the joints until `end`.
+        load: kg at `place` (3,) m in the last joint's frame.
+        worn: (nj,) by how much friction grows, over `ramp` s.
+    """
+
+    begin: float = np.inf
+    end: float = np.inf
+    touch: np.ndarray | None = None
+    load: float = 0.0
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    worn: np.ndarray | None = None
+    ramp: float = 5.0
+
+
+class Worker:
+    """One arm at work."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        rng = np.random.default_rng([seed, list(DRY).index(name), 77])
+        self.robot: urdf.Robot = robot_of(name)
+        self.joints = self.robot.joint_names
+        plain = bare(self.robot.urdf_xml, self.joints)
+        self.exact = ET.tostring(plain, encoding="unicode")
+        self.description = ET.tostring(with_links_off(plain, rng), encoding="unicode")
+        self.dry = np.array(DRY[name])
+
+    @cached_property
+    def _model(self) -> mujoco.MjModel:
+        nothing = {"mass": 1e-6, "x": 0.0, "y": 0.0, "z": 0.0}
+        model = compiled(self.exact, self.joints, (Hidden("payload", self.joints[-1], nothing),))
+        model.opt.timestep = STEP
+        model.dof_solref[:] = [2 * STEP, 1.0]
+        for joint, dry in zip(self.joints, self.dry, strict=True):
+            model.dof_armature[model.joint(joint).dofadr[0]] = ROTOR * dry
+        return model
+
+    @cached_property
+    def _dofs(self) -> np.ndarray:
+        return np.array([int(self._model.joint(name).dofadr[0]) for name in self.joints])
+
+    def motion(self, rng: np.random.Generator, seconds: float) -> Motion:
+        """Moves from posture to posture, or swings, somewhere in the joints' range."""
+        limits, home, n = self.robot.limits, self.robot.home, len(self.joints)
+        lower, upper = (
+            np.maximum(limits.lower + MARGIN, home - FARTHEST),
+            np.minimum(limits.upper - MARGIN, home + FARTHEST),
+        )
+        swing = rng.uniform(0.15, 0.4, n) * (upper - lower)
+        centre = rng.uniform(lower + swing, upper - swing)
+        speed = np.minimum(SPEED, 0.5 * limits.velocity)
+        if rng.random() < 0.5:
+            return random_moves(rng, Room(centre, swing, speed, np.full(n, ACCELERATION)), seconds)
+        return random_fourier(rng, centre, swing, speed, float(rng.uniform(10.0, 16.0)), 5)
+
+    def jacobian_torques(self, rng: np.random.Generator, q: np.ndarray, largest: float) -> np.ndarray:
+        """(nj,) torques of a force on a random link, in a random direction, the largest of them so large."""
+        model, data, dof = self._model, mujoco.MjData(self._model), self._dofs
+        data.qpos[dof] = q
+        mujoco.mj_forward(model, data)
+        moved = [int(model.joint(name).bodyid[0]) for name in self.joints]
+        body, J = moved[int(rng.integers(len(moved)))], np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, J, None, data.xpos[body] + rng.uniform(-0.15, 0.15, 3), body)
+        torque = (J.T @ rng.standard_normal(3))[dof]
+        return torque * (largest / np.abs(torque).max())
+
+    def work(
+        self, rng: np.random.Generator, motion: Motion, seconds: float, rate: float, what: Happening = Happening()
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n,) stamps, (n, nj) positions and (n, nj) torques of the drives as they are read."""
+        model, dof, every = self._model, self._dofs, round(1.0 / rate / STEP)
+        data, mass, n = mujoco.MjData(model), np.zeros((model.nv, model.nv)), len(self.joints)
+        load = model.body("load").id
+        model.body_mass[load], model.body_ipos[load] = 1e-6, 0.0
+        steps = round(seconds / STEP)
+        wanted, fast, brisk = motion.at(STEP * np.arange(steps))
+        data.qpos[dof], data.qvel[dof] = wanted[0], fast[0]
+        rows = np.empty((len(range(0, steps, every)), 2, n))
+        for k in range(steps):
+            time = k * STEP
+            touched = what.touch is not None and what.begin <= time < what.end
+            if k % every == 0:
+                worn = 1.0
+                if what.worn is not None:
+                    worn = 1.0 + what.worn * np.clip((time - what.begin) / what.ramp, 0.0, 1.0)
+                model.dof_frictionloss[dof], model.dof_damping[dof] = self.dry * worn, VISCOUS * self.dry * worn
+                if what.load and time >= what.begin and model.body_mass[load] < what.load:
+                    model.body_mass[load], model.body_ipos[load] = what.load, what.place
+            mujoco.mj_step1(model, data)
+            mujoco.mj_fullM(model, data, mass)
+            own = mass[np.ix_(dof, dof)]
+            q, v = data.qpos[dof], data.qvel[dof]
+            pull = BANDWIDTH * (BANDWIDTH * (wanted[k] - q) + 2 * DAMPED * (fast[k] - v))
+            torque = own @ (brisk[k] + pull) + data.qfrc_bias[dof]
+            if k % every == 0:
+                rows[k // every] = q, torque
+            data.qfrc_applied[dof] = torque + what.touch if touched else torque
+            mujoco.mj_step2(model, data)
+        noise = rng.standard_normal((2, *rows.shape[::2]))
+        q, torque = rows.swapaxes(0, 1)
+        return STEP * every * np.arange(len(rows)), q + POSITION_NOISE * noise[0], torque + TORQUE_NOISE * noise[1]
