@@ -105,17 +105,6 @@ def test_torques_are_those_of_the_generator(baxter, name):
         assert np.quantile(np.abs(residual[inside]), 0.97) < 1e-3 * largest, channel
 
 
-@pytest.mark.parametrize("name", JOINT_EFFECTS)
-def test_a_hidden_effect_is_recovered_from_noisy_runs(baxter, name):
-    runs = [baxter.prepare_run(generate(name, 1.0, 7, recording=k)) for k in range(3)]
-    model, estimate = fitted(baxter.with_effect(find(name)), runs[:2], tolerance=0.05)
-    assert chi2_per_sample(model, runs[2]) - 1.0 < 0.02 * (chi2_per_sample(baxter, runs[2]) - 1.0)
-    assert chi2_per_sample(model, runs[2]) < 1.15
-    for parameter, true in true_parameters(name, 1.0).items():
-        allowed = 5 * estimate.std(parameter) + 0.03 * abs(true)
-        assert abs(model.value(parameter) - true) < allowed, parameter
-
-
 def test_friction_is_never_negative(baxter):
     run = generate("joint_viscous_friction", -1.0, 0)  # a drive that pushes
     model, estimate = fitted(baxter.with_effect(find("joint_viscous_friction")), [baxter.prepare_run(run)])
