@@ -249,6 +249,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
         warnings=tuple(_warnings(model, judged)),
         fingerprint=hashlib.sha256(f"{digest}\n{text}\n{dynamics}".encode()).hexdigest(),
         line_or_none=None if settings.line is None else settings.line.to_line(),
+        assumed_limits=tuple(name for name in ("acceleration", "jerk") if not getattr(settings.limits, name)),
     )
 
 

@@ -271,6 +271,7 @@ class Robot:
         warnings: one sentence per impossible or replaced inertia that changes torques; every command shows them.
         fingerprint: SHA-256 digest of the mended URDF and the settings.
         line_or_none: the line of the settings, if they have one.
+        assumed_limits: names of limits that no description or settings file gives.
     """
 
     name: str
@@ -292,6 +293,7 @@ class Robot:
     warnings: tuple[str, ...]
     fingerprint: str
     line_or_none: Line | None
+    assumed_limits: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "tool_offset", "home")

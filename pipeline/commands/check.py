@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, error_location
 from pipeline.console.options import (
+    ArmModelOption,
+    EffectsOption,
     JsonOption,
     ReportOption,
     RobotChoice,
@@ -20,6 +22,7 @@ from pipeline.console.screen import finish_command, progress_display
 
 if TYPE_CHECKING:
     import urdf
+    from pipeline.motion.feasibility.as_modelled import ModelledArm
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 HELP_PANEL = "Motions of an arm"
@@ -31,6 +34,8 @@ def check(
         typer.Argument(help="CSV or recording with 'time [s]' and 'q.<joint> [rad]' for each joint, or with 's [m]'."),
     ],
     choice: RobotChoice,
+    model: ArmModelOption = None,
+    effects: EffectsOption = None,
     load_mass: Annotated[str, typer.Option(help="Mass of the load at the tool, such as '80 g'.")] = "0 kg",
     springs: Annotated[
         bool | None,
@@ -68,11 +73,17 @@ def check(
     mass = parse_option_quantity(load_mass, "kg", "--load-mass").value
     if mass < 0.0:
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
-    check_outputs(report, json_file, inputs=[trajectory])
+    if model is not None and (choice or mass > 0.0 or springs is not None):
+        raise InputError("--model holds robot, load and springs: leave out --robot, --urdf, --load-mass and --springs")
+    check_outputs(report, json_file, inputs=[trajectory, *(file for file in (model, effects) if file is not None)])
     with progress_display() as say:
         say("reading the robot")
         known = choice.robot or "baxter"
-        arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)
+        modelled = None if model is None else _modelled(model, effects)
+        if modelled is not None:
+            arm = modelled.model.robot
+        else:
+            arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)
         line = arm.line_or_none
         if (on_line or box) and line is None:
             option = "--on-line" if on_line else "--box"
@@ -80,7 +91,7 @@ def check(
         motion = read_trajectory(trajectory, arm)
         near = line is not None and (on_line or _starts_on(line, motion, arm))
         obstacles = box_and_table_obstacles(line, Box()) if line is not None and (near if box is None else box) else ()
-        settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
+        settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles, modelled=modelled)
         if not (near or isinstance(motion, LineTrajectory)):
             settings = replace(settings, min_singular_value=0.0)  # joint motions may pass singularities
         at = (
@@ -95,13 +106,23 @@ def check(
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     title = f"Feasibility of {trajectory.name}"
     finish_command(
-        replace(feasibility_document(result, title), notes=missing_mesh_sentences(arm)),
+        replace(feasibility_document(result, title), notes=[*missing_mesh_sentences(arm), *result.notes]),
         result.to_json,
         json_file,
         report,
         lambda: feasibility_report(result, title),
     )
     return 0 if result.feasible else 1
+
+
+def _modelled(model: Path, effects: Path | None) -> "ModelledArm":
+    """The arm of a model file."""
+    from armdyn.effects.user import load_effects
+    from armdyn.model_file import read_model_file
+    from pipeline.motion.feasibility.as_modelled import ModelledArm
+
+    with error_location(model):
+        return ModelledArm.of_file(read_model_file(model, load_effects(effects)))
 
 
 MAX_DISTANCE_TO_COUNT_AS_ON_LINE = 0.05

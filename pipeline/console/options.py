@@ -65,6 +65,16 @@ JointsOption = Annotated[str | None, typer.Option(help="The arm's joints from ba
 ToolOption = Annotated[str | None, typer.Option(help="The link that carries the tool.")]
 
 
+ArmModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="M.toml",
+        help="Model file of an arm, in place of --robot: the arm as it is, with its effects.",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class ArmChoice:
     """Options that choose an arm and a chain of its joints."""

@@ -24,7 +24,8 @@ def feasibility_document(report: FeasibilityReport, title: str) -> Document:
     """Document of the feasibility check of a motion: violations and margins as tables, without figures."""
     margins = [margin for margin in report.margins if margin.limit != "line" or margin.used_share > 1.0]
     level = ResultLevel.GOOD if report.feasible else ResultLevel.BAD
-    return Document(title, report.sentence, [_violation_section(report), limit_margin_section(margins)], level)
+    sections = [_violation_section(report), limit_margin_section(margins), *_tracking_sections(report)]
+    return Document(title, report.sentence, sections, level, notes=report.notes)
 
 
 def feasibility_report(report: FeasibilityReport, title: str) -> Document:
@@ -61,6 +62,20 @@ def _violation_section(report: FeasibilityReport) -> Section:
     ]
     sentence = f"{len(report.violations)} stretches of the motion break a limit.{more}"
     return Section("Violations", sentence, tables=[Table(columns)])
+
+
+def _tracking_sections(report: FeasibilityReport) -> list[Section]:
+    """Section with a table of how joints follow the motion in simulation; none without servos."""
+    if not report.tracking:
+        return []
+    worst = max(report.tracking, key=lambda one: one.largest)
+    sentence = f"In closed loop {worst.joint} is farthest from the motion, {number_text(worst.largest, worst.unit)}."
+    columns = [
+        Column("joint", [one.joint for one in report.tracking]),
+        *attribute_columns(report.tracking, largest=".3g", rms=".3g", unit=""),
+        Column("at its limit", [percent_text(one.saturated) for one in report.tracking]),
+    ]
+    return [Section("Tracking of the servos", sentence, tables=[Table(columns)])]
 
 
 def limit_margin_section(margins: Sequence[LimitMargin]) -> Section:

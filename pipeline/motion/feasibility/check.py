@@ -1,6 +1,7 @@
 """Check a whole motion, of the tool along the line or of the joints, against every limit before it is run."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,13 +12,14 @@ import urdf
 from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
+from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.feasibility.clearance import (
     Obstacle,
     PlannedSwing,
     collision_limited_quantities,
     swing_limited_quantities,
 )
-from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuantity
+from pipeline.motion.feasibility.verdict import FeasibilityReport, LimitedQuantity, TrackingError
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
@@ -40,6 +42,7 @@ class CheckSettings:
         collision: whether to check for collisions.
         min_singular_value: smallest allowed singular value of the tool's Jacobian; near a singularity, a slow motion of
             the tool needs fast joints.
+        modelled: the arm as its model describes it, which then gives the torques; None for the description alone.
     """
 
     load_mass: float = 0.0
@@ -47,6 +50,7 @@ class CheckSettings:
     obstacles: tuple[Obstacle, ...] = ()
     collision: bool = True
     min_singular_value: float = 0.01
+    modelled: ModelledArm | None = None
 
 
 def check_line(
@@ -81,7 +85,7 @@ def check_line(
     series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_limited_quantities(robot, table.line, between, swing, settings.collision)
-    return FeasibilityReport.from_quantities(series)
+    return _report(robot, series, motion, settings)
 
 
 def check_joints(
@@ -111,7 +115,48 @@ def check_joints(
         )
     fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
     between = JointTrajectory(*fine, robot.joint_names)
-    return FeasibilityReport.from_quantities(_series(robot, trajectory, between, settings, line, at))
+    return _report(robot, _series(robot, trajectory, between, settings, line, at), trajectory, settings)
+
+
+def _report(
+    robot: urdf.Robot, series: list[LimitedQuantity], motion: JointTrajectory, settings: CheckSettings
+) -> FeasibilityReport:
+    """The report, with assumed limits, and with how an arm's servos follow the motion as its model says."""
+    arm, tracking = settings.modelled, tuple[TrackingError, ...]()
+    followed = None if arm is None else arm.followed(motion)
+    if followed is not None:
+        series.append(
+            LimitedQuantity.from_values(
+                "drive",
+                "N m or N",
+                robot.joint_names,
+                followed.time,
+                followed.demanded,
+                -followed.limit,
+                followed.limit,
+            )
+        )
+        beyond = np.mean(np.abs(followed.demanded) > followed.limit, axis=0)
+        sizes = np.abs(followed.error).max(axis=0), np.sqrt(np.mean(followed.error**2, axis=0)), beyond
+        tracking = tuple(
+            TrackingError(name, unit, *map(float, own))
+            for name, unit, *own in zip(robot.joint_names, _joint_units(robot), *sizes, strict=True)
+        )
+    notes = _notes(robot, series, arm)
+    return replace(FeasibilityReport.from_quantities(series), tracking=tracking, notes=notes)
+
+
+def _notes(robot: urdf.Robot, series: Sequence[LimitedQuantity], arm: ModelledArm | None) -> tuple[str, ...]:
+    """Sentences on what was assumed."""
+    found = []
+    checked = [one.limit for one in series if one.limit in robot.assumed_limits]
+    if checked:
+        found.append(f"limits of {' and '.join(checked)} are assumed, as no description of {robot.name} states them")
+    if arm is not None:
+        found.append("torques are those of the model, farther from 0 by half their band of 95 %")
+        if arm.left_out:
+            found.append(f"left out, as they depend on what was before: {', '.join(arm.left_out)}")
+    return tuple(found)
 
 
 def _series(
@@ -177,7 +222,11 @@ def _joint_series(
         return np.diff(value, axis=0) / np.diff(motion.time)[:, None]
 
     middle = (motion.time[1:] + motion.time[:-1]) / 2.0
-    torque = JointTorque(robot, settings.load_mass, settings.springs)(fine.q, fine.v, fine.a)
+    if settings.modelled is None:
+        torque, effort = JointTorque(robot, settings.load_mass, settings.springs)(fine.q, fine.v, fine.a), limits.effort
+    else:
+        middle_torque, half = settings.modelled.torques(fine.q, fine.v, fine.a)
+        torque, effort = middle_torque + np.copysign(half, middle_torque), settings.modelled.limit
     force = "N m" if unit == "rad" else "N m or N"
     tool = (robot.tool_frame,)
     series = [
@@ -185,7 +234,7 @@ def _joint_series(
         both_ways("velocity", f"{unit}/s", *with_differences(motion.q, fine.v), limits.velocity),
         both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
         both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
-        both_ways("torque", force, fine.time, torque, limits.effort),
+        both_ways("torque", force, fine.time, torque, effort),
         LimitedQuantity.from_values(
             "singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.min_singular_value
         ),
@@ -221,6 +270,11 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
 
 def _unit(robot: urdf.Robot) -> str:
     """Unit of the joints' positions."""
-    kinds = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.joint_names]
-    units = {"m" if "JointModelP" in kind else "rad" for kind in kinds}
+    units = {*_joint_units(robot)}
     return units.pop() if len(units) == 1 else "rad or m"
+
+
+def _joint_units(robot: urdf.Robot) -> list[str]:
+    """Unit of each joint's position."""
+    kinds = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.joint_names]
+    return ["m" if "JointModelP" in kind else "rad" for kind in kinds]

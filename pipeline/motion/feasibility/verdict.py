@@ -175,6 +175,25 @@ class LimitMargin:
 
 
 @dataclass(frozen=True)
+class TrackingError:
+    """How far a joint is from a trajectory that its servo follows.
+
+    Attributes:
+        joint: name of the joint.
+        unit: rad or m.
+        largest: largest distance, in `unit`.
+        rms: root mean square of the distance, in `unit`.
+        saturated: share of the time in which the servo is at its limit.
+    """
+
+    joint: str
+    unit: str
+    largest: float
+    rms: float
+    saturated: float
+
+
+@dataclass(frozen=True)
 class FeasibilityReport:
     """Result of checking whether a motion is feasible.
 
@@ -182,11 +201,15 @@ class FeasibilityReport:
         violations: violated limits, one entry per time interval, the earliest first.
         margins: margin to every limit that was checked.
         series: the limited quantities over time with their bounds, for charts.
+        tracking: how far joints are from the motion that their servos follow; empty without a model of servos.
+        notes: sentences on what was assumed.
     """
 
     violations: tuple[LimitMargin, ...]
     margins: tuple[LimitMargin, ...]
     series: tuple[LimitedQuantity, ...]
+    tracking: tuple[TrackingError, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"FeasibilityReport: {self.sentence}"
@@ -241,4 +264,10 @@ class FeasibilityReport:
                 attributes_as_json(violation, "limit joint time value bound unit") for violation in self.violations
             ],
             "margins": margins,
+            **(
+                {"tracking": [attributes_as_json(one, "joint unit largest rms saturated") for one in self.tracking]}
+                if self.tracking
+                else {}
+            ),
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
