@@ -27,6 +27,7 @@ from worlds.own_bases import Case, Family, case
 from worlds.own_bases.fast import FAST
 from worlds.own_bases.laboratory import LABORATORY
 from worlds.own_bases.slow import SLOW
+from worlds.own_bases.unruly import UNRULY
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError
@@ -109,6 +110,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=60)
     parser.add_argument("--thresholds", type=int, default=40)
     parser.add_argument("--clean", type=int, default=104)
+    parser.add_argument("--unruly", type=int, default=0)
     parser.add_argument("--first", type=int, default=100, help="seed of the first ones")
     parser.add_argument("--off", type=float, default=0.3, help="share, or factor from 1 on, by which starts are off")
     given = parser.parse_args()
@@ -116,6 +118,7 @@ def main() -> None:
     kinds = {
         "hidden effects": (given.cases, [(family, None) for family in FAMILIES]),
         "hidden thresholds": (given.thresholds, [(by_name[name], effect) for name, effect in THRESHOLDS]),
+        "unruly": (given.unruly, [(family, None) for family in UNRULY]),
         "nothing hidden": (given.clean, [(family, "") for family in FAMILIES]),
     }
     headings = ["base", "cases", "named", "tied", "lost", "as the truth", "values within", "of", "all within", "cpu s"]

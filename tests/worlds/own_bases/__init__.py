@@ -7,6 +7,7 @@ integrator, which shares nothing with it.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,8 @@ class Family:
     driven: str  # channel of the input; empty for none
     unit: str  # of the input
     held: bool = False  # whether the input is a command that steps
+    # the input from the states and an aim, where the process is held by feedback; `push` and `pace` are the aim's
+    control: Callable[["Case", np.ndarray, float], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -101,24 +104,34 @@ class Case:
         def moves(t: float, s: np.ndarray) -> Sequence[float]:
             return f.rates(self, s, float(given(t)))
 
-        step = 0.25 / f.rate
-        found = solve_ivp(
-            moves, (0.0, time[-1]), start, "LSODA", time, max_step=step,
-            rtol=1e-8, atol=1e-9 * max(map(abs, f.start), default=1.0) + 1e-14,
-        )  # fmt: skip
-        assert found.success, (f.name, found.message)
-        u = given(time)
+        if f.control is None:
+            y, u = _solved(moves, (0.0, time[-1]), start, time, f), given(time)
+        else:
+            y, u = self._controlled(start, time, given)
         channels = {f.driven: Channel(time, u, f.unit)} if f.driven else {}
         units = dict(re.findall(r'"([\w.]+)": "([^"]+)"', f.text.split("outputs=")[1].split("}")[0]))
         for name, look in f.outputs.items():
-            read = found.y[look] if isinstance(look, int) else look(self, found.y, u)
+            read = y[look] if isinstance(look, int) else look(self, y, u)
             value = read + f.noise[name] * rng.normal(size=len(time))
             channels[name] = Channel(time, value, units[name])
         return Run(f"{f.name}_{self.seed}_{k}.csv", channels)
 
+    def _controlled(
+        self, start: np.ndarray, time: np.ndarray, aim: Callable[[np.ndarray | float], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n, N) states and (N,) commands, each of which holds from one sample to the next."""
+        f, states, commands = self.family, [start], list[float]()
+        assert f.control is not None
+        for t, after in pairwise(time):
+            u = f.control(self, states[-1], float(aim(t)))
+            commands.append(u)
+            moved = _solved(lambda _, s, u=u: f.rates(self, s, u), (t, after), states[-1], np.array([after]), f)
+            states.append(moved[:, 0])
+        return np.array(states).T, np.array([*commands, commands[-1]])
+
     def _given(self, rng: np.random.Generator, time: np.ndarray) -> Callable[[np.ndarray | float], np.ndarray]:
         f = self.family
-        if f.held:
+        if f.held and f.control is None:
             every = max(1, round(2.0 / f.pace * f.rate))
             levels = f.push[0] + f.push[1] * rng.uniform(-1.0, 1.0, len(time) // every + 2)
             edges = time[::every]
@@ -131,6 +144,20 @@ class Case:
             return f.push[0] + f.push[1] * shape
 
         return smooth
+
+
+def _solved(
+    rates: Callable[[float, np.ndarray], Sequence[float]],
+    span: tuple[float, float],
+    start: np.ndarray,
+    time: np.ndarray,
+    f: Family,
+) -> np.ndarray:
+    """(n, N) states at `time` by scipy's LSODA."""
+    atol = 1e-9 * max(map(abs, f.start), default=1.0) + 1e-14
+    found = solve_ivp(rates, span, start, "LSODA", time, max_step=0.25 / f.rate, rtol=1e-8, atol=atol)
+    assert found.success, (f.name, found.message)
+    return found.y
 
 
 def beyond(value: float, gap: float) -> float:
