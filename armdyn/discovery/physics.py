@@ -69,7 +69,7 @@ def _states(fit: Fit) -> Iterator[tuple[TermLocation, list[TermVariable]]]:
 def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
     """States as fitted, and inputs as recorded."""
     path = model.input_path(run)
-    states = model.rollout(path, theta, model.predicted_channels(run)).states[:, : len(model.physics.states)]
+    states = model.states_along(run, theta)[:, : len(model.physics.states)]
     inputs = {name: path.nodes[1 + 3 * k] for k, name in enumerate(model.physics.inputs)}
     found = {**dict(zip(model.physics.states, states.T, strict=True)), **inputs}
     return {name: values[np.isfinite(values)] for name, values in found.items()}

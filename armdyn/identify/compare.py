@@ -252,7 +252,7 @@ def comparison(
                 for run in (*study.runs, *study.held_out)
                 if column.name not in run.extra
             ),
-            *study.describe_glitches(fit),
+            *study.remarks(fit),
         ),
         unidentified_combinations=together,
         std_inflation=certain.std_inflation,

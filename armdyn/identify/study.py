@@ -72,6 +72,7 @@ class Study(ABC):
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_std_by_run_and_channel(model, everything)
         self.stated_noise = stated_noise(model, everything)
+        self.model = model = self.suited(model)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
         self.recorded = frozenset(name for run in self.runs for name in run.all_channels)
         shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
@@ -95,6 +96,10 @@ class Study(ABC):
         self._in_turn: dict[Fit, list[Fit]] = {}
         self._exam: dict[Fit, list[Fit]] = {}
         self.present_names = [name for c in self.present for name in c.names]
+
+    def suited(self, model: Model) -> Model:
+        """The model as it predicts these runs."""
+        return model
 
     def with_whole_catalogue(self, model: Model) -> Model:
         """The model with all effects of the catalogue, the new ones at their null values and fixed."""
@@ -182,8 +187,8 @@ class Study(ABC):
         del fit
         return False
 
-    def describe_glitches(self, fit: Fit) -> list[str]:
-        """Sentences, without full stops, on suspected glitches, which had little weight in the choice of effects."""
+    def remarks(self, fit: Fit) -> list[str]:
+        """Sentences, without full stops, on suspected glitches, which count little, and on unusual predictions."""
         del fit
         return []
 

@@ -7,18 +7,20 @@ from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from armdyn.effects.catalogue import CATALOGUE, catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.model import Prediction
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulate
 from armdyn.physics.recorded import InputPath, is_piecewise_constant, recorded_inputs
+from armdyn.physics.restarts import predict_in_pieces, restart_seconds
 from armdyn.physics.simulated import (
     LOCAL_FIT_HALF_WIDTH_PERIODS,
     START_PARABOLA_SECONDS,
@@ -48,11 +50,39 @@ class PhysicsModel(SimulatedModel):
         physics: the physics.
         own_effects: effects that come with the physics.
         file: file from which the physics was read; None for a physics without a file.
+        restart: time, s, after which predictions start anew from the measured motion, because an error of the start
+            would grow to the size of the motion; None where a whole run is predicted from its first state.
     """
 
     physics: Physics
     own_effects: tuple[Effect, ...] = ()
     file: Path | None = None
+    restart: float | None = None
+
+    def suited_to(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> Self:
+        """See `SimulatedModel`; in pieces, if errors of the start grow from the noise to the motion's size."""
+        length = restart_seconds(self, runs, noise)
+        return self if length is None else replace(self, restart=length)
+
+    @property
+    def begins_at_start(self) -> bool:
+        """See `SimulatedModel`."""
+        return self.restart is None
+
+    @property
+    def remark(self) -> str:
+        """See `SimulatedModel.remark`."""
+        if self.restart is None:
+            return ""
+        return (
+            f"Unstable over these durations: predictions start anew every {self.restart:.2g} s from the measured motion"
+        )
+
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """See `SimulatedModel.predict`; in pieces of `restart` s, where that is given."""
+        return (
+            super().predict(run, theta) if self.restart is None else predict_in_pieces(self, run, theta, self.restart)
+        )
 
     @property
     def base(self) -> str:
@@ -249,7 +279,7 @@ class PhysicsModel(SimulatedModel):
     def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
         """(K,) time derivatives along the simulated motion of a run, of the states that a force changes, by name."""
         path, physics = self.input_path(run), theta[self.parameter_positions[1]]
-        states = self.rollout(path, theta, self.predicted_channels(run)).states
+        states = self.states_along(run, theta)
         found = self.system.derivative.map(len(states))(states.T, self.simulation_inputs(path, physics).nodes, physics)
         own = dict(zip(self.physics.states, np.asarray(found), strict=False))
         return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
@@ -287,6 +317,8 @@ class PhysicsModel(SimulatedModel):
     def states_sensitive_to(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
         """Unmeasured states, with units, whose range changes by a tenth of a change of parameters along `direction`."""
         channels, starts = self.predicted_channels(run), len(self.physics.states)
+        if not self.begins_at_start:
+            return ()
         shown = {name for name, channel in _bare(self.physics).channel_by_measured_state.items() if channel in channels}
         here, there = (
             self.rollout(self.input_path(run), theta + step * direction, channels).states[:, :starts]
@@ -305,13 +337,27 @@ class PhysicsModel(SimulatedModel):
         parts = stable_step_divisions(self.system, self.physics, physics, path.dt)
         return replace(super().simulation_inputs(path, physics), steps_per_interval=parts)
 
+    def states_along(self, run: Run, theta: np.ndarray) -> np.ndarray:
+        """(K, n) states along the recorded inputs of a run: simulated, or measured where a simulation diverges."""
+        path = self.input_path(run)
+        if self.begins_at_start:
+            return self.rollout(path, theta, self.predicted_channels(run)).states
+        motion = self.measured_motion(run, path.time, theta, self.oscillation_period(run, theta))
+        assert motion is not None
+        inputs, physics = (
+            self.simulation_inputs(path, theta[self.parameter_positions[1]]),
+            theta[self.parameter_positions[1]],
+        )
+        begin = self.system.initial.map(len(motion))
+        return np.asarray(begin(*motion.T[:, None], inputs.nodes[: self.system.input_count], physics)).T
+
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Signals on which residuals may depend, as the equations declare them, by name."""
         path, formulation = self.input_path(run), self.system
-        rollout = self.rollout(path, theta, self.predicted_channels(run))
+        states = self.states_along(run, theta)
         many = formulation.against.map(len(path.time))
         physics = theta[self.parameter_positions[1]]
-        values = np.asarray(many(rollout.states.T, self.simulation_inputs(path, physics).nodes, physics))
+        values = np.asarray(many(states.T, self.simulation_inputs(path, physics).nodes, physics))
         units = formulation.against_units
         return {
             name: Channel(path.time, row, unit)

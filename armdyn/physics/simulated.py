@@ -163,6 +163,26 @@ class SimulatedModel(Model):
         del beside
         return without_faulty_samples(run, self.predicted_channels(run), self.inputs)
 
+    def suited_to(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> Self:
+        """The model as it predicts these runs, whose motion it may have to follow in pieces; by default itself.
+
+        Args:
+            runs: the runs.
+            noise: standard deviation of a sample by run and channel, in the channel's unit.
+        """
+        del runs, noise
+        return self
+
+    @property
+    def begins_at_start(self) -> bool:
+        """Whether a whole run is predicted from its start values."""
+        return True
+
+    @property
+    def remark(self) -> str:
+        """A sentence, without a full stop, on how the model predicts, where that is unusual; else empty."""
+        return ""
+
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Predict the channels of a run at (p,) parameters in the order of `names`."""
         channels, path = self.predicted_channels(run), self.input_path(run)

@@ -121,11 +121,11 @@ def characterise(fit: Fit) -> ResidualCharacter:
 def process_error_share(fit: Fit) -> float | None:
     """Share of the squared residual of a fit that vanishes if every segment of 1.5 s starts from a fitted state.
 
-    None for a model without states, and where the residual is of the size of the noise.
+    None for a model without states or one that is predicted in pieces, and where the residual is of the noise's size.
     """
     problem = fit.problem
     model = as_model_with_motion(problem.model)
-    if model is None or fit.chi2_per_sample < MIN_ERROR_TO_NOISE_VARIANCE:
+    if model is None or not model.begins_at_start or fit.chi2_per_sample < MIN_ERROR_TO_NOISE_VARIANCE:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):

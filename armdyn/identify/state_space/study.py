@@ -23,6 +23,8 @@ from armdyn.identify.state_space.output_error import (
 )
 from armdyn.identify.study import Study
 from armdyn.identify.unidentified import UnidentifiedCombination, find_unidentified_combinations
+from armdyn.model import Model
+from armdyn.physics.simulated import as_simulated_model
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
@@ -34,6 +36,10 @@ class StateSpaceStudy(Study):
 
     later_ties = True
     ignores_input_errors = True
+
+    def suited(self, model: Model) -> Model:
+        """See `Study`; an unstable process is followed in pieces."""
+        return as_simulated_model(model).suited_to(self.runs, self.noise)
 
     @cached_property
     def motion(self) -> EffectSetOptimiser:
@@ -100,7 +106,8 @@ class StateSpaceStudy(Study):
             (self._starts[key[0]],) = tee(motion.start_values(free), 1)
         starts, point = self._starts[key[0]], motion.optimised_point(free)
         places = chain(copy(starts), motion.rescaled_start_values(free, copy(starts)))
-        fitted = transfer_mask(free | motion.start_unknowns, motion.problem, self.problem)
+        own_starts = motion.start_unknowns & as_simulated_model(self.model).begins_at_start
+        fitted = transfer_mask(free | own_starts, motion.problem, self.problem)
         found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
         if (
             others
@@ -158,9 +165,10 @@ class StateSpaceStudy(Study):
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
         return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)
 
-    def describe_glitches(self, fit: Fit) -> list[str]:
-        """Sentences, without full stops, on suspected glitches, which had little weight in the choice of effects."""
-        motion, found = self.motion, list[str]()
+    def remarks(self, fit: Fit) -> list[str]:
+        """See `Study.remarks`."""
+        said = as_simulated_model(self.model).remark
+        motion, found = self.motion, [said] if said else list[str]()
         free = transfer_mask(fit.free, fit.problem, motion.problem)
         for run, weights in zip(motion.box.runs, motion.sample_weights(free & ~motion.start_unknowns), strict=True):
             for channel, weight in zip(run.channels, weights, strict=True):
