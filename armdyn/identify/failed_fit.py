@@ -1,4 +1,4 @@
-"""Detect a failed ("lost") fit: its residual varies more than the signal itself, so nothing may be concluded from it.
+"""Detect a failed ("lost") fit: its residual varies like the signal itself, so nothing may be concluded from it.
 
 A simulation from wrong values ends in another motion, and the fit in a minimum that has nothing to do with the
 recording. Predictions that are linear in the fitted values have one minimum, so such fits are never lost.
@@ -35,7 +35,7 @@ def residual_variance_ratio(blocks: Sequence[ResidualBlock]) -> float:
 
 def failed_fit_sentence(fit: Fit) -> str:
     """Sentence for a reader that a fit is lost, and which parameters need start values or priors."""
-    asked, why = join_names(_asked(fit)), "The fit leaves more than the signal itself varies by"
+    asked, why = join_names(_asked(fit)), "The fit leaves most of what the signal itself varies by"
     if not np.isfinite(fit.cost):
         asked += ", or a base of your own a shorter step"
         why = "The simulation diverges from every start that was tried"

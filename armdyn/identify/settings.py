@@ -141,6 +141,8 @@ class VerdictSettings:
         explained_above_noise: the same where the model's own error is far above the noise, as with every real robot:
             effects outside the catalogue leave half of the squared error or more, real robots at most a tenth.
         first_effect_share: share that the first effect must explain; otherwise the missing effect counts as unknown.
+        lost_share: share of the signal's own variance that a fit leaves, above which it is lost: what leaves as much as
+            it explains says nothing, though a start far off makes it look like 99.9 % explained.
         term_probability: probability by chance up to which a term or a frequency of a residual is reported.
         range_stds: number of standard deviations by which the chi2 of a reported range exceeds that of noise.
         range_ratio: ratio of the chi2 per sample of a reported range to that of its channel.
@@ -150,6 +152,7 @@ class VerdictSettings:
     explained_at_noise: float = 0.97
     explained_above_noise: float = 0.8
     first_effect_share: float = 0.5
+    lost_share: float = 0.5
     term_probability: float = 1e-3
     range_stds: float = 5.0
     range_ratio: float = 1.5

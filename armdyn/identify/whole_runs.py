@@ -126,7 +126,7 @@ def _added(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> 
 
 
 def _without_nothing(study: StateSpaceStudy, effects: Effects) -> Effects:
-    """A set without effects whose values are zero, and without those that increase the error of held-out runs.
+    """A set without effects whose values are zero or at their physical bounds, or that harm held-out runs.
 
     The error may be clearly larger without such an effect: a gravity 0.1 % off looks like a gripper's scale.
     """
@@ -137,7 +137,8 @@ def _without_nothing(study: StateSpaceStudy, effects: Effects) -> Effects:
         effects = tuple(c for c in effects if c not in useless)
         if useless:
             continue
-        gone = [c for c in unsure if _is_nothing(study, found, effects, c)]
+        ends = set(found.at_bound)  # the runs want more of it than there can be: what they show is something else
+        gone = [c for c in unsure if not ends.isdisjoint(c.names) or _is_nothing(study, found, effects, c)]
         gone = gone or list(islice((c for c in unsure if _harms(study, found, effects, c)), 1))
         if not gone:
             return effects

@@ -92,13 +92,15 @@ def restart_seconds(model: SimulatedModel, runs: Sequence[Run], noise: Mapping[t
 def error_growth_rate(model: SimulatedModel, run: Run, theta: np.ndarray) -> float | None:
     """Mean rate, 1/s, at which an error of the start state grows along the measured motion of a run.
 
-    Negative where errors fade, and None where the motion is not measured or the model diverges within a piece.
+    Negative where errors fade, and None without states, and where the motion is not measured or diverges in a piece.
 
     Args:
         model: the model.
         run: the run.
         theta: (p,) parameters in the order of the model's names.
     """
+    if not model.start_names:
+        return None
     swing = model.oscillation_period(run, theta)
     pieces = MotionPieces(model, run, 0.125 * swing)
     if model.measured_motion(run, pieces.starts, theta, swing) is None:

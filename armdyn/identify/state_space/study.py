@@ -156,14 +156,14 @@ class StateSpaceStudy(Study):
         return find_unidentified_combinations(fit)
 
     def fit_has_failed(self, fit: Fit) -> bool:
-        """Whether a fit has failed: its residual varies more than the signals (see `residual_variance_ratio`).
+        """Whether a fit has failed: its residual varies nearly as much as the signals (see `residual_variance_ratio`).
 
         A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
         """
         if fit.chi2_per_sample < self.settings.noise.minimum_chi2:
             return False
         kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
-        return not all(residual_variance_ratio(kind) <= 1.0 for kind in kinds)
+        return not all(residual_variance_ratio(kind) <= self.settings.verdict.lost_share for kind in kinds)
 
     def remarks(self, fit: Fit) -> list[str]:
         """See `Study.remarks`."""

@@ -16,6 +16,8 @@ TRAINING, HELD_OUT = 0, 1
 class Fitted(frozenset):
     """A fit of a set of effects, far above the noise."""
 
+    at_bound = ()
+
     chi2_per_sample = 100.0
 
 
