@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -58,16 +58,29 @@ def check(
         str | None,
         typer.Option("--ros", help="Address of the arm's rosbridge, ws://HOST:9090, to read its present position."),
     ] = None,
+    retime: Annotated[
+        Path | None,
+        typer.Option(
+            "--retime",
+            metavar="OUT.csv",
+            help="File for the same path at the fastest feasible speed, from rest to rest; it is what is checked then. "
+            "TRAJECTORY may be waypoints without times, or a JSON of MoveIt's or ros2_control's.",
+        ),
+    ] = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
     """Check whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
     import urdf
+    from armdyn.atomic import write_text
+    from armdyn.recording.csv_run import csv_text
     from ik import default_table
     from pipeline.box import Box
     from pipeline.motion.feasibility import CheckSettings, box_and_table_obstacles, check_joints, check_line
-    from pipeline.motion.feasibility.read import read_trajectory
-    from pipeline.motion.trajectory import LineTrajectory
+    from pipeline.motion.feasibility.check import joint_position_units
+    from pipeline.motion.feasibility.read import read_trajectory, read_waypoints
+    from pipeline.motion.retime import retimed_on_arm
+    from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_report
 
     mass = parse_option_quantity(load_mass, "kg", "--load-mass").value
@@ -75,7 +88,9 @@ def check(
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
     if model is not None and (choice or mass > 0.0 or springs is not None):
         raise InputError("--model holds robot, load and springs: leave out --robot, --urdf, --load-mass and --springs")
-    check_outputs(report, json_file, inputs=[trajectory, *(file for file in (model, effects) if file is not None)])
+    check_outputs(
+        retime, report, json_file, inputs=[trajectory, *(file for file in (model, effects) if file is not None)]
+    )
     with progress_display() as say:
         say("reading the robot")
         known = choice.robot or "baxter"
@@ -88,7 +103,13 @@ def check(
         if (on_line or box) and line is None:
             option = "--on-line" if on_line else "--box"
             raise InputError(f"{option}: robot '{arm.name}' has no line")
-        motion = read_trajectory(trajectory, arm)
+        motion: JointTrajectory | LineTrajectory
+        if retime is None:
+            motion = read_trajectory(trajectory, arm)
+        else:
+            say("looking for the fastest feasible speed")
+            unobstructed = CheckSettings(load_mass=mass, springs=springs, modelled=modelled)
+            motion = retimed_on_arm(arm, read_waypoints(trajectory, arm), unobstructed)
         near = line is not None and (on_line or _starts_on(line, motion, arm))
         obstacles = box_and_table_obstacles(line, Box()) if line is not None and (near if box is None else box) else ()
         settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles, modelled=modelled)
@@ -104,13 +125,23 @@ def check(
             result = check_line(default_table(arm), arm, motion, settings, at=at)
         else:
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
+    written, answer = list[str](), result.to_json
+    if retime is not None and isinstance(motion, JointTrajectory) and result.feasible:
+        write_text(retime, csv_text(motion.channels(joint_position_units(arm))))
+        seconds = float(motion.time[-1])
+        written.append(f"{seconds:.3f} s from rest to rest, written to {retime}")
+
+        def answer() -> dict[str, Any]:
+            return result.to_json() | {"retimed": {"seconds": seconds, "output": str(retime)}}
+
     title = f"Feasibility of {trajectory.name}"
     finish_command(
         replace(feasibility_document(result, title), notes=[*missing_mesh_sentences(arm), *result.notes]),
-        result.to_json,
+        answer,
         json_file,
         report,
         lambda: feasibility_report(result, title),
+        written,
     )
     return 0 if result.feasible else 1
 

@@ -21,7 +21,7 @@ from armdyn.experiments.search import (
     shrink_within_limits,
 )
 from armdyn.experiments.series import AxisMotion, FourierSeries
-from armdyn.run import Channel, Run
+from armdyn.run import Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.feasibility.clearance import MIN_LINK_CLEARANCE
@@ -118,13 +118,8 @@ class Excitation:
     @property
     def motion(self) -> Run:
         """The motion as a run with position q, velocity v and acceleration a of every joint."""
-        motion, units = self.trajectory, ["m" if slides else "rad" for slides in self.goal.columns.arm.slides]
-        channels = {
-            f"{kind}.{joint}": Channel(motion.time, column, unit + per)
-            for kind, values, per in (("q", motion.q, ""), ("v", motion.v, "/s"), ("a", motion.a, "/s^2"))
-            for joint, column, unit in zip(motion.joint_names, values.T, units, strict=True)
-        }
-        return Run("motion", channels)
+        units = ["m" if slides else "rad" for slides in self.goal.columns.arm.slides]
+        return Run("motion", self.trajectory.channels(units))
 
     @property
     def energy(self) -> float:

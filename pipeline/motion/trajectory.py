@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armdyn.errors import InputError
+from armdyn.recording.channels import Channel
 from urdf.robot import Array, freeze_arrays
 
 
@@ -104,6 +105,18 @@ class JointTrajectory:
 
     def __len__(self) -> int:
         return int(self.time.size)
+
+    def channels(self, units: Sequence[str]) -> dict[str, Channel]:
+        """Channels of positions, velocities and accelerations of every joint, as in a recording.
+
+        Args:
+            units: rad or m for each joint.
+        """
+        return {
+            f"{kind}.{joint}": Channel(self.time, column, unit + per)
+            for kind, values, per in (("q", self.q, ""), ("v", self.v, "/s"), ("a", self.a, "/s^2"))
+            for joint, column, unit in zip(self.joint_names, values.T, units, strict=True)
+        }
 
 
 def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None:

@@ -79,7 +79,7 @@ def check_line(
         return JointTrajectory(time, *table.joint_motion(np.clip(s, low, high), v, a), robot.joint_names)
 
     samples = trajectory.time, trajectory.s, trajectory.v, trajectory.a
-    fine = _finer(*samples)
+    fine = interpolated_samples(*samples)
     motion, between = joints(*samples), joints(*fine)
     series = [LimitedQuantity.from_values("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
     series += _series(robot, motion, between, settings, table.line, at)
@@ -113,7 +113,7 @@ def check_joints(
             f"trajectory: its joints are {', '.join(trajectory.joint_names)}; those of {robot.name} are "
             f"{', '.join(robot.joint_names)}, in this order"
         )
-    fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
+    fine = interpolated_samples(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
     between = JointTrajectory(*fine, robot.joint_names)
     return _report(robot, _series(robot, trajectory, between, settings, line, at), trajectory, settings)
 
@@ -140,7 +140,7 @@ def _report(
         sizes = np.abs(followed.error).max(axis=0), np.sqrt(np.mean(followed.error**2, axis=0)), beyond
         tracking = tuple(
             TrackingError(name, unit, *map(float, own))
-            for name, unit, *own in zip(robot.joint_names, _joint_units(robot), *sizes, strict=True)
+            for name, unit, *own in zip(robot.joint_names, joint_position_units(robot), *sizes, strict=True)
         )
     notes = _notes(robot, series, arm)
     return replace(FeasibilityReport.from_quantities(series), tracking=tracking, notes=notes)
@@ -183,7 +183,7 @@ def _series(
     return series + (collision_limited_quantities(robot, fine, settings.obstacles) if settings.collision else [])
 
 
-def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+def interpolated_samples(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
     """Interpolate samples (n, ...) `CHECKED_INSTANTS_PER_SAMPLE` times finer: x and v by cubics, a linearly."""
     if time.size == 1:
         return time, x, v, a
@@ -270,11 +270,11 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
 
 def _unit(robot: urdf.Robot) -> str:
     """Unit of the joints' positions."""
-    units = {*_joint_units(robot)}
+    units = {*joint_position_units(robot)}
     return units.pop() if len(units) == 1 else "rad or m"
 
 
-def _joint_units(robot: urdf.Robot) -> list[str]:
-    """Unit of each joint's position."""
+def joint_position_units(robot: urdf.Robot) -> list[str]:
+    """Unit of each joint's position, rad or m."""
     kinds = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.joint_names]
     return ["m" if "JointModelP" in kind else "rad" for kind in kinds]

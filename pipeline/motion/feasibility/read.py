@@ -1,5 +1,6 @@
 """Read the trajectory of an arm's joints, or of its tool along the line, from a file."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
 from armdyn.recording.noise import noise_std_from_differences
+from armdyn.recording.units import to_base_units
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
@@ -48,18 +50,86 @@ def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array
     return q, v, a
 
 
+def read_waypoints(path: Path | str, robot: urdf.Robot) -> Array:
+    """Read the positions of a path of the joints, (n, joints) [rad or m]; its times do not matter.
+
+    Files are those of `read_trajectory`, CSV files without a time, and JSON files of a trajectory of ROS: a message
+    ``trajectory_msgs/JointTrajectory``, as ``ros2_control`` takes it, or one that contains it, as MoveIt's.
+
+    Raises:
+        InputError: the file is not a path of this robot's joints.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".json":
+        with error_location(path):
+            return _message_positions(path, robot)
+    if path.suffix.lower() == ".csv" and "time" not in _header(path):
+        with error_location(path):
+            return _table_positions(path, robot)
+    motion = read_trajectory(path, robot)
+    if isinstance(motion, LineTrajectory):
+        raise InputError(f"{path}: a motion along the line has no joints to retime: 'armdyn check' without --retime")
+    return motion.q
+
+
+def _header(path: Path) -> list[str]:
+    """Names of the columns of a CSV file, without their units."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return [cell.partition("[")[0].strip().strip('"') for cell in file.readline().split(",")]
+    except (OSError, UnicodeDecodeError):
+        return ["time"]  # the reader of recordings says what is wrong
+
+
+def _table_positions(path: Path, robot: urdf.Robot) -> Array:
+    """Positions in the columns of a CSV file, in the units of its first row."""
+    first, *rest = (row for row in path.read_text(encoding="utf-8-sig").splitlines() if row.strip())
+    columns = dict[str, tuple[int, float]]()
+    for k, cell in enumerate(first.split(",")):
+        name, _, unit = cell.strip().strip('"').partition("[")
+        if name.startswith("q."):
+            columns[name.strip().removeprefix("q.")] = k, to_base_units(unit.strip(" ]") or "rad")[1]
+    missing = [joint for joint in robot.joint_names if joint not in columns]
+    if missing:
+        raise InputError(f"joint {', '.join(missing)} is missing: add a column 'q.{missing[0]} [rad]'")
+    try:
+        rows = np.array([[float(cell) for cell in row.split(",")] for row in rest])
+    except ValueError as error:
+        raise InputError(f"each row needs {first.count(',') + 1} numbers: {error}") from error
+    if rows.ndim != 2 or not np.isfinite(rows).all():
+        raise InputError("give two rows or more, with a finite number in every column")
+    return np.column_stack([rows[:, k] * factor for k, factor in (columns[joint] for joint in robot.joint_names)])
+
+
+def _message_positions(path: Path, robot: urdf.Robot) -> Array:
+    """Positions of a message in a JSON file."""
+    try:
+        message = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"it cannot be read as JSON: {error}") from error
+    while isinstance(message, Mapping) and "points" not in message:
+        inner = [part for name in ("joint_trajectory", "trajectory", "goal") if (part := message.get(name))]
+        message = (inner[0][0] if isinstance(inner[0], list) else inner[0]) if inner else None
+    try:
+        names = [str(name) for name in message["joint_names"]]
+        q = np.array([[float(x) for x in point["positions"]] for point in message["points"]])
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError("it is no trajectory: give 'joint_names' and 'points' with 'positions'") from error
+    missing = [joint for joint in robot.joint_names if joint not in names]
+    if missing:
+        raise InputError(f"joint {', '.join(missing)} is missing in its joint_names")
+    if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
+        raise InputError(f"each point needs {len(names)} finite positions, one for each of its joint_names")
+    return q[:, [names.index(joint) for joint in robot.joint_names]]
+
+
 LINE_COLUMN_UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
 """SI unit of each column in the file of a motion along the line."""
 
 
 def is_line_csv(path: Path) -> bool:
     """Whether a file is a CSV file of a motion along the line, with a column ``s``."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            header = file.readline()
-    except (OSError, UnicodeDecodeError):
-        return False
-    return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
+    return "s" in _header(path)
 
 
 DEGREES_POSITION_TO_RANGE_RATIO = 2.0
@@ -103,15 +173,19 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
         kind, dot, joint = name.partition(".")
         if dot and kind in ("q", "v", "a") and joint not in robot.joint_names:
             raise UnknownNameError(f"joint of {robot.name}", joint, robot.joint_names)
+    _require_joints(channels, robot)
+    names = [[f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qva"]
+    _refuse_degrees(channels, robot)
+    return JointTrajectory(*_sample(channels, names), robot.joint_names)
+
+
+def _require_joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
     missing = [joint for joint in robot.joint_names if f"q.{joint}" not in channels]
     if missing:
         raise InputError(
             f"joint {', '.join(missing)} is missing: add a column 'q.{missing[0]} [rad]'; a joint that stands still "
             "has the same position in every row"
         )
-    names = [[f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qva"]
-    _refuse_degrees(channels, robot)
-    return JointTrajectory(*_sample(channels, names), robot.joint_names)
 
 
 def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> tuple[Array, Array, Array, Array]:

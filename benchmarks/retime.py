@@ -1,0 +1,159 @@
+"""Is a retimed path feasible, and how much longer than the optimum of toppra?
+
+    pip install toppra
+    python benchmarks/retime.py [--trajectories 50] [--json FILE]
+
+Random paths of four arms, 1,000 points each, as described and with friction (a model of theirs). Each is retimed under
+limits of speed and torque, and under those of acceleration and jerk besides. Feasible is what an own check says:
+differences of the written positions, and MuJoCo's or Pinocchio's torques. The optimum is that of toppra (Pham & Pham,
+IEEE Trans. Robotics 34, 2018) with limits of speed and torque, on the same spline. Wanted: all feasible, durations at
+most 1.05 of toppra's, at most 1.25 with jerk, and 0.5 s of processor time.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent))
+import _hidden_table as hidden_table  # isort: skip
+
+import argparse
+import json
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import toppra
+import toppra.algorithm
+import toppra.constraint
+
+from armdyn.errors import TaskFailedError
+from pipeline.motion.retime import RetimingLimits, _Path, retimed
+from pipeline.motion.trajectory import JointTrajectory
+from urdf.robot import Array, Robot
+
+worlds = hidden_table.generator("mujoco_arm")
+plant = sys.modules[worlds.compiled.__module__]
+ROBOTS, POINTS, SECONDS, NODES = ("z1", "xarm7", "ur5", "panda"), 1000, 6.0, 500
+FRICTION = (0.0, 0.15)  # of the torque limit
+LONGEST, LONGEST_WITH_JERK, CPU = 1.05, 1.25, 0.5
+
+
+class Arm:
+    """Rigid bodies with Coulomb friction."""
+
+    def __init__(self, robot: Robot, friction: Array) -> None:
+        self.robot, self.friction, self.model = robot, friction, pin.Model(robot.model)
+        self.model.damping = np.zeros(self.model.nv)
+        self.data = self.model.createData()
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """(n, joints) N m."""
+        rows = [pin.rnea(self.model, self.data, *row) for row in zip(q, v, a, strict=True)]
+        return np.array(rows) + self.friction * np.sign(v)
+
+    def band(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """The same, without uncertainty."""
+        return self.torque(q, v, a), np.zeros_like(q)
+
+
+def broken(arm: Arm, motion: JointTrajectory, jerk: bool) -> list[str]:
+    """Limits that the samples and their differences break, by more than a thousandth."""
+    limits, h = arm.robot.limits, np.diff(motion.time)[:, None]
+    used = {
+        "position": np.maximum(motion.q - limits.upper, limits.lower - motion.q) / (limits.upper - limits.lower) + 1.0,
+        "velocity": np.abs(motion.v) / limits.velocity,
+        "mean velocity": np.abs(np.diff(motion.q, axis=0)) / h / limits.velocity,
+        "torque": np.abs(arm.torque(motion.q, motion.v, motion.a)) / limits.effort,
+    }
+    if jerk:
+        used |= {
+            "acceleration": np.abs(motion.a) / limits.acceleration,
+            "mean acceleration": np.abs(np.diff(motion.v, axis=0)) / h / limits.acceleration,
+            "jerk": np.abs(np.diff(motion.a, axis=0)) / h / limits.jerk,
+        }
+    # Velocity and acceleration must be those of the positions.
+    middle = (motion.v[1:] + motion.v[:-1]) / 2 - np.diff(motion.q, axis=0) / h
+    used["columns"] = np.abs(middle) / limits.velocity * 20.0
+    return [name for name, share in used.items() if share.max() > 1.001]
+
+
+def optimum(arm: Arm, path: _Path) -> float:
+    """Duration by toppra, s."""
+    limits, at = arm.robot.limits, path.spline.x
+    spline = toppra.SplineInterpolator(at, path.spline(at), bc_type="natural")
+    both = [np.c_[-bound, bound] for bound in (limits.velocity, limits.effort)]
+
+    def rigid(q: Array, v: Array, a: Array) -> Array:
+        return np.asarray(pin.rnea(arm.model, arm.data, q, v, a))
+
+    found = toppra.algorithm.TOPPRA(
+        [
+            toppra.constraint.JointVelocityConstraint(both[0]),
+            toppra.constraint.JointTorqueConstraint(rigid, both[1], arm.friction, discretization_scheme=1),
+        ],
+        spline,
+        gridpoints=np.linspace(0.0, at[-1], NODES + 1),
+        solver_wrapper="seidel",
+    ).compute_parameterization(0.0, 0.0)[1]
+    return np.nan if found is None else float(np.sum(2.0 * at[-1] / NODES / (found[1:] + found[:-1])))
+
+
+def examine(name: str, count: int) -> dict[str, Any]:
+    """Counts of one arm."""
+    robot, rng = worlds.robot_of(name), np.random.default_rng(ROBOTS.index(name))
+    row: dict[str, Any] = {"robot": name, "feasible": 0, "feasible_jerk": 0, "ratio": [], "ratio_jerk": [], "cpu": []}
+    drawn = 0
+    while drawn < count:
+        arm = Arm(robot, robot.limits.effort * rng.uniform(*FRICTION, len(robot.joint_names)))
+        q, _, _ = plant.Path.drawn(rng, robot, (0.1, 0.5), SECONDS).at(np.linspace(0.0, SECONDS, POINTS))
+        path = _Path(q, robot.limits.velocity)
+        best = optimum(arm, path)
+        if not np.isfinite(best):
+            continue
+        drawn += 1
+        for key, jerk in (("", False), ("_jerk", True)):
+            begun = time.process_time()
+            try:
+                motion = retimed(
+                    q, robot.joint_names, RetimingLimits(robot.limits, robot.limits.effort, jerk), arm.band
+                )
+            except TaskFailedError as refusal:
+                print(name, refusal)
+                continue
+            row["cpu"].append(time.process_time() - begun)
+            wrong = broken(arm, motion, jerk)
+            row[f"feasible{key}"] += not wrong
+            row[f"ratio{key}"].append(float(motion.time[-1]) / best)
+            if wrong:
+                print(name, wrong)
+    return row
+
+
+def main() -> int:
+    """Print a line for each arm, and whether what is wanted was reached."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trajectories", type=int, default=50)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    toppra.setup_logging("ERROR")
+    rows = [examine(name, given.trajectories) for name in ROBOTS]
+    for row in rows:
+        plain, smooth = ([float(np.median(row[key])), max(row[key])] for key in ("ratio", "ratio_jerk"))
+        print(
+            f"{row['robot']:6s} feasible {row['feasible']}, with jerk {row['feasible_jerk']} of {given.trajectories}; "
+            f"over toppra {plain[0]:.3f} (largest {plain[1]:.3f}), with jerk {smooth[0]:.3f} ({smooth[1]:.3f}); "
+            f"processor {max(row['cpu']):.2f} s at most"
+        )
+    if given.json is not None:
+        given.json.write_text(json.dumps(rows))
+    feasible = all(row[f"feasible{key}"] == given.trajectories for row in rows for key in ("", "_jerk"))
+    quick = max(max(row["cpu"]) for row in rows) <= CPU
+    short = all(max(row["ratio"]) <= LONGEST and max(row["ratio_jerk"]) <= LONGEST_WITH_JERK for row in rows)
+    return 0 if feasible and quick and short else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,127 @@
+"""The fastest feasible speed along a path: against closed forms, an independent optimum, and the check."""
+
+import json
+
+import numpy as np
+import pytest
+from command import called
+from scipy.optimize import linprog
+
+from armdyn.errors import TaskFailedError
+from pipeline.motion.fastest_speed import fastest_speed
+from pipeline.motion.feasibility import CheckSettings, check_joints
+from pipeline.motion.retime import RETIMED_LIMIT_SHARE, RetimingLimits, retimed, retimed_on_arm
+from urdf import load
+from urdf.robot import Limits
+
+ALONG = np.linspace(0.0, 1.0, 101)
+
+
+def limits(velocity=2.0, acceleration=5.0, jerk=50.0):
+    one = np.ones(1)
+    return Limits(-4 * one, 4 * one, velocity * one, acceleration * one, jerk * one, 10 * one)
+
+
+def weightless(q, v, a):
+    """Torque 2 a + 3 v + 1 sign(v), without band."""
+    return 2.0 * a + 3.0 * v + np.sign(v), np.zeros_like(q)
+
+
+def test_a_double_integrator_accelerates_half_of_the_way_and_brakes_on_the_other():
+    rows = np.tile([1.0, -1.0], (101, 1)), np.zeros((101, 2)), np.full((101, 2), 4.0)
+    found = fastest_speed(ALONG, rows, np.full(101, np.inf))
+    assert found.x == pytest.approx(8.0 * np.minimum(ALONG, 1.0 - ALONG))
+    capped = fastest_speed(ALONG, rows, np.full(101, 1.0))
+    assert capped.x == pytest.approx(np.minimum(8.0 * np.minimum(ALONG, 1.0 - ALONG), 1.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_squared_speeds_are_the_largest_that_a_linear_program_finds(seed):
+    """All squared speeds are the largest at once: their sum is, too."""
+    rng, n, m = np.random.default_rng(seed), 21, 6
+    s = np.linspace(0.0, 1.0, n)
+    waves = [np.cumsum(rng.normal(0.0, 0.3, (n, m)), axis=0) / 3.0 for _ in range(2)]
+    a, b = waves[0] + rng.choice([-1.0, 1.0], m), waves[1]
+    rows = np.hstack([a, -a]), np.hstack([b, -b]), np.full((n, 2 * m), 3.0)
+    found, step = fastest_speed(s, rows, np.full(n, 9.0)), s[1] - s[0]
+    A, c = [], []
+    for i in range(n - 1):
+        for at in (i, i + 1):
+            for k in range(2 * m):
+                row = np.zeros(n)
+                row[i + 1] += rows[0][at, k] / (2 * step)
+                row[i] -= rows[0][at, k] / (2 * step)
+                row[at] += rows[1][at, k]
+                A.append(row)
+                c.append(3.0)
+    bounds = [(0.0, 0.0 if i in (0, n - 1) else 9.0) for i in range(n)]
+    best = linprog(-np.ones(n), np.array(A), np.array(c), bounds=bounds)
+    assert found.x.sum() == pytest.approx(-best.fun, rel=1e-6)
+
+
+def test_friction_and_damping_are_overcome_on_the_way_there():
+    """From q = 0 to 2 with at most 8 N m, of which 99 % are used: analytic bang-bang of 2 a + 3 v + 1 = +-7.92."""
+    given = RetimingLimits(limits(velocity=50.0), np.array([8.0]), jerk=False)
+    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, weightless)
+    time, most = np.linspace(0.0, 3.0, 300001), RETIMED_LIMIT_SHARE * 8.0
+    forth = (most - 1.0) / 3.0 * (1.0 - np.exp(-1.5 * time))
+    way = np.concatenate([[0.0], np.cumsum(forth[:-1] * np.diff(time))])
+    braking = 2.0 / 3.0 * np.log1p(3.0 * forth / (most + 1.0))  # from v to rest with 2 a = -(8.92 + 3 v)
+    further = forth * 2.0 / 3.0 - (most + 1.0) / 3.0 * braking
+    end = int(np.argmax(way + further >= 2.0))
+    assert found.time[-1] == pytest.approx(time[end] + braking[end], rel=0.02)
+    assert np.abs(weightless(found.q, found.v, found.a)[0]).max() <= 8.0
+
+
+def test_a_jerk_limit_gives_the_time_of_a_double_s_within_a_tenth():
+    """Of 2 rad with 2 rad/s, 5 rad/s^2 and 50 rad/s^3 (Biagiotti & Melchiorri 2008, eq. 3.37)."""
+    given = RetimingLimits(limits(), np.array([np.inf]))
+    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, lambda q, v, a: (0 * v + 0 * a, 0 * q))
+    fastest = 2.0 / 2.0 + 2.0 / 5.0 + 5.0 / 50.0
+    assert fastest < found.time[-1] < 1.1 * fastest
+    assert found.q[[0, -1], 0] == pytest.approx([0.0, 2.0], abs=1e-12)
+    assert np.abs(found.v[[0, -1]]).max() < 1e-9
+
+
+def test_no_speed_is_feasible_where_friction_alone_is_more_than_the_limit():
+    given = RetimingLimits(limits(), np.array([0.9]))
+    with pytest.raises(TaskFailedError, match="q needs 1"):
+        retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, weightless)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load("ur5")
+
+
+@pytest.fixture(scope="module")
+def points(robot):
+    rng = np.random.default_rng(4)
+    return robot.home + np.cumsum(rng.uniform(-0.4, 0.4, (8, 6)), axis=0)
+
+
+def test_a_retimed_motion_is_feasible_and_a_twentieth_faster_is_not(robot, points):
+    found = retimed_on_arm(robot, points, CheckSettings())
+    settings = CheckSettings(collision=False, min_singular_value=0.0)
+    assert check_joints(robot, found, settings).feasible
+    scaled = type(found)(found.time / 1.08, found.q, found.v * 1.08, found.a * 1.08**2, found.joint_names)
+    assert not check_joints(robot, scaled, settings).feasible
+    for point in points:
+        assert np.abs(found.q - point).max(axis=1).min() < 0.01
+
+
+def test_waypoints_of_a_table_and_of_ros_are_the_same_path(points, robot, tmp_path, refused):
+    names = robot.joint_names
+    np.savetxt(tmp_path / "w.csv", points, delimiter=",", header=",".join(f"q.{n} [rad]" for n in names), comments="")
+    rows = [{"positions": row[::-1].tolist(), "time_from_start": {"sec": i}} for i, row in enumerate(points)]
+    message = {"trajectory": {"joint_trajectory": {"joint_names": names[::-1], "points": rows}}}
+    (tmp_path / "w.json").write_text(json.dumps(message))
+    answers, again = [], tmp_path / "o.csv"
+    for kind in ("csv", "json"):
+        status, out, _ = called("check", tmp_path / f"w.{kind}", "--robot", "ur5", "--retime", again, "--json", "-")
+        answers.append(json.loads(out))
+        assert status == 0
+        assert called("check", again, "--robot", "ur5")[0] == 0
+    assert answers[0]["retimed"]["seconds"] == pytest.approx(answers[1]["retimed"]["seconds"])
+    (tmp_path / "w.json").write_text(json.dumps({"points": [], "joint_names": ["a"]}))
+    assert "is missing" in refused("check", tmp_path / "w.json", "--robot", "ur5", "--retime", again)
