@@ -19,17 +19,22 @@ MAX_TEXT_FILE_BYTES = MIB
 MAX_XML_BYTES = 64 * MIB
 """Largest size of a URDF, SRDF or MJCF file [bytes]; the largest known robot description has 1 MiB."""
 MAX_MESH_BYTES = 64 * MIB
-"""Largest size of a mesh file that is read for the volume or shape of a link [bytes]."""
+"""Largest size of an STL file that is read for the volume or shape of a link [bytes]."""
+MAX_TEXT_MESH_BYTES = 24 * MIB
+"""Largest size of a mesh file of another kind, such as OBJ or DAE [bytes]; reading one takes 25 times its size."""
+MAX_MJCF_COUNT = 10_000
+"""Largest number of copies, keys, states or user's numbers that an MJCF file asks for; a humanoid robot has 100."""
+MAX_MJCF_PIXELS = 2**26
+"""Largest number of points of all textures, or of all height fields, of an MJCF file: 64 million."""
 MAX_UPLOAD_BYTES = 256 * MIB
 """Largest size of one request to the workbench [bytes]."""
 MAX_JOURNAL_BYTES = 1024 * MIB
 """Largest size of a batch's journal, the file with a line per finished job [bytes]; enough for a million jobs."""
 
-MAX_MCAP_CHUNK_BYTES = 64 * MIB
-"""Largest size of one chunk of an MCAP file after decompression [bytes]; writers end a chunk after 1 to 4 MiB."""
+MAX_CHUNK_BYTES = 64 * MIB
+"""Largest size of one chunk of an MCAP file or bag after decompression [bytes]; writers end one after 1 to 4 MiB."""
 MAX_DECOMPRESSED_FILE_BYTES = 512 * MIB
-"""Largest size of an MCAP, Parquet or bag file after decompression [bytes]: five million messages or 64 million
-numbers."""
+"""Largest size of an MCAP or bag file after decompression [bytes]: five million messages."""
 MAX_IK_TABLE_ARRAY_BYTES = 256 * MIB
 """Largest size of one array in the file of an IK table [bytes]; one metre of path takes about 100 kB."""
 
@@ -42,6 +47,10 @@ MAX_RECORDING_ROWS = 5_000_000
 """Largest number of samples in a recording."""
 MAX_TABLE_COLUMNS = 2000
 """Largest number of columns in a table."""
+MAX_TABLE_CELLS = 20_000_000
+"""Largest number of cells in a table; ten quantities of seven joints at 100 Hz take 25 million in an hour."""
+MAX_LINE_BYTES = MIB
+"""Largest size of a line of a text table [bytes]; 2000 numbers take 50 kB, a list of an arm's readings 1 kB."""
 MAX_ROBOT_LINKS = 2000
 """Largest number of links, and of joints, of a robot; a humanoid robot with hands has about 100."""
 MAX_NAME_CHARACTERS = 200

@@ -7,6 +7,7 @@ from importlib import metadata
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree as ET
 
+from urdf.bounds import MAX_MESH_BYTES, MAX_TEXT_MESH_BYTES, MIB
 from urdf.robot import UrdfError
 
 
@@ -61,6 +62,9 @@ def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[s
     directories = package_dirs(path, uris)
     places = {uri: locate_mesh(uri, path, directories) for uri in uris}
     for mesh in filter(None, places.values()):
+        most = MAX_MESH_BYTES if mesh.suffix.lower() == ".stl" else MAX_TEXT_MESH_BYTES
+        if mesh.stat().st_size > most:
+            raise UrdfError(f"{path}: mesh {mesh} is larger than {most / MIB:g} MiB; reduce it, or save it as STL")
         sys.audit("open", str(mesh), "rb", os.O_RDONLY)  # Pinocchio opens these files without reporting it to Python
     return directories, tuple(uri for uri, mesh in places.items() if mesh is None)
 

@@ -8,7 +8,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from urdf.bounds import MAX_MESH_BYTES
 from urdf.find import locate_mesh
 from urdf.library_output import library_errors
 from urdf.robot import Array, UrdfError
@@ -238,8 +237,8 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     with library_errors(f"mesh {path} cannot be read", "mend or replace it"):
         mesh = coal.MeshLoader().load(str(path), scale)
         mesh.computeLocalAABB()
-    if path.stat().st_size > MAX_MESH_BYTES or not np.isfinite(mesh.vertices()).all():
-        raise UrdfError(f"mesh {path} is too large, or holds a corner that is no number; mend or replace it")
+    if not np.isfinite(mesh.vertices()).all():
+        raise UrdfError(f"mesh {path} holds a corner that is no number; mend or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 

@@ -4,8 +4,6 @@ MuJoCo resolves defaults, includes, frames and orientations, and computes the in
 the compiled bodies and joints to a URDF; `urdf.mjcf_dynamics` reads the properties that a URDF cannot contain.
 """
 
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.library_output import library_errors
+from urdf.mjcf_sizes import check_sizes
 from urdf.robot import MJCF_NOTE_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, xml_number_list
 
@@ -57,6 +56,7 @@ def read_mjcf(path: Path) -> CompiledMjcf:
     Raises:
         UrdfError: MuJoCo refuses the file, with MuJoCo's message; or a number in the file is nan or infinite.
     """
+    check_sizes(path)
     model, noticed = _compiled(path)
     if any("NaN" in text for text in noticed):  # MuJoCo ignores this entry
         raise UrdfError(f"{path}: {_nan_in(path)} holds 'nan', which is no number; correct it")
@@ -84,19 +84,9 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
     try:
         with library_errors(f"{path}: MuJoCo refuses it", "correct it"):
             model = mujoco.MjModel.from_xml_path(str(path))
-            _tell_of_parts(path)
     finally:
         mujoco.set_mju_user_warning(before)
     return model, noticed
-
-
-def _tell_of_parts(path: Path) -> None:
-    """Report to Python's audit the further files that MuJoCo opens, because MuJoCo does not report them."""
-    root = ET.parse(path).getroot()
-    folders = {value for part in root.iter("compiler") for key, value in part.attrib.items() if key.endswith("dir")}
-    for file in {element.get("file", "") for element in root.iter()} - {""}:
-        for folder in {"", *folders}:
-            sys.audit("open", str(path.parent / folder / file), "rb", os.O_RDONLY)
 
 
 def _nan_in(path: Path) -> str:

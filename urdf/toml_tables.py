@@ -71,6 +71,8 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
     Raises:
         TomlFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
     """
+    if _DOTTED.search(text):  # the time of the parser grows with the square of their number
+        raise TomlFileError(_DEEP)
     try:
         table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
     except RecursionError as error:
@@ -86,6 +88,10 @@ def parse_toml_text(text: str, *, finite: bool = False) -> dict[str, Any]:
         if isinstance(value, float) and math.isfinite(value) and abs(value) > MAX_INPUT_MAGNITUDE:
             raise TomlFileError(f"{where} is {value:g}: nothing is larger than {MAX_INPUT_MAGNITUDE:g}; write SI units")
     return table
+
+
+_DOTTED = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
+"""Matches a key of a hundred names with dots between them."""
 
 
 def _float(text: str) -> float:

@@ -6,6 +6,7 @@ does not understand, so that a link whose inertia contains a typing mistake woul
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from shlex import quote
@@ -16,6 +17,7 @@ from urdf.bounds import (
     MAX_ROBOT_LINKS,
     MAX_XML_BYTES,
     MAX_XML_DEPTH,
+    has_plausible_magnitude,
     parse_number,
     printable_excerpt,
 )
@@ -116,6 +118,8 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             wrong = f"it must be {count} numbers"
         elif max(map(abs, values)) > MAX_URDF_NUMBER:
             wrong = "no robot has it, write SI units"
+        elif element.tag in ("limit", "mass") and not all(map(has_plausible_magnitude, values)):
+            wrong = "it is too small, write SI units"
         elif element.tag in NON_NEGATIVE_ELEMENTS and min(values) < 0.0:
             wrong = "it must not be negative"
         if wrong:
@@ -157,11 +161,11 @@ MJCF_ROOT_TAG = "mujoco"
 """Name of the root element of an MJCF, MuJoCo's XML format."""
 
 
-def parse_description(path: Path) -> ET.Element:
-    """Read the root element of a URDF or MJCF file.
+def parse_description(path: Path, roots: Sequence[str] = ("robot", MJCF_ROOT_TAG)) -> ET.Element:
+    """Read the root element of a URDF or MJCF file, or of a part of one, whose root is one of `roots`.
 
     Raises:
-        UrdfError: the file is missing, is not XML, or is neither a URDF nor an MJCF.
+        UrdfError: the file is missing, is not XML, or has another root.
     """
     try:
         with path.open("rb") as file:
@@ -178,7 +182,7 @@ def parse_description(path: Path) -> ET.Element:
             raise _is_xacro(path, "<xacro: ...>") from error
         raise UrdfError(f"{path}: not an XML file ({error}); correct it") from error
     _refuse_xacro(root, path)
-    if root.tag not in ("robot", MJCF_ROOT_TAG):
+    if root.tag not in roots:
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     level = [root]
     for _ in range(MAX_XML_DEPTH):

@@ -4,7 +4,7 @@ Rows are counted as in a spreadsheet: the header is row 1 where no blank line is
 """
 
 import csv
-import io
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +16,23 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
 from armdyn.recording.cut_off_end import ROWS_COMPARED_WITH_LAST, cut_off_message, is_complete_cell
-from urdf.bounds import MAX_NAME_CHARACTERS, MAX_RECORDING_ROWS, MAX_TABLE_COLUMNS, parse_number, printable_excerpt
+from urdf.bounds import (
+    MAX_LINE_BYTES,
+    MAX_NAME_CHARACTERS,
+    MAX_RECORDING_ROWS,
+    MAX_TABLE_CELLS,
+    MAX_TABLE_COLUMNS,
+    MIB,
+    parse_number,
+    printable_excerpt,
+)
 
 BLOCK_CHARACTERS = 2**20
 """Number of characters of a table that are split into cells at once, which limits the memory."""
 MISSING_CELLS = frozenset({"", "nan", "-nan", "+nan"})
 """Texts of cells that mean a missing sample, in lower case."""
 IntArray = npt.NDArray[np.int64]
+_LINE = re.compile(r"[^\n]*\n|[^\n]+")
 
 
 class CutOffError(InputError):
@@ -53,12 +63,13 @@ def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
         InputError: the file cannot be read, is empty or is not text.
     """
     data = read_bytes(path)
-    if not data.strip():
+    if not data or data.isspace():
         raise InputError(f"{path}: is empty: record again or give another file")
     if data.startswith(b"\x89MCAP"):
         raise InputError(f"{path}: is an MCAP recording: rename it to end in .mcap")
     if b"\0" in data:
         raise InputError(f"{path}: is not a text file: give a CSV or an .mcap recording")
+    _check_size(data, path)
     for encoding in encodings:
         try:
             return data.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
@@ -67,9 +78,24 @@ def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
     raise InputError(f"{path}: row {row} is not UTF-8 text: give a CSV saved as UTF-8, or an .mcap")
 
 
+def _check_size(data: bytes, path: Path) -> None:
+    """Refuse too many rows or cells, and rows that are too long, before the text is split."""
+    if data.count(b"\n") > MAX_RECORDING_ROWS or max(map(data.count, (b",", b";", b"\t"))) > MAX_TABLE_CELLS:
+        raise InputError(
+            f"{path}: has more than {MAX_RECORDING_ROWS} rows or {MAX_TABLE_CELLS} cells: cut it, or record more slowly"
+        )
+    start = 0
+    while start + MAX_LINE_BYTES < len(data):
+        end = max(data.rfind(mark, start, start + MAX_LINE_BYTES + 1) for mark in (b"\n", b"\r")) + 1
+        if end == 0:
+            row = data.count(b"\n", 0, start) + 1
+            raise InputError(f"{path}: row {row} is longer than {MAX_LINE_BYTES / MIB:g} MiB: give a table with rows")
+        start = end
+
+
 def header_of(text: str) -> str:
     """The first line of a text that is not blank: the header of a table."""
-    return next((line for line in text.split("\n") if line.strip()), "")
+    return next((match[0].rstrip("\n") for match in _LINE.finditer(text) if match[0].strip()), "")
 
 
 def separator_of(header: str) -> str:
@@ -137,8 +163,9 @@ def parse_delimited(
         tables.append(table)
         rows.append(found)
         count, row, start = count + len(table), row + block.count("\n"), end
-        if count > MAX_RECORDING_ROWS:
-            raise InputError(f"has more than {MAX_RECORDING_ROWS} rows: cut it, or record more slowly")
+        if count > MAX_RECORDING_ROWS or count * len(labels) > MAX_TABLE_CELLS:
+            most = min(MAX_RECORDING_ROWS, MAX_TABLE_CELLS // max(len(labels), 1))
+            raise InputError(f"has more than {most} rows of {len(labels)} columns: cut it, or record more slowly")
     last = text[text.rfind("\n") + 1 :]
     if unfinished and last.strip():
         tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]
@@ -152,7 +179,7 @@ def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> Float
     """Complete rows of `width` numbers or empty cells, (n, width); None where any cell is something else."""
     if separator != ",":
         block = block.replace(",", "." if decimal_comma else "_").replace(separator, ",")
-    if not block.endswith("\n") or not block.isascii() or "_" in block:
+    if not block.endswith("\n") or not block.isascii() or "_" in block or '"' in block:
         return None
     marks = np.frombuffer(block.encode("ascii"), dtype=np.uint8)
     commas = np.cumsum(marks == ord(","))[marks == ord("\n")]
@@ -172,7 +199,8 @@ def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> Float
 
 def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str]]]:
     """Split rows into cells, with each row's number; empty rows are left out, the first line is number `row`."""
-    reader = csv.reader(io.StringIO(block), delimiter=separator, skipinitialspace=True)
+    lines = (match[0] for match in _LINE.finditer(block))  # a stream of text would take four times its memory
+    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         return [(row + reader.line_num - 1, cells) for cells in reader if any(map(str.strip, cells))]
     except csv.Error as error:

@@ -7,6 +7,7 @@ its stated size or the limit.
 """
 
 import io
+import itertools
 import struct
 import zlib
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from contextlib import suppress
 from typing import Any
 
 from armdyn.errors import InputError
-from urdf.bounds import MAX_DECOMPRESSED_FILE_BYTES, MAX_MCAP_CHUNK_BYTES, MIB
+from urdf.bounds import MAX_CHUNK_BYTES, MAX_DECOMPRESSED_FILE_BYTES, MAX_RECORDING_ROWS, MIB
 
 CUT_OFF_MESSAGE = "is cut off, its recording did not end properly"
 BLOCK_BYTES = 2**17
@@ -37,7 +38,7 @@ def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
 
-    source, whole, number, total = io.BytesIO(data), 0, 0, 0
+    source, whole, number, total, counter = io.BytesIO(data), 0, 0, 0, itertools.count(1)
     reader = StreamReader(source, emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
     # Damaged bytes raise a dozen exceptions of struct, zstd, lz4 and mcap, with the same remedy for a user.
     try:
@@ -50,7 +51,7 @@ def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
                     stated = record.uncompressed_size
                     raise InputError(f"chunk {number} holds more than the {stated} bytes that it states: record again")
                 if len(content) == record.uncompressed_size and record.uncompressed_crc in (0, zlib.crc32(content)):
-                    yield from _records(content)
+                    yield from _records(content, counter)
                 else:  # unknown which of its messages are intact
                     problems.append("has a chunk that is damaged, which is left out")
             else:
@@ -58,7 +59,7 @@ def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
             whole = source.tell()
     except (EndOfFile, RecordLengthLimitExceeded, struct.error):
         problems.append(CUT_OFF_MESSAGE)
-        yield from _of_cut_chunk(data[whole:])
+        yield from _of_cut_chunk(data[whole:], counter)
     except InputError:
         raise
     except Exception as error:
@@ -67,9 +68,9 @@ def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
 
 def _check_size(chunk: Any, number: int, total: int) -> None:
     size = max(chunk.uncompressed_size, len(chunk.data))
-    if size > MAX_MCAP_CHUNK_BYTES:
+    if size > MAX_CHUNK_BYTES:
         raise InputError(
-            f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_MCAP_CHUNK_BYTES / MIB:.0f} MiB is the most: "
+            f"chunk {number} expands to {size / MIB:.0f} MiB where {MAX_CHUNK_BYTES / MIB:.0f} MiB is the most: "
             "write it again with smaller chunks"
         )
     if total > MAX_DECOMPRESSED_FILE_BYTES:
@@ -95,7 +96,7 @@ def _expanded(data: bytes, compression: str, most: int) -> bytes:
         if compression == "zstd":
             import zstandard
 
-            opened = zstandard.ZstdDecompressor(max_window_size=MAX_MCAP_CHUNK_BYTES).stream_reader(data)
+            opened = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).stream_reader(data)
             while len(found) <= most and (piece := opened.read(BLOCK_BYTES)):
                 found += piece
         elif compression == "lz4":
@@ -105,7 +106,7 @@ def _expanded(data: bytes, compression: str, most: int) -> bytes:
     return bytes(found) if compression else data
 
 
-def _of_cut_chunk(data: bytes) -> Iterator[Any]:
+def _of_cut_chunk(data: bytes, counter: Iterator[int]) -> Iterator[Any]:
     """The complete records at the beginning of a chunk that was cut off."""
     from mcap.opcode import Opcode
 
@@ -114,11 +115,15 @@ def _of_cut_chunk(data: bytes) -> Iterator[Any]:
     size = int.from_bytes(data[CHUNK_HEAD_BYTES : CHUNK_HEAD_BYTES + 4], "little")
     start = CHUNK_HEAD_BYTES + 4 + size
     compression = data[CHUNK_HEAD_BYTES + 4 : start].decode(errors="replace")
-    yield from _records(_expanded(data[start + 8 :], compression, MAX_MCAP_CHUNK_BYTES))
+    yield from _records(_expanded(data[start + 8 :], compression, MAX_CHUNK_BYTES), counter)
 
 
-def _records(content: bytes) -> Iterator[Any]:
-    """Records in a chunk, the last of which may be cut off."""
+def _records(content: bytes, counter: Iterator[int]) -> Iterator[Any]:
+    """Records in a chunk, the last of which may be cut off; `counter` counts those of the whole file.
+
+    Raises:
+        InputError: there are more than `MAX_RECORDING_ROWS`.
+    """
     from mcap.data_stream import ReadDataStream
     from mcap.opcode import Opcode
     from mcap.records import Channel, Message, Schema
@@ -128,6 +133,8 @@ def _records(content: bytes) -> Iterator[Any]:
         length = int.from_bytes(content[at + 1 : at + 9], "little")
         if at + 9 + length > len(content):
             return
+        if next(counter) > MAX_RECORDING_ROWS:
+            raise InputError(f"holds more than {MAX_RECORDING_ROWS} records: cut the recording")
         stream = ReadDataStream(io.BytesIO(content[at + 9 : at + 9 + length]))
         match content[at]:
             case Opcode.SCHEMA:

@@ -14,8 +14,8 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, FloatArray
 from pipeline.imports.words import name_words, word_set
 from urdf.bounds import (
-    MAX_DECOMPRESSED_FILE_BYTES,
     MAX_NAME_CHARACTERS,
+    MAX_TABLE_CELLS,
     MAX_TABLE_COLUMNS,
     parse_number,
     printable_excerpt,
@@ -126,7 +126,7 @@ def _check_size(part: str, count: int, rows: Sequence[int], row: int) -> None:
     """Refuse the name of a new column beside `count` others, where it is no name, or they would not fit into memory."""
     if len(part) > MAX_NAME_CHARACTERS or not part.isprintable():
         raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is no name of a joint: mend it")
-    if count == MAX_TABLE_COLUMNS or 8 * count * len(rows) > MAX_DECOMPRESSED_FILE_BYTES:
+    if count == MAX_TABLE_COLUMNS or count * len(rows) > MAX_TABLE_CELLS:
         raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is one of too many numbers: leave some out")
 
 

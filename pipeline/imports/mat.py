@@ -1,6 +1,8 @@
 """MATLAB's files: vectors, matrices and structures of numbers become columns, named as in MATLAB."""
 
 import io
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -15,8 +17,12 @@ from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, FloatArray
 from ik.workers import FailedWorkItem, map_in_processes
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
-from urdf.bounds import MAX_DECOMPRESSED_FILE_BYTES, MAX_TABLE_COLUMNS, MIB
+from urdf.bounds import MAX_TABLE_CELLS, MAX_TABLE_COLUMNS, MIB
 
+MAX_CONTENT_BYTES = 8 * MAX_TABLE_CELLS
+"""Largest size of all numbers of a MATLAB file [bytes]."""
+HEADER_BYTES, COMPRESSED_ELEMENT = 128, 15
+"""Size of the header of a MATLAB file of version 5 [bytes], and number that marks a compressed element."""
 MAX_STRUCTURE_DEPTH = 8
 """Largest depth of nested structures in a MATLAB file."""
 
@@ -57,14 +63,31 @@ def _content(data: bytes, name: str) -> dict[str, Any]:
     from scipy.io import loadmat, whosmat
 
     try:
-        size = sum(8 * prod(shape) for _, shape, _ in whosmat(io.BytesIO(data)))
-        if size <= MAX_DECOMPRESSED_FILE_BYTES:
+        size = max(sum(8 * prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))), _unpacked_bytes(data))
+        if size <= MAX_CONTENT_BYTES:
             return dict(loadmat(io.BytesIO(data), simplify_cells=True))
     except NotImplementedError as error:
         raise InputError(f"is of MATLAB's version 7.3: save it with save('{name}', ..., '-v7')") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
         raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
-    raise InputError(f"holds more than {MAX_DECOMPRESSED_FILE_BYTES / MIB:g} MiB of numbers: cut it")
+    raise InputError(f"holds more than {MAX_CONTENT_BYTES / MIB:.0f} MiB of numbers: cut it")
+
+
+def _unpacked_bytes(data: bytes) -> int:
+    """Size of all compressed elements of a file of version 5, counted up to a little more than `MAX_CONTENT_BYTES`.
+
+    The size that a structure or cell states for itself is the number of its cells, whatever they hold.
+    """
+    total, at, order = 0, HEADER_BYTES, "<" if data[126:128] == b"IM" else ">"
+    while at + 8 <= len(data) and total <= MAX_CONTENT_BYTES:
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        if kind == COMPRESSED_ELEMENT:
+            unpacker, left = zlib.decompressobj(), data[at + 8 : at + 8 + size]
+            while left and not unpacker.eof and total <= MAX_CONTENT_BYTES:
+                total += len(unpacker.decompress(left, MIB))
+                left = unpacker.unconsumed_tail
+        at += 8 + size
+    return total
 
 
 def _arrays(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, FloatArray]]:

@@ -19,7 +19,7 @@ from armdyn.read_files import register_input
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.mcap_records import decompressed, intact_records
 from armdyn.recording.mcap_run import SIDECAR_RECORD
-from urdf.bounds import MAX_BAG_BYTES, MAX_DECOMPRESSED_FILE_BYTES, MIB
+from urdf.bounds import MAX_BAG_BYTES, MAX_CHUNK_BYTES, MIB
 
 
 class BagConnection(NamedTuple):
@@ -111,7 +111,7 @@ def _ros1(file: Path) -> Iterator[BagMessage]:
 
 def _chunk(header: dict[str, bytes], data: bytes) -> bytes:
     (size,) = struct.unpack("<I", header["size"])
-    if size > MAX_DECOMPRESSED_FILE_BYTES:
+    if size > MAX_CHUNK_BYTES:
         raise InputError(f"a chunk expands to {size / MIB:.0f} MiB: cut the bag with 'rosbag filter'")
     match header["compression"]:
         case b"lz4":

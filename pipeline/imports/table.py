@@ -24,9 +24,9 @@ from pipeline.imports.head import single_header_table
 from pipeline.imports.lists import NAME_WORDS, columns_of_lists, lists_in, quoted_lists
 from pipeline.imports.words import name_words
 from urdf.bounds import (
-    MAX_DECOMPRESSED_FILE_BYTES,
     MAX_NAME_CHARACTERS,
     MAX_RECORDING_ROWS,
+    MAX_TABLE_CELLS,
     MAX_TABLE_COLUMNS,
     MAX_TEXT_FILE_BYTES,
     MAX_VALUE_BEFORE_UNIT_CONVERSION,
@@ -176,10 +176,10 @@ def _check_parquet(file: Any, size: int) -> None:
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]
     unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
-    if unpacked > MAX_DECOMPRESSED_FILE_BYTES or about.num_rows > MAX_RECORDING_ROWS:
+    if unpacked > 8 * MAX_TABLE_CELLS or about.num_rows > MAX_RECORDING_ROWS:
         raise InputError(
             f"{about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
-            f"{MAX_RECORDING_ROWS} rows and {MAX_DECOMPRESSED_FILE_BYTES / MIB:.0f} MiB are the most: cut it"
+            f"{MAX_RECORDING_ROWS} rows and {8 * MAX_TABLE_CELLS / MIB:.0f} MiB are the most: cut it"
         )
     if about.num_columns > MAX_TABLE_COLUMNS or any(
         len(name) > MAX_NAME_CHARACTERS for name in file.schema_arrow.names
