@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.units import si_factor, si_unit, to_base_units
-from urdf.bounds import MIN_NONZERO_INPUT_MAGNITUDE, printable_excerpt
+from urdf.bounds import printable_excerpt
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -200,9 +200,6 @@ class Channel:
             if beyond.size:
                 i = int(beyond[0])
                 raise SampleError(i, f"{array[i]:.6g} {unit} is beyond {largest:g} {unit}")
-        if value.any() and (sizes := np.abs(value)).max() < MIN_NONZERO_INPUT_MAGNITUDE:
-            i = int(sizes.argmax())
-            raise SampleError(i, f"{value[i]:.6g} {self.unit}, the largest value, is too small for any sensor")
         time.setflags(write=False)
         value.setflags(write=False)
         object.__setattr__(self, "time", time)

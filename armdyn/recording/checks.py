@@ -16,6 +16,7 @@ from armdyn.parameter import RecordedColumn
 from armdyn.recording.sidecar import KNOWN_POSITIVE_VALUE_UNITS
 from armdyn.recording.units import si_factor
 from armdyn.run import Run
+from urdf.bounds import MIN_NONZERO_INPUT_MAGNITUDE
 
 MAX_SIMULATION_STEPS_PER_SAMPLE = 40
 """Largest average number of simulation steps per sample, which limits the memory: with more steps (0.2 s per sample of
@@ -49,6 +50,15 @@ def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
         _check_span(run, model.step)
         _check_further(run, recorded_columns((*model.effects, *adding)))
         check_steps(run)
+        _check_sizes(run)
+
+
+def _check_sizes(run: Run) -> None:
+    """Refuse a channel whose values are not 0, but all too small for a sensor."""
+    for name, channel in run.channels.items():
+        largest = float(np.abs(channel.value).max(initial=0.0))
+        if name not in run.base_channels and 0.0 < largest < MIN_NONZERO_INPUT_MAGNITUDE:
+            raise InputError(f"'{name}' is {largest:.3g} {channel.unit} at most, which no sensor gives: check its unit")
 
 
 def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:

@@ -12,6 +12,8 @@ from scipy.io import savemat
 
 import urdf
 from armdyn.errors import InputError
+from armdyn.model_file import base_pendulum
+from armdyn.recording.checks import check_run
 from armdyn.recording.mcap_records import intact_records
 from armdyn.run import read_run
 from pipeline.imports import read_foreign
@@ -100,7 +102,7 @@ def test_a_column_that_no_sensor_gives_is_refused(folder, complains):
     rows = "".join(f"{i / 100},{(1 + i % 7) * 1e-308}\n" for i in range(60))
     (folder / "a.csv").write_text(f"time [s],load_force [N]\n{rows}")
     with complains(InputError):
-        read_run(folder / "a.csv")
+        check_run(base_pendulum(), read_run(folder / "a.csv"))
 
 
 def workbook(column, rows):
