@@ -31,6 +31,27 @@ def inverse_dynamics_function(model: ArmModel) -> ca.Function:
     return ca.Function("inverse_dynamics", [q, v, a], [torques], ["q", "v", "a"], ["tau"])
 
 
+def gravity_compensation_function(model: ArmModel) -> ca.Function:
+    """``(q, v) -> (gravity, friction)``, (n,) each: torques at rest with loads and springs, and those of a speed.
+
+    Torques at rest are midway between the frictions of both directions. Friction in proportion to the load is that of
+    the load at rest. Centrifugal and Coriolis torques are in neither.
+
+    Raises:
+        InputError: an effect depends on time or has states of its own.
+    """
+    n = len(model.arm.joints)
+    q, v, none = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.zeros(n)
+    links = [ca.SX(link) for link in model.link_parameters().values()]
+    load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, none, none)
+    moving, still = (
+        torques_added_by_effects(model, (q, u, none), ca.sign(u), load, ca.SX.ones(n), ca.SX(model.theta()))[0]
+        for u in (v, none)
+    )
+    found = ca.cse([ca.densify(load + still), ca.densify(moving - still)])
+    return ca.Function("gravity_compensation", [q, v], found, ["q", "v"], ["gravity", "friction"])
+
+
 def drive_command_function(model: ArmModel) -> ca.Function:
     """``(q, v, a) -> command``, (n,) each: commands and readings of the drives for the torques of a motion.
 

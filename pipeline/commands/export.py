@@ -34,9 +34,11 @@ def export(
     json_file: JsonOption = None,
 ) -> None:
     """Write a model for another program, and list what the format cannot contain; exit status 1 if that is much."""
+    from armdyn.arm.model import ArmModel
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model_file
     from pipeline.exports import format_of_file, write_export
+    from pipeline.exports.load_commands import load_command, load_sentence
 
     made = format_of_file(output)
     check_outputs(output, json_file, inputs=[model])
@@ -47,6 +49,8 @@ def export(
         say(f"writing {output}")
         with error_location(model):
             written = write_export(file, output, model.name, incomplete=incomplete)
+        arm = file.model.capability(ArmModel)
+        load = None if arm is None else load_command(arm)
     refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",
@@ -56,12 +60,16 @@ def export(
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
+    if load is not None:
+        answer["load"] = load
     if write_json_if_file_given(json_file, lambda: answer):
         typer.echo(f"{made.kind} {'not ' * refused}written to {output}")
         for note in written.notes:
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")
+        if load is not None:
+            typer.echo(f"  {load_sentence(load)}")
         typer.echo("to write it all the same: --incomplete" if refused else f"next: {written.usage}")
     if refused:
         raise typer.Exit(1)

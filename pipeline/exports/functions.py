@@ -75,6 +75,7 @@ def exported_functions(model: Model, *, observer: bool = False) -> tuple[list[Ex
 def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     from armdyn.arm.symbolic import (
         drive_command_function,
+        gravity_compensation_function,
         inverse_dynamics_function,
         servo_torque_function,
     )
@@ -98,7 +99,16 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
             "Torques that the drives give during a motion; dry friction has the sign of v.",
             motion,
             {"tau": f"torques, {unit}"},
-        )
+        ),
+        ExportedFunction(
+            gravity_compensation_function(kept),
+            "Torques that hold the arm where it is, and those of friction at a speed: no allocation.",
+            {"q": motion["q"], "v": motion["v"]},
+            {
+                "gravity": f"of the arm, its load and its springs, {unit}; give these to hold it",
+                "friction": f"of the joints, with the sign of v, {unit}; add a part of them to move it by hand",
+            },
+        ),
     ]
     if any(slots_of(effect).scales_reading for effect in kept.effects):
         found.append(

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,7 +17,7 @@ import robots
 from command import called
 
 from armdyn.arm.model import arm_model
-from armdyn.arm.symbolic import inverse_dynamics_function
+from armdyn.arm.symbolic import gravity_compensation_function, inverse_dynamics_function
 from armdyn.codegen import find_compiler
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
@@ -27,12 +28,15 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCE_COUNT, Observer
 from pipeline.exports.functions import exported_functions, python_text
 from pipeline.exports.json_file import parameters_json
+from pipeline.exports.load_commands import load_command, load_sentence
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import MUJOCO_SLOTS, URDF_SLOTS, held_effects
 from pipeline.exports.urdf_file import urdf_text
+from urdf.find import distribution_file
 
 from .conftest import by_formulas, states, with_effects
 
+PANDA = "panda_description/urdf/panda.urdf"
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
 """Effects of arms that say what their drives are told; see test_drives."""
@@ -156,6 +160,60 @@ def test_c_code_computes_what_the_model_says(in_c):
         tau = numbers(state[0])
         assert library.armdyn_inverse_dynamics(*map(numbers, state), tau) == 0
         np.testing.assert_allclose([list(tau)], by_formulas(model, *state), atol=1e-9)
+
+
+def test_gravity_and_friction_are_those_at_rest_and_at_a_speed(bare_arm):
+    model = with_effects(bare_arm, IN_FUNCTIONS)
+    function, own = gravity_compensation_function(model), model.rigid_body_model_at(model.theta())
+    own.gravity, data = pin.Motion(np.concatenate([model.gravity(), np.zeros(3)])), own.createData()
+    names = ("joint_load_friction.coefficient", *(f"joint_asymmetric_friction.{n}" for n in ("positive", "negative")))
+    per_load, forth, back = (np.array([model.value(f"{name}[{joint}]") for joint in model.joints]) for name in names)
+    between = (forth - back) / 2.0  # of a friction that differs by direction
+    for q, v, _ in zip(*states(model, 20), strict=True):
+        none = np.zeros_like(q)
+        gravity, friction = (np.array(part)[:, 0] for part in function(q, v))
+        at_rest = by_formulas(model, q, none, none)[0] + between
+        np.testing.assert_allclose(gravity, at_rest, atol=1e-9)
+        moving, still = pin.rnea(own, data, q, v, none).copy(), pin.rnea(own, data, q, none, none).copy()
+        whole = by_formulas(model, q, v, none)[0] - moving - per_load * (np.abs(moving) - np.abs(still)) * np.sign(v)
+        np.testing.assert_allclose(friction, whole - at_rest + still, atol=1e-9)
+
+
+def test_gravity_compensation_in_c_and_python_is_the_functions(in_c, tmp_path):
+    model, library = in_c
+    function = gravity_compensation_function(model)
+    module = imported_module(python_text(exported_functions(model)[0], ["arm"]), tmp_path / "gravity.py")
+    for q, v, _ in zip(*states(model, 20), strict=True):
+        gravity, friction = numbers(q), numbers(q)
+        assert library.armdyn_gravity_compensation(numbers(q), numbers(v), gravity, friction) == 0
+        expected = np.array([np.array(part)[:, 0] for part in function(q, v)])
+        np.testing.assert_allclose([list(gravity), list(friction)], expected, atol=1e-9)
+        np.testing.assert_allclose(module.gravity_compensation(q, v), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("robot", "text"), [("ur5", "set_payload(0.500, ["), ("panda", "robot.setLoad(0.500, {")])
+def test_a_load_is_printed_as_the_controllers_are_told_it(robot, text):
+    source = robot if robot == "ur5" else str(distribution_file("example-robot-data", PANDA))
+    model = arm_model(urdf=None if robot == "ur5" else source, robot=robot if robot == "ur5" else None)
+    model = model.with_effect(CATALOGUE["payload"])
+    joint = model.joints[-1]
+    values = {
+        f"payload.{short}[{joint}]": x for short, x in zip(("mass", "x", "y", "z"), (0.5, 0.1, -0.02, 0.2), strict=True)
+    }
+    model = model.with_values(values)
+    assert load_command(model) is None  # nobody said how sure it is
+    model = model.with_parameters({name: replace(model.parameters[name], std=0.01) for name in values})
+    found = load_command(model)
+    assert found["command"].startswith(text)
+    rigid = model.arm.model
+    flange = rigid.frames[rigid.getFrameId("tool0" if robot == "ur5" else "panda_link8")]
+    q = np.linspace(0.1, 0.5, len(model.joints))
+    data = rigid.createData()
+    pin.framesForwardKinematics(rigid, data, q)
+    there = data.oMi[rigid.njoints - 1].act(np.array([0.1, -0.02, 0.2]))
+    assert data.oMf[rigid.getFrameId(flange.name)].act(np.array(found["centre"])) == pytest.approx(there)
+    assert found["mass_std"] == 0.01
+    assert load_sentence(found).startswith("load beyond the description: ")
 
 
 def test_the_observer_in_c_says_what_the_watch_says(in_c):
