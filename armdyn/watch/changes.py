@@ -177,10 +177,11 @@ class MotionBlocks:
         """Forget the incomplete block."""
         self._samples: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
-    def window(self, size: int) -> NormalEquations:
-        """Equations of the latest `size` blocks together."""
-        joints = len(self._level)
-        return NormalEquations.stacked(list(self.equations)[-size:]).grouped(np.tile(np.arange(joints), size), joints)
+    def window(self, size: int, later: int = 0) -> NormalEquations:
+        """Equations of `size` blocks together: the latest ones, or those before `later` other ones."""
+        joints, end = len(self._level), len(self.equations) - later
+        chosen = list(self.equations)[end - size : end]
+        return NormalEquations.stacked(chosen).grouped(np.tile(np.arange(joints), size), joints)
 
     def is_due(self, time: float) -> bool:
         """Whether the next sample is due at `time`, s."""

@@ -7,6 +7,8 @@ from typing import Any
 from armdyn.arm.model import ArmModel
 
 EVENT_SCHEMA = "armdyn.watch/1"
+MIN_TOLD_STDS = 3.0
+"""Least size of what is told, in its standard deviations."""
 
 
 class EventKind(Enum):
@@ -35,9 +37,10 @@ class WatchEvent:
         false_alarms_per_hour: rate of events of all kinds on a fault-free robot.
         sentence: the event in words.
         joint: name of the joint with the clearest evidence; None for an event of the source, as all that follows.
-        size: estimated size, in `unit`.
+        size: estimated size since the last event about it, in `unit`; a torque's sign is that of what acts on the arm.
         std: standard deviation of the size, in `unit`.
-        unit: unit of size and std.
+        unit: unit of size, std and total.
+        total: the same since the start, where an earlier event was about it.
     """
 
     time: float
@@ -50,13 +53,15 @@ class WatchEvent:
     size: float | None = None
     std: float | None = None
     unit: str | None = None
+    total: float | None = None
 
     @property
     def answer(self) -> dict[str, Any]:
         """The event as a dictionary for JSON."""
         given = {
             "schema": EVENT_SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint,
-            "since": self.since, "size": self.size, "std": self.std, "unit": self.unit, "what": self.what,
+            "since": self.since, "size": self.size, "std": self.std, "total": self.total, "unit": self.unit,
+            "what": self.what,
             "false_alarms_per_hour": self.false_alarms_per_hour, "sentence": self.sentence,
         }  # fmt: skip
         return {name: value for name, value in given.items() if value is not None}
@@ -72,6 +77,7 @@ class ChangeEstimate:
         std: standard deviation of the size, in `unit`.
         unit: unit of both.
         what: name of the effect, or of all possible effects.
+        total: size since the start, where an earlier event was about it.
     """
 
     joint: int
@@ -79,6 +85,12 @@ class ChangeEstimate:
     std: float
     unit: str
     what: str = "outside_torque"
+    total: float | None = None
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is large enough to be told."""
+        return abs(self.size) >= MIN_TOLD_STDS * self.std
 
     def __str__(self) -> str:
         return f"{self.size:+.3g} ± {self.std:.2g} {self.unit}"
@@ -96,17 +108,29 @@ class EventReporter:
         self.joints, self.per_hour = model.arm.joints, per_hour
         self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
 
-    def torque_estimate(self, joint: int, size: float, std: float) -> ChangeEstimate:
-        """The estimate of an outside torque on a joint, from its size and standard deviation, N m or N."""
-        return ChangeEstimate(joint, float(size), float(std), self.units[joint])
+    def torque_estimate(self, joint: int, residual: float, std: float) -> ChangeEstimate:
+        """The estimate of an outside torque on a joint, from the residual that it leaves and its deviation, N m or N.
 
-    def event(self, kind: EventKind, time: float, since: float, found: ChangeEstimate, sentence: str) -> WatchEvent:
-        """Create an event at `time`, s, that began at `since`, s; `sentence` follows the joint's name in its text."""
+        The drives hold against what acts on the arm, so that the residual has the other sign.
+        """
+        return ChangeEstimate(joint, -float(residual), float(std), self.units[joint])
+
+    def event(
+        self, kind: EventKind, time: float, since: float, found: ChangeEstimate, sentence: str
+    ) -> list[WatchEvent]:
+        """The event at `time`, s, that began at `since`, s; none if its size is below `MIN_TOLD_STDS`.
+
+        `sentence` follows the joint's name in its text.
+        """
+        if not found.is_certain:
+            return []
         joint = self.joints[found.joint]
-        return WatchEvent(
-            time, kind, since, found.what, self.per_hour, f"{joint}: {sentence}",
-            joint, found.size, found.std, found.unit,
-        )  # fmt: skip
+        return [
+            WatchEvent(
+                time, kind, since, found.what, self.per_hour, f"{joint}: {sentence}",
+                joint, found.size, found.std, found.unit, found.total,
+            )
+        ]  # fmt: skip
 
     def source_event(self, kind: EventKind, time: float, since: float, what: str, sentence: str) -> WatchEvent:
         """Create an event of the source of samples at `time`, s, that began at `since`, s."""

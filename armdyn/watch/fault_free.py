@@ -26,6 +26,7 @@ from armdyn.watch.observer import (
     DEFAULT_OBSERVER_BANDWIDTH,
     FILTER_ORDER,
     MAX_SAMPLE_GAP_SECONDS,
+    REVERSAL_SHARE,
     Observer,
     ObserverOutput,
     visible_share_of_step,
@@ -38,7 +39,13 @@ from armdyn.watch.tail import (
     StatisticDistribution,
     block_maxima,
 )
-from armdyn.watch.variances import MIN_TORQUE_VARIANCE, AdaptiveErrorStd, fitted_variance_factors
+from armdyn.watch.variances import (
+    MIN_TORQUE_VARIANCE,
+    UNCERTAIN_FRICTION_SOURCE,
+    AdaptiveErrorStd,
+    ErrorBand,
+    fitted_variance_factors,
+)
 from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
 JointSample = tuple[float, FloatArray, FloatArray]
@@ -64,12 +71,12 @@ class FaultFreeStatistics:
     Attributes:
         changes: the changes that are watched.
         bandwidth: K of the observer, 1/s.
-        contrast: (nj, 4) factors of the variance of the contrast, which is the residual less its running mean; see
-            `ObserverOutput.sources`.
-        residual: (nj, 4) factors of the residual's variance.
-        contrast_distributions: by joint, distribution of the largest contrast, in standard deviations.
+        contrast: variance of the contrast, which is the residual less its running mean.
+        residual: (nj, 4) factors of the residual's variance, see `ObserverOutput.sources`.
+        contrast_distributions: apart from reversals and near them, by joint, distribution of the largest contrast, in
+            standard deviations.
         onset: estimator of a torque that began a moment ago; None without recordings.
-        onset_distributions: by joint, distribution of its largest estimate, in standard deviations.
+        onset_distributions: likewise, distribution of its largest estimate, in standard deviations.
         baselines: by number of blocks in a window.
         load_score_distribution: distribution of the load's largest score; None if the recordings are too short.
         joint_score_distributions: by joint and kind of change, distribution of the largest score; None likewise.
@@ -78,11 +85,11 @@ class FaultFreeStatistics:
 
     changes: WatchedChanges
     bandwidth: float
-    contrast: FloatArray
+    contrast: ErrorBand
     residual: FloatArray
-    contrast_distributions: tuple[StatisticDistribution, ...]
+    contrast_distributions: tuple[tuple[StatisticDistribution, ...], ...]
     onset: OnsetTorqueEstimator | None
-    onset_distributions: tuple[StatisticDistribution, ...]
+    onset_distributions: tuple[tuple[StatisticDistribution, ...], ...]
     baselines: Mapping[int, FaultFreeBaseline]
     load_score_distribution: StatisticDistribution | None
     joint_score_distributions: tuple[tuple[StatisticDistribution, ...], ...] | None
@@ -158,16 +165,16 @@ def statistics_of_recordings(
             f"the sound recordings last {seen.length:.1f} s together: record {MIN_FAULT_FREE_SECONDS:g} s or more of "
             "usual motion"
         )
-    asked = np.array([joint in model.joints for joint in model.arm.joints])[:, None]
-    contrast, residual = (
-        np.where(asked, fitted_variance_factors(values, seen.sources), INFINITE_VARIANCE)
-        for values in (seen.contrast, seen.residual)
-    )
+    asked = np.array([joint in model.joints for joint in model.arm.joints])
+    reversal = REVERSAL_SHARE**2 * seen.sources[:, :, UNCERTAIN_FRICTION_SOURCE].max(axis=0)
+    contrast = ErrorBand.of(seen.contrast, seen.sources, reversal).only(asked)
+    every = np.ones(seen.residual.shape, dtype=bool)
+    residual = np.where(asked[:, None], fitted_variance_factors(seen.residual, seen.sources, every), INFINITE_VARIANCE)
     parts = [
-        seen.onset(asked, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
+        seen.onset(asked, reversal, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
         for k in range(CROSS_VALIDATION_FOLDS)
     ]
-    lasting, early = AdaptiveErrorStd(contrast), [AdaptiveErrorStd(part.variance) for part in parts]
+    lasting, early = AdaptiveErrorStd(contrast), [AdaptiveErrorStd(part.band) for part in parts]
     blocks = MotionBlocks(changes, residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
@@ -178,31 +185,33 @@ def statistics_of_recordings(
             elapsed,
         )
         began = parts[k].estimate(step.stages)
-        ratios = []
+        near, ratios = contrast.is_near(step.sources), []
         for level, error in ((lasting, step.contrast), (early[k], began)):
-            ratios.append(np.abs(error) / level.std(step.sources))
+            ratio = np.abs(error) / level.std(step.sources)
+            ratios += [np.where(near, 0.0, ratio), np.where(near, ratio, 0.0)]
             level.update(error, step.sources, interval)
         if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
-            largest.append([np.zeros(len(asked))] * 2)
+            largest.append([np.zeros(len(asked))] * len(ratios))
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]
         if blocks.is_due(step.time):
             blocks.add_sample(step, bandwidth)
-    touch, sudden = (
+    laws = [
         tuple(
-            ExponentialTail.of(values, INDEPENDENT_STRETCH_SECONDS, 1)
+            ExponentialTail.of_rare(values, INDEPENDENT_STRETCH_SECONDS, 1)
             for values in np.array(each)[: int(seen.length // INDEPENDENT_STRETCH_SECONDS)].T
         )
         for each in zip(*largest, strict=True)
-    )
+    ]
     baselines, load, own = (
         _baselines(NormalEquations.stacked(list(blocks.equations)), len(asked))
         if blocks.equations
         else ({}, None, None)
     )
-    onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
+    onset = seen.onset(asked, reversal, np.ones(len(seen.time), dtype=bool))
     return FaultFreeStatistics(
-        changes, bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length
-    )
+        changes, bandwidth, contrast, residual, tuple(laws[:2]), onset, tuple(laws[2:]), baselines, load, own,
+        seen.length,
+    )  # fmt: skip
 
 
 def _settled(
@@ -244,10 +253,10 @@ class _Seen:
         )
         return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
 
-    def onset(self, asked: np.ndarray, chosen: np.ndarray) -> OnsetTorqueEstimator:
+    def onset(self, asked: np.ndarray, reversal: FloatArray, chosen: np.ndarray) -> OnsetTorqueEstimator:
         """Onset estimator from the samples with mask `chosen` (n,)."""
-        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen])
-        return OnsetTorqueEstimator(found.weights, np.where(asked, found.variance, INFINITE_VARIANCE))
+        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen], reversal)
+        return OnsetTorqueEstimator(found.weights, found.band.only(asked))
 
 
 def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]) -> float:
@@ -321,7 +330,8 @@ def statistics_of_model_error(
     baselines = dict.fromkeys(WINDOW_SIZES_IN_BLOCKS, baseline)
     values = 3600.0 / BLOCK_MOTION_SECONDS
     return FaultFreeStatistics(
-        changes, DEFAULT_OBSERVER_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
+        changes, DEFAULT_OBSERVER_BANDWIDTH, ErrorBand(np.array([size, size]), np.full(n, np.inf)), size,
+        ((GaussianDistribution(crossings),) * n,) * 2, None, (), baselines,
         GaussianDistribution(values, LOAD_PARAMETERS),
         ((GaussianDistribution(values),) * kinds,) * n, None,
     )  # fmt: skip

@@ -60,12 +60,15 @@ LOW_PASS_STAGE_BANDWIDTH, TORQUE_LOW_PASS_STAGES, PREDICTION_LOW_PASS_STAGES = 1
 low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
 RESIDUAL_MEAN_STATE_INDEX = 2 * (FILTER_ORDER + 1)
 """Index of the running mean of the residual in the state, in blocks of nj."""
-FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 4
+FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 5
 """Index of the first stage in the state, in blocks of nj."""
 STATES_PER_JOINT = FIRST_STAGE_STATE_INDEX + TORQUE_LOW_PASS_STAGES + 1 + PREDICTION_LOW_PASS_STAGES
 """States per joint: last position and its 3 stages of F; the same for its torque; running means of residual and of
-prediction; prediction a moment ago; uncertain friction; stages of torque; prediction and its stages. The last entry of
-the state is the time since the start, s."""
+prediction without dry friction; prediction a moment ago; uncertain friction; time apart from reversals, s; stages of
+torque; prediction and its stages. The last entry of the state is the time since the start, s."""
+REVERSAL_SHARE, RESTING_MEAN_SECONDS = 0.05, 5.0
+"""Share of the dry friction's size that its uncertain part has near a reversal, until F has forgotten it
+(0.12 s for K = 75 1/s); and memory of the running mean there, s: a reversal hardly changes it, a long rest does."""
 VARIANCE_SOURCE_COUNT = 4
 """Number of sources of a residual's variance, see `ObserverOutput.sources`."""
 
@@ -80,8 +83,9 @@ class ObserverOutput:
         residual: (nj,) measured minus predicted torque.
         contrast: (nj,) residual minus its running mean.
         sources: (nj, 4) terms that the error's variance is a sum of, with a factor each, (N m)^2 except the first: 1
-            (noise); the squared deviation of the prediction from its running mean (errors of links and gains); its
-            squared change during the delay of F (errors of time); the squared dry friction of unknown direction.
+            (noise); the squared deviation of the prediction without dry friction from its running mean (errors of links
+            and gains); the squared change of the prediction during the delay of F (errors of time); the squared dry
+            friction of unknown direction.
         motion: (3, nj) filtered positions, rad or m, speeds and accelerations.
         stages: (nj, 14) stages of torque; prediction and its stages.
         settled: whether filters and mean have forgotten their initial state.
@@ -217,9 +221,9 @@ def observer_function(model: ArmModel) -> ca.Function:
     position, torque = (_filtered(signal, states, K, h, fresh) for signal, states in zip((q, tau), past, strict=True))
     x1, x2, x3 = position[1:]
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
-    predicted, friction, way = predicted_reading(model, x3, v, a, K)
+    predicted, smooth, friction, way = predicted_reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
-    mean, expected, before, doubted = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
+    mean, expected, before, doubted, seen = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
     early = parts[FIRST_STAGE_STATE_INDEX:]
     torques = _filtered(
         tau, [parts[FILTER_ORDER + 1], *early[:TORQUE_LOW_PASS_STAGES]], LOW_PASS_STAGE_BANDWIDTH, h, fresh
@@ -229,14 +233,19 @@ def observer_function(model: ArmModel) -> ca.Function:
     # Before its memory is full, the mean is that of all samples since the filters settled.
     gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, RUNNING_MEAN_SECONDS), 1e-9))
     young = age <= SETTLING_TIME_CONSTANTS / K
-    mean = ca.if_else(young, residual, mean + ca.if_else(hold > 0.5, 0.0, gain) * (residual - mean))
-    expected = ca.if_else(young, predicted, expected + gain * (predicted - expected))
+    expected = ca.if_else(young, smooth, expected + gain * (smooth - expected))
     before = ca.if_else(fresh, predicted, before + (1.0 - ca.exp(-h * K / FILTER_ORDER)) * (predicted - before))
     # The friction of a reversal stays in the filters for a while.
     doubt = ca.fmax(friction * ca.sqrt(ca.fmax(1.0 - way**2, 0.0)), ca.exp(-h * K / FILTER_ORDER) * doubted)
     doubt = ca.if_else(fresh, friction, doubt)
-    following = ca.vertcat(*position, *torque, mean, expected, before, doubt, *torques, *predictions, age)
-    changes = predicted - expected, predicted - before, doubt
+    # The error of a reversal is no usual one: the mean is that of samples elsewhere, as soon as there are any.
+    near = doubt > REVERSAL_SHARE * friction
+    seen = ca.if_else(young, 0.0, seen + ca.if_else(near, 0.0, h))
+    memory = ca.if_else(near, RESTING_MEAN_SECONDS, ca.fmax(ca.fmin(seen - h, RUNNING_MEAN_SECONDS), 1e-9))
+    share = ca.if_else(hold > 0.5, 0.0, 1.0 - ca.exp(-h / memory))
+    mean = ca.if_else(young, residual, mean + share * (residual - mean))
+    following = ca.vertcat(*position, *torque, mean, expected, before, doubt, seen, *torques, *predictions, age)
+    changes = smooth - expected, predicted - before, doubt
     sources = ca.horzcat(ca.SX.ones(n), *(change**2 for change in changes))
     outputs = [following, predicted, residual, residual - mean, sources, ca.horzcat(x3, v, a)]
     return ca.Function(
@@ -283,8 +292,8 @@ def _filtered(
 
 def predicted_reading(
     model: ArmModel, q: Expression, v: Expression, a: Expression, K: Expression
-) -> tuple[Expression, Expression, Expression]:
-    """Predicted torques, size of the dry friction in them, and expected signs of the velocities, (nj,) each.
+) -> tuple[Expression, Expression, Expression, Expression]:
+    """Predicted torques, without and size of the dry friction in them, expected signs of the velocities, (nj,) each.
 
     Args:
         model: the arm.
@@ -300,4 +309,5 @@ def predicted_reading(
     theta = ca.SX(model.theta())
     added, gain, offset = torques_added_by_effects(model, (q, v, a), way, load, ones, theta)
     signs = [torques_added_by_effects(model, (q, v, a), sign * ones, load, ones, theta)[0] for sign in (1, -1)]
-    return gain * (load + added) + offset, ca.fabs(gain * (signs[0] - signs[1])) / 2.0, way
+    smooth = gain * (load + (signs[0] + signs[1]) / 2.0) + offset
+    return gain * (load + added) + offset, smooth, ca.fabs(gain * (signs[0] - signs[1])) / 2.0, way

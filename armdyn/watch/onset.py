@@ -24,7 +24,7 @@ from armdyn.watch.observer import (
     PREDICTION_LOW_PASS_STAGES,
     TORQUE_LOW_PASS_STAGES,
 )
-from armdyn.watch.variances import fitted_variance_factors
+from armdyn.watch.variances import ErrorBand
 
 ONSET_STEP_AGE_SECONDS = 0.03
 """Time since the start of the torque step to which the weighted sum of the filter stages is tuned, s; the remaining 20
@@ -42,18 +42,18 @@ class OnsetTorqueEstimator:
 
     Attributes:
         weights: (nj, 14) w.
-        variance: (nj, 4) factors of the variance of w'x, see `ObserverOutput.sources`; (N m)^2, 1, 1, 1.
+        band: variance of w'x.
     """
 
     weights: FloatArray
-    variance: FloatArray
+    band: ErrorBand
 
     @classmethod
-    def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetTorqueEstimator":
+    def of(cls, stages: np.ndarray, sources: np.ndarray, reversal: FloatArray) -> "OnsetTorqueEstimator":
         """Fit the estimator to n samples of a robot without faults.
 
         `stages` (n, nj, 14) are the outputs of the filters of each joint, `sources` (n, nj, 4) the terms whose weighted
-        sum is the variance of the residual.
+        sum is the variance of the residual; for `reversal` (nj,) see `ErrorBand`.
         """
         count, joints, size = stages.shape
         step, x, spread = step_response(), stages.swapaxes(0, 1), np.ones((joints, count))
@@ -62,9 +62,9 @@ class OnsetTorqueEstimator:
             ridge = ONSET_RIDGE_SHARE * np.trace(C, axis1=1, axis2=2) / size + np.finfo(float).tiny
             w = solve_positive(C + ridge[:, None, None] * np.eye(size), step)
             weights = w / (w @ step)[:, None]
-            variance = fitted_variance_factors((x @ weights[..., None])[..., 0].T, sources)
-            spread = np.einsum("njk,jk->jn", sources, variance)
-        return cls(weights, variance)
+            band = ErrorBand.of((x @ weights[..., None])[..., 0].T, sources, reversal)
+            spread = band.variances(sources).T
+        return cls(weights, band)
 
     def estimate(self, stages: FloatArray) -> FloatArray:
         """(nj,) estimated torques that began a moment ago, N m or N, from (nj, 14) filter stages of the observer."""

@@ -56,6 +56,14 @@ class ExponentialTail:
         start = float(np.median(values))
         return cls(start, float(np.mean(values[-count:] - start)), count, 1800.0 / seconds, power)
 
+    @classmethod
+    def of_rare(cls, largest: np.ndarray, seconds: float, power: int) -> "ExponentialTail":
+        """As `of`, for a statistic that is 0 in stretches where it does not exist; infinite if it hardly ever does."""
+        values = largest[largest > 0.0]
+        if len(values) < MIN_STRETCHES_FOR_TAIL:
+            return cls(np.inf, 0.0, 1, 1.0, power)
+        return cls.of(values, seconds * len(largest) / len(values), power)
+
     def threshold(self, per_hour: float) -> float:
         """Threshold that the statistic exceeds `per_hour` times per hour on a fault-free robot."""
         rarer = max(self.rate / per_hour, 1.0)

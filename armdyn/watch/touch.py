@@ -2,7 +2,9 @@
 
 Two statistics are compared with thresholds. The onset estimates the torque that began about 30 ms ago in each joint; it
 does not see a constant torque. The contrast is later and lasts as long as the torque. An event begins when either
-exceeds its threshold. The contrast ends it, or, for a torque too small for the contrast, an onset of opposite sign.
+exceeds its threshold, and is told as an outside torque once the low-pass shows its size and no load explains it. The
+contrast ends it, or, for a torque too small for the contrast, an onset of opposite sign. What a load explains is not
+said to be gone before the slow sums have found none.
 """
 
 from dataclasses import dataclass, replace
@@ -24,6 +26,8 @@ CONTACT_END_THRESHOLD_SHARE = 0.5
 CONTACT_END_SECONDS = 0.3
 """Time below `CONTACT_END_THRESHOLD_SHARE` until a contact ends, s; the filters of the onset have then forgotten its
 start."""
+FILTER_STEP_TIMES, HIDDEN_STEP_SHARE = 2.1, 0.05
+"""Time in delays of the low-pass after which it shows all but a share of a step, and this share."""
 LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
@@ -51,10 +55,12 @@ class _Open:
         since: estimated start, s.
         began: onset in `joint`, N m or N.
         largest: (nj,) largest contrast, N m or N.
+        std: (nj,) its standard deviations.
         joint: index of the joint with the clearest evidence.
         doubted: whether it may be a load.
         lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
-        reported: whether an event has reported it.
+        told: whether an event has told it as an outside torque.
+        hinted: whether an event has told it at all.
         gone: time at which it fell below that, s.
     """
 
@@ -62,10 +68,12 @@ class _Open:
     since: float
     began: float
     largest: FloatArray
+    std: FloatArray
     joint: int
     doubted: bool
     lasting: bool
-    reported: bool = True
+    told: bool = False
+    hinted: bool = False
     gone: float | None = None
 
 
@@ -80,17 +88,18 @@ class ContactDetector:
 
     def __init__(self, reporter: EventReporter, sound: FaultFreeStatistics, per_hour: float) -> None:
         self._report, self._sound = reporter, sound
-        each = per_hour / len(reporter.joints) / (1 if sound.onset is None else 2)
-        self.threshold, self._sudden = (
-            np.array([law.threshold(each) for law in laws])
-            for laws in (sound.contrast_distributions, sound.onset_distributions)
+        each = per_hour / len(reporter.joints) / (2 if sound.onset is None else 4)
+        self._thresholds, self._sudden = (
+            np.array([[law.threshold(each) for law in laws] for laws in two])
+            for two in (sound.contrast_distributions, sound.onset_distributions)
         )
         self._level = AdaptiveErrorStd(sound.contrast)
-        self._onset_level = None if sound.onset is None else AdaptiveErrorStd(sound.onset.variance)
+        self._onset_level = None if sound.onset is None else AdaptiveErrorStd(sound.onset.band)
         self._open: _Open | None = None
         self._quiet = 0.0
-        self._outlasted: FloatArray | None = None
+        self._outlasted: _Open | None = None
         self._doubted = self._last = -np.inf
+        self._maybe_load: _Open | None = None
 
     @property
     def is_active(self) -> bool:
@@ -104,11 +113,25 @@ class ContactDetector:
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nj,) thresholds of the residuals' deviation from their running mean, N m or N."""
-        return np.asarray(self.threshold * self._level.std(step.sources))
+        return np.asarray(self._of_now(self._thresholds, step) * self._level.std(step.sources))
+
+    def _of_now(self, thresholds: FloatArray, step: ObserverOutput) -> FloatArray:
+        """(nj,) of (2, nj) thresholds apart from reversals and near them, in standard deviations."""
+        return np.where(self._sound.contrast.is_near(step.sources), thresholds[1], thresholds[0])
 
     def reset(self, time: float) -> None:
         """Forget the present event at a time, s, because it is explained or the observer restarted."""
-        self._open, self._outlasted, self._quiet = None, None, time
+        self._open, self._outlasted, self._quiet, self._maybe_load = None, None, time, None
+
+    @property
+    def may_be_load(self) -> bool:
+        """Whether something is out of sight of which the slow sums must tell whether it is a load, or is gone."""
+        return self._maybe_load is not None
+
+    def without_load(self, time: float) -> list[WatchEvent]:
+        """The event that what is out of sight, and is no load, is gone."""
+        past, self._maybe_load = self._maybe_load, None
+        return [] if past is None else self._ended(past, time)
 
     def process_sample(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
         """Process one output of the observer; return the events.
@@ -118,29 +141,32 @@ class ContactDetector:
             load: (nj, 4) columns of the load, see `WatchedChanges`.
             delay: mean delay of the observer, s.
         """
-        contrast = _Excess(step.contrast, self._level.std(step.sources), self.threshold)
+        contrast = _Excess(step.contrast, self._level.std(step.sources), self._of_now(self._thresholds, step))
         seen = [contrast]
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
             self._level.update(step.contrast, step.sources, interval)
         if self._sound.onset is not None and self._onset_level is not None:
             began = self._sound.onset.estimate(step.stages)
-            seen.append(_Excess(began, self._onset_level.std(step.sources), self._sudden))
+            std = self._onset_level.std(step.sources)
+            seen.append(_Excess(began, std, self._of_now(self._sudden, step)))
             if self._open is None:
                 self._onset_level.update(began, step.sources, interval)
         if self._open is not None:
-            return self._went_on(self._open, step, seen, load)
+            return self._went_on(self._open, step, seen, load, delay)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
         highest = float(clearest.ratio.max())
         if highest < CONTACT_END_THRESHOLD_SHARE:
             self._quiet = step.time
         return self._begun(step, clearest, contrast, load, delay) if highest >= 1.0 else []
 
-    def _went_on(self, now: _Open, step: ObserverOutput, seen: list[_Excess], load: FloatArray) -> list[WatchEvent]:
+    def _went_on(
+        self, now: _Open, step: ObserverOutput, seen: list[_Excess], load: FloatArray, delay: float
+    ) -> list[WatchEvent]:
         contrast = seen[0]
-        left, most = (float(np.linalg.norm(each / contrast.std)) for each in (contrast.value, now.largest))
+        left, most = (float(np.linalg.norm(each)) for each in (contrast.value / contrast.std, now.largest / now.std))
         if left > most:
-            now.largest = contrast.value
+            now.largest, now.std = contrast.value, contrast.std
         shown = float(contrast.ratio.max()) >= CONTACT_END_THRESHOLD_SHARE
         now.lasting |= shown
         if now.lasting:
@@ -155,33 +181,47 @@ class ContactDetector:
             now.gone = step.time
         elif step.time - now.gone > CONTACT_END_SECONDS:
             self._open, self._quiet = None, step.time
-            return [self._ended(now, step, contrast)] if now.reported else []
+            if now.told:
+                return self._ended(now, step.time)
+            self._maybe_load = now if now.hinted else None
+            return []
         if step.time - now.begun > MAX_CONTACT_SECONDS:
-            self._open, self._outlasted, self._quiet = None, now.largest, step.time
-        elif now.doubted and not self._as_load(step, load, 1.0):
-            now.doubted, now.reported, self._doubted = False, True, -np.inf
-            return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
+            self._open, self._outlasted, self._quiet = None, now, step.time
+        elif not now.told and now.lasting:
+            now.doubted = now.doubted and self._as_load(step, load, 1.0)
+            if not now.doubted and step.time - now.begun > FILTER_STEP_TIMES * delay:
+                return self._told(now, step, contrast)
         return []
 
     def _begun(
         self, step: ObserverOutput, clearest: _Excess, contrast: _Excess, load: FloatArray, delay: float
     ) -> list[WatchEvent]:
-        joint, since, lasting = int(np.argmax(clearest.ratio)), self._quiet - delay, clearest is contrast
+        joint, lasting = int(np.argmax(clearest.ratio)), clearest is contrast
+        since = self._quiet - (delay if lasting else 0.0)
         if self._outlasted is not None:
             before, self._outlasted = self._outlasted, None
-            left, most = (np.linalg.norm(each / contrast.std) for each in (contrast.value + before, before))
+            left, most = (
+                np.linalg.norm(each / before.std) for each in (contrast.value + before.largest, before.largest)
+            )
             if lasting and left < 0.5 * most:
-                now = _Open(step.time, since, 0.0, -before, joint, doubted=False, lasting=True)
-                return [self._ended(now, step, contrast)]
+                return self._ended(before, step.time) if before.told else []
         # An onset detects the start, but does not yet identify size and joint.
         doubted = not lasting or self._as_load(step, load, 0.5)
         now = self._open = _Open(
-            step.time, since, float(clearest.value[joint]), contrast.value, joint, doubted, lasting
+            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, doubted, lasting
         )
-        if not doubted:
-            return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
-        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
-        return [self._event(EventKind.UNIDENTIFIED, now, step, contrast)] if now.reported else []
+        recent, self._doubted = 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
+        if recent and doubted:
+            return []
+        torque = self._report.torque_estimate(joint, clearest.value[joint], clearest.std[joint])
+        torque = replace(torque, what="outside_torque, payload")
+        sentence = (
+            "something touches the arm, or it took up a load; one moment cannot tell which: "
+            f"{torque} so far, since {since:.2f} s."
+        )
+        found = self._report.event(EventKind.UNIDENTIFIED, step.time, now.since, torque, sentence)
+        now.hinted = bool(found)
+        return found
 
     def _as_load(self, step: ObserverOutput, load: FloatArray, share: float) -> bool:
         """Whether a load explains the residual: with the best load, less than a share of the threshold remains.
@@ -192,19 +232,19 @@ class ContactDetector:
         X, r = load / std[:, None], step.residual / std
         sums = NormalEquations.of_samples(X, r)
         best, _ = LOAD_PRIOR.unbounded_change(sums.gram[0], sums.slope[0])
-        return bool((np.abs(r - X @ best) < share * self.threshold).all())
+        return bool((np.abs(r - X @ best) < share * self._of_now(self._thresholds, step)).all())
 
-    def _event(self, kind: EventKind, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
-        torque = self._report.torque_estimate(now.joint, contrast.value[now.joint], contrast.std[now.joint])
-        says = f"{torque} by now, since {now.since:.2f} s"
-        if kind is EventKind.UNIDENTIFIED:
-            torque = replace(torque, what="outside_torque, payload")
-            sentence = f"something touches the arm, or it took up a load; one moment cannot tell which: {says}."
-        else:
-            sentence = f"something outside acts on the arm: {says}."
-        return self._report.event(kind, step.time, now.since, torque, sentence)
+    def _told(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> list[WatchEvent]:
+        """The event that something acts, as soon as the filter shows it and it is certain."""
+        now.joint = int(np.argmax(np.where(contrast.ratio >= CONTACT_END_THRESHOLD_SHARE, np.abs(contrast.value), 0.0)))
+        value, std = contrast.value[now.joint], contrast.std[now.joint]
+        torque = self._report.torque_estimate(now.joint, value, np.hypot(std, HIDDEN_STEP_SHARE * value))
+        sentence = f"something outside acts on the arm: {torque}, since {now.since:.2f} s."
+        found = self._report.event(EventKind.OUTSIDE_TORQUE, step.time, now.since, torque, sentence)
+        now.told, self._doubted = bool(found), -np.inf if found else self._doubted
+        return found
 
-    def _ended(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
-        torque = self._report.torque_estimate(now.joint, now.largest[now.joint], contrast.std[now.joint])
+    def _ended(self, now: _Open, time: float) -> list[WatchEvent]:
+        torque = self._report.torque_estimate(now.joint, now.largest[now.joint], now.std[now.joint])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
-        return self._report.event(EventKind.RECOVERED, step.time, now.since, torque, sentence)
+        return self._report.event(EventKind.RECOVERED, time, now.since, torque, sentence)

@@ -9,9 +9,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, MotionBlocks
+from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, FaultFreeBaseline, MotionBlocks
 from armdyn.watch.coverage import Coverage, Skipped
-from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
+from armdyn.watch.event import MIN_TOLD_STDS, ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
 from armdyn.watch.observer import Observer, ObserverOutput
 from armdyn.watch.touch import ContactDetector
@@ -41,6 +41,19 @@ class _Alarm:
     window: int
     since: float
     torque: ChangeEstimate
+
+
+@dataclass(frozen=True)
+class _Size:
+    """What is told of a change: estimate, index of its parameter, and words before the size."""
+
+    estimate: ChangeEstimate
+    parameter: int
+    quantity: str
+
+    @property
+    def size(self) -> float:
+        return self.estimate.size
 
 
 class Watch:
@@ -76,18 +89,22 @@ class Watch:
             [[law.threshold(each) for law in joint] for joint in laws], np.finfo(float).tiny
         )
         self._carried = int(joints.index(model.joints[-1]))
-        self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((len(joints), len(sound.changes.names)))
-        self._shift = np.zeros(len(joints))
-        self._alarm: _Alarm | None = None
-        self._waited = 0
-        self._refining: _Change | None = None
         self.coverage = Coverage()
         self.latest: ObserverOutput | None = None
+        self.begin_source()
 
     def begin_source(self) -> None:
-        """Begin with another source, such as the next recording."""
+        """Begin with another source, such as the next recording; nothing that was found in the last one holds."""
+        joints = len(self.model.arm.joints)
         self.observer.restart()
         self.coverage.begin()
+        self.touches.reset(-np.inf)
+        self._blocks.clear()
+        self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((joints, len(self.sound.changes.names)))
+        self._shift = np.zeros(joints)
+        self._alarm: _Alarm | None = None
+        self._refining: _Change | None = None
+        self._waited = self._unseen = 0
 
     def events_of(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
         """Process successive samples; return all their events."""
@@ -164,10 +181,11 @@ class Watch:
             self._refine()
             return []
         best, rivals = self._best(self.sound.baselines)
+        self._unseen = self._unseen + 1 if self.touches.may_be_load else 0
         if self._alarm is not None:
             self._waited += 1
         elif best is None:
-            return []
+            return self.touches.without_load(time) if self._unseen > BLOCKS_AFTER_DETECTION else []
         else:
             self._alarm, self._waited = (
                 self._noticed(best),
@@ -182,14 +200,31 @@ class Watch:
         alarm = self._alarm
         if best is None:
             self._alarm = None
-            return [self._passed(time, alarm)] if alarm.window <= BLOCKS_AFTER_DETECTION else []
+            return self._passed(time, alarm) if alarm.window <= BLOCKS_AFTER_DETECTION else []
         others = [each for each in rivals if best.evidence - each.evidence < DEFAULT_SETTINGS.search.tie_nats]
+        last = self._waited >= MAX_IDENTIFICATION_WAIT_BLOCKS
+        if not self._is_steady(best) and not last:
+            return []
         if all(each.joint == best.joint for each in others):
+            found = self._identified(time, best, others)
+            if found or last:
+                self._alarm = None
+            return found
+        if last:
             self._alarm = None
-            return [self._identified(time, alarm.since, best, others)]
-        return (
-            [self._undecided(time, alarm.since, best, others)] if self._waited == MAX_IDENTIFICATION_WAIT_BLOCKS else []
+            return self._undecided(time, alarm.since, best, others)
+        return []
+
+    def _is_steady(self, change: _Change) -> bool:
+        """Whether the first and the last blocks of a change's window agree on its size."""
+        size = min(self.sound.baselines)
+        if change.window < 2 * size:
+            return True
+        early, late = (
+            self._estimate(change, self._blocks.window(size, end), self.sound.baselines[size])
+            for end in (change.window - size, 0)
         )
+        return bool((np.abs(early[0] - late[0]) <= MIN_TOLD_STDS * np.hypot(early[1], late[1])).all())
 
     def _best(self, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
@@ -222,39 +257,48 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _identified(self, time: float, since: float, best: _Change, others: list[_Change]) -> WatchEvent:
+    def _identified(self, time: float, best: _Change, others: list[_Change]) -> list[WatchEvent]:
         """Report a change, and subtract it from now on."""
-        found, sums = self._size(best)
-        before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
-        self._count_in(best, sums)
-        self._blocks.clear()
+        found, since = self._size(best), self._start_of(best)
+        known = self._load if best.joint < 0 else self._own[best.joint, best.kind : best.kind + 1]
+        before = float(known[found.parameter])
         total = before + found.size
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
-        self._refining = best
         kind = EventKind.RECOVERED if over else EventKind.LOAD_CHANGED if best.joint < 0 else EventKind.ROBOT_CHANGED
         tied = [self.sound.changes.names[each.kind] for each in others]
-        if best.joint < 0:
-            says = f"the tool carries {found}"
-            says += f" more than before, {total:+.3g} kg in all" if before else ""
-        else:
-            says = f"{found.what} changed by {found}"
-            says += f"; {', '.join(tied)} would explain it as well" if tied else ""
+        says = f"{found.quantity} {found.estimate}"
+        if before:
+            says += f" more than before, {total:+.3g} {found.estimate.unit} in all"
+        says += f"; {', '.join(tied)} would explain it as well" if tied else ""
         says = f"{says}, back to what it was" if over else says
-        stated = replace(
-            found, size=float(found.size if before == 0.0 or over else total), what=", ".join([found.what, *tied])
-        )
-        return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
+        stated = replace(found.estimate, total=total if before else None, what=", ".join([found.estimate.what, *tied]))
+        events = self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
+        if events:
+            self._count_in(best, self._blocks.window(best.window))
+            self._blocks.clear()
+            self._refining = best
+        return events
 
     def _noticed(self, best: _Change) -> _Alarm:
-        sums, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
+        window, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
         offset = self.sound.changes.steady
-        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][0, :, offset]))
-        since = self._blocks.start_times[-best.window]
+        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(window)[1][0, :, offset]))
         return _Alarm(
-            best.window, since, self._report.torque_estimate(joint, *baseline.joint_change(sums, joint, offset))
-        )
+            best.window, self._start_of(best),
+            self._report.torque_estimate(joint, *baseline.joint_change(window, joint, offset)),
+        )  # fmt: skip
 
-    def _passed(self, time: float, alarm: _Alarm) -> WatchEvent:
+    def _start_of(self, change: _Change) -> float:
+        """Start of a change, s: that of the blocks until the present that it explains best."""
+        sizes = range(min(self.sound.baselines), len(self._blocks.equations) + 1)
+        gains = []
+        for size in sizes:
+            baseline = self.sound.baselines[max(w for w in self.sound.baselines if w <= size)]
+            load, own = baseline.explained(self._blocks.window(size))
+            gains.append(float(load[0]) if change.joint < 0 else float(own[0, change.joint, change.kind]))
+        return self._blocks.start_times[-sizes[int(np.argmax(gains))]]
+
+    def _passed(self, time: float, alarm: _Alarm) -> list[WatchEvent]:
         """Report a past outside torque that was too small or too slow for immediate detection."""
         sentence = (
             f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
@@ -262,8 +306,8 @@ class Watch:
         )
         return self._report.event(EventKind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
-    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change]) -> WatchEvent:
-        found, _ = self._size(best)
+    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change]) -> list[WatchEvent]:
+        found = self._size(best).estimate
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
         sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
@@ -274,21 +318,37 @@ class Watch:
             return "payload"
         return f"{self.sound.changes.names[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _size(self, change: _Change) -> tuple[ChangeEstimate, NormalEquations]:
-        sums, baseline = self._blocks.window(change.window), self.sound.baselines[change.window]
-        if change.joint < 0:
-            load, std = baseline.load_change(sums)
-            return ChangeEstimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
-        found, known = baseline.joint_change(sums, change.joint, change.kind), self.sound.changes
-        unit = known.units[change.joint][change.kind]
-        return ChangeEstimate(change.joint, *found, unit, known.names[change.kind]), sums
+    def _size(self, change: _Change) -> _Size:
+        """What the evidence is about: a load's mass, or else the clearest part of its mass times position."""
+        window, baseline = self._blocks.window(change.window), self.sound.baselines[change.window]
+        values, stds = self._estimate(change, window, baseline)
+        if change.joint >= 0:
+            name, unit = self.sound.changes.names[change.kind], self.sound.changes.units[change.joint][change.kind]
+            estimate = ChangeEstimate(change.joint, float(values[0]), float(stds[0]), unit, name)
+            return _Size(estimate, 0, f"{name} changed by")
+        estimates = [
+            ChangeEstimate(self._carried, float(value), float(std), unit, "payload")
+            for value, std, unit in zip(values, stds, ("kg", *["kg m"] * 3), strict=True)
+        ]
+        which = 0 if estimates[0].is_certain else int(np.argmax(np.abs(values) / stds))
+        quantity = "the tool carries" if which == 0 else f"what the tool carries shifts along {'xyz'[which - 1]} by"
+        return _Size(estimates[which], which, quantity)
 
-    def _count_in(self, change: _Change, sums: NormalEquations) -> None:
-        baseline = self.sound.baselines[change.window]
+    def _estimate(
+        self, change: _Change, window: NormalEquations, baseline: FaultFreeBaseline
+    ) -> tuple[FloatArray, FloatArray]:
+        """Values and standard deviations of a change in a window: (4,) of a load, (1,) of a joint's change."""
         if change.joint < 0:
-            self._load = self._load + baseline.load_change(sums)[0]
+            return baseline.load_change(window)
+        size, std = baseline.joint_change(window, change.joint, change.kind)
+        return np.array([size]), np.array([std])
+
+    def _count_in(self, change: _Change, window: NormalEquations) -> None:
+        values, _ = self._estimate(change, window, self.sound.baselines[change.window])
+        if change.joint < 0:
+            self._load = self._load + values
         else:
-            self._own[change.joint, change.kind] += baseline.joint_change(sums, change.joint, change.kind)[0]
+            self._own[change.joint, change.kind] += values[0]
 
     def _refine(self) -> None:
         """Correct the size of a reported change with the blocks after it, without an event."""

@@ -59,7 +59,7 @@ class WatchedChanges:
         last = joints.index(model.joints[-1])
         links[last] = ca.vertcat(links[last][:4] + more, links[last][4:])
         heavier = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
-        way = predicted_reading(model, q, v, a, K)[2]
+        way = predicted_reading(model, q, v, a, K)[3]
         _, gain, _ = torques_added_by_effects(
             model, (q, v, a), way, load, ca.SX.ones(len(joints)), ca.SX(model.theta())
         )

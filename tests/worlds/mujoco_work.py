@@ -38,7 +38,7 @@ class Happening:
     Attributes:
         touch: (nj,) N m, acting on the joints until `end`.
         load: kg at `place` (3,) m in the last joint's frame.
-        worn: (nj,) by how much friction grows, over `ramp` s.
+        worn: (nj,) share by which dry friction grows, over `ramp` s.
     """
 
     begin: float = np.inf
@@ -69,7 +69,8 @@ class Worker:
         model.opt.timestep = STEP
         model.dof_solref[:] = [2 * STEP, 1.0]
         for joint, dry in zip(self.joints, self.dry, strict=True):
-            model.dof_armature[model.joint(joint).dofadr[0]] = ROTOR * dry
+            dof = model.joint(joint).dofadr[0]
+            model.dof_armature[dof], model.dof_damping[dof] = ROTOR * dry, VISCOUS * dry
         return model
 
     @cached_property
@@ -120,7 +121,7 @@ class Worker:
                 worn = 1.0
                 if what.worn is not None:
                     worn = 1.0 + what.worn * np.clip((time - what.begin) / what.ramp, 0.0, 1.0)
-                model.dof_frictionloss[dof], model.dof_damping[dof] = self.dry * worn, VISCOUS * self.dry * worn
+                model.dof_frictionloss[dof] = self.dry * worn
                 if what.load and time >= what.begin and model.body_mass[load] < what.load:
                     model.body_mass[load], model.body_ipos[load] = what.load, what.place
             mujoco.mj_step1(model, data)

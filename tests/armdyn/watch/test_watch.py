@@ -28,7 +28,13 @@ def test_a_contact_is_one_from_outside_and_found_within_50_ms_and_so_is_its_end(
     assert 11.0 <= last.time <= 12.0
     kinds = [event.kind for event in found]
     assert set(kinds) <= {EventKind.UNIDENTIFIED, EventKind.OUTSIDE_TORQUE, EventKind.RECOVERED}
-    assert kinds.count(EventKind.OUTSIDE_TORQUE) == 1
+    (told,) = [event for event in found if event.kind is EventKind.OUTSIDE_TORQUE]
+    assert kinds[-2] is EventKind.OUTSIDE_TORQUE
+    assert told.time <= 10.2
+    # The drives hold against what acts on the arm: `outside` is what they read more.
+    expected = -CONTACT[arm.joints.index(told.joint)]
+    assert told.size == pytest.approx(expected, abs=3.0 * told.std)
+    assert all(abs(event.size) >= 3.0 * event.std for event in found)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -63,6 +69,26 @@ def test_a_load_that_is_put_down_again_is_over(arm, sound):
     assert told[0] is EventKind.LOAD_CHANGED
     assert told[-1] is EventKind.RECOVERED
     assert EventKind.ROBOT_CHANGED not in told
+
+
+def test_friction_that_grows_slowly_is_told_by_what_it_grew_to(arm, sound):
+    """By .8 N m in 8 s, which no window sees from its beginning."""
+    time, q, tau = work(arm, 3, 70.0)
+    way = np.sign(np.gradient(q[:, 1], time))
+    tau = tau.copy()
+    tau[:, 1] += 0.8 * np.clip((time - 20.0) / 8.0, 0.0, 1.0) * way
+    found = events(arm, sound, (time, q, tau))
+    (event,) = [event for event in found if event.kind is EventKind.ROBOT_CHANGED]
+    assert event.what.split(", ")[0] == "joint_coulomb_friction"
+    assert event.size == pytest.approx(0.8, abs=3.0 * event.std)
+    assert 19.0 <= event.since <= 29.0  # blocks last 1 s
+
+
+def test_what_was_found_in_one_recording_does_not_hold_in_the_next(arm, sound):
+    watch = Watch(arm, sound, 0.01)
+    assert list(watch.events_of(samples(work(arm, 1, load=0.3, begin=20.0))))
+    watch.begin_source()
+    assert list(watch.events_of(samples(work(arm, 21)))) == []
 
 
 def test_sound_work_is_silent(arm, sound):
