@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.checked_study import AnyModel, CheckedStudy, Runs, Say
-from armdyn.errors import TaskFailedError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from armdyn.experiments.plan import ExperimentPlan
     from armdyn.experiments.rivals import Rivals
     from armdyn.pendulum.path import GripperPath
+    from armdyn.run import Run
     from pipeline.motion.excitation import Excitation
+    from pipeline.motion.feasibility import FeasibilityReport
 
 
 def export(
@@ -94,6 +96,41 @@ def excite(
     else:
         goal = goal_to_separate(arm, find(rivals[0]), find(rivals[1]), rate)
     return design_excitation(goal, seconds, random=random, compare=False, seed=seed)
+
+
+def check(model: str | Path, trajectory: str | Path, *, retime: bool = False) -> "tuple[FeasibilityReport, Run]":
+    """Check a motion on an arm as its model describes it, before the arm moves.
+
+    Args:
+        model: file of the arm's model.
+        trajectory: file of the motion; with `retime` also waypoints without times, or a JSON trajectory of ROS.
+        retime: whether to retime the path to the fastest feasible speed first.
+
+    Returns:
+        The report, and the motion that was checked.
+
+    Raises:
+        InputError: a file cannot be used.
+        TaskFailedError: no speed is feasible.
+    """
+    from armdyn.run import Run
+    from pipeline.motion.feasibility import CheckSettings, check_joints
+    from pipeline.motion.feasibility.as_modelled import ModelledArm
+    from pipeline.motion.feasibility.check import joint_position_units
+    from pipeline.motion.feasibility.read import read_trajectory, read_waypoints
+    from pipeline.motion.retime import retimed_on_arm
+    from pipeline.motion.trajectory import LineTrajectory
+
+    arm = ModelledArm.of_file(read_model_file(model))
+    robot, settings = arm.model.robot, CheckSettings(min_singular_value=0.0, modelled=arm)
+    if retime:
+        motion = retimed_on_arm(robot, read_waypoints(trajectory, robot), settings)
+    else:
+        read = read_trajectory(trajectory, robot)
+        if isinstance(read, LineTrajectory):
+            raise InputError(f"{trajectory}: a motion along the line: use 'armdyn check --model'")
+        motion = read
+    return check_joints(robot, motion, settings), Run("motion", motion.channels(joint_position_units(robot)))
 
 
 def next_experiment(

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.document import MAX_CARD_ROWS, NextStep
-from armdyn.errors import InputError
+from armdyn.errors import InputError, error_location
 from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import (
+    ArmModelOption,
     EffectsOption,
     JointsOption,
     JsonOption,
@@ -45,6 +46,7 @@ def excite(
         ),
     ],
     choice: RobotChoice,
+    model_file: ArmModelOption = None,
     joints: JointsOption = None,
     tool: ToolOption = None,
     wanted: Annotated[
@@ -84,27 +86,40 @@ def excite(
     json_file: JsonOption = None,
 ) -> int:
     """Design the motion of an arm that determines chosen effects best, or distinguishes two effects."""
-    choice.require_robot()
+    if model_file is None:
+        choice.require_robot()
+    elif choice or joints is not None or tool is not None:
+        raise InputError("--model holds robot, joints and tool: leave out --robot, --urdf, --joints and --tool")
     if wanted is not None and rivals is not None:
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
-    inputs = [file for file in (choice.urdf_file, effects_file) if file is not None]
+    inputs = [file for file in (choice.urdf_file, effects_file, model_file) if file is not None]
     check_outputs(output, report, json_file, inputs=inputs)
     with progress_display() as say:
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
+        from armdyn.effects.user import load_effects
+        from armdyn.model_file import read_model_file
         from armdyn.recording.csv_run import csv_text
         from pipeline.answers_motion import excitation_json
         from pipeline.motion.excitation import design_excitation
+        from pipeline.motion.feasibility.as_modelled import ModelledArm
         from pipeline.report.excitation import excitation_document, excitation_report
 
         say("reading the robot")
-        model = arm_model(choice.urdf_file, choice.robot, split_names(joints), tool=tool)
+        modelled = None
+        if model_file is None:
+            model = arm_model(choice.urdf_file, choice.robot, split_names(joints), tool=tool)
+        else:
+            with error_location(model_file):
+                modelled = ModelledArm.of_file(read_model_file(model_file, load_effects(effects_file)))
+            model = modelled.model.without_background()
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
-        found = design_excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
+        found = design_excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say, modelled=modelled)
     write_text(output, csv_text(found.motion.channels))
     # `check` reads the arm from its description again.
-    known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]
+    known = ("--robot", choice.robot) if choice.robot else ("--urdf", choice.urdf_file)
+    known = known if model_file is None else ("--model", model_file)
     again = [NextStep("check it again", shell_quoted_command("check", output, *known))]
     notes = missing_mesh_sentences(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import ArmChoice, JsonOption, parse_number_list, tool_rotation
+from pipeline.console.options import ArmChoice, ArmModelOption, JsonOption, parse_number_list, tool_rotation
 from pipeline.console.screen import finish_command, write_json_if_file_given
 from pipeline.fields import attributes_as_json
 
@@ -167,6 +167,7 @@ def build(
 @group.command()
 def show(
     file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
+    model: ArmModelOption = None,
     json_file: JsonOption = None,
     report: Annotated[
         Path | None, typer.Option(help="HTML file to write, with curves of the joints, their margins and limits.")
@@ -178,7 +179,10 @@ def show(
     from urdf import known_robots, load
 
     table, arm = PathTable.load(file), None
-    if table.robot_name in known_robots():
+    if model is not None:
+        arm = ArmChoice(model=model).load()
+        table = PathTable.load(file, arm)
+    elif table.robot_name in known_robots():
         arm = load(table.robot_name)
         table = PathTable.load(file, arm)
     finish_command(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))

@@ -93,6 +93,8 @@ class ArmChoice:
             "--meshes/--no-meshes", help="Whether every mesh file must exist; otherwise missing shapes are left out."
         ),
     ] = True
+    model: ArmModelOption = None
+    effects: EffectsOption = None
 
     def load(self) -> "Robot":
         """Load the chosen arm.
@@ -102,6 +104,16 @@ class ArmChoice:
         """
         from urdf import UrdfError, load
 
+        if self.model is not None:
+            from armdyn.arm.model import required_arm
+            from armdyn.effects.user import load_effects
+            from armdyn.model_file import read_model
+            from pipeline.motion.robot_of_model import robot_of_model
+
+            if self.urdf_file is not None or self.joints is not None or self.tool is not None:
+                raise InputError("--model holds robot, joints and tool: leave out --urdf, --joints and --tool")
+            given = read_model(self.model, load_effects(self.effects))
+            return robot_of_model(required_arm(given, "this is", "give an arm's"))
         try:
             chosen = self.robot if self.urdf_file is None else self.urdf_file
             return load(chosen, joints=split_names(self.joints), tool=self.tool, meshes=self.meshes)

@@ -24,6 +24,7 @@ from armdyn.experiments.series import AxisMotion, FourierSeries
 from armdyn.run import Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
+from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.feasibility.clearance import MIN_LINK_CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
@@ -141,6 +142,7 @@ def design_excitation(
     compare: bool = True,
     seed: int = 0,
     say: ReportProgress = lambda _: None,
+    modelled: ModelledArm | None = None,
 ) -> Excitation:
     """Design a motion that determines parameters, or distinguishes effects, as well as possible.
 
@@ -151,10 +153,12 @@ def design_excitation(
         compare: whether to compute also the motion with the smallest condition number, for comparison.
         seed: seed of the random motions.
         say: function that is called with a sentence about the progress.
+        modelled: the arm as its model describes it, which must be able to move so; None for its description alone.
 
     Raises:
         TaskFailedError: no feasible motion was found.
     """
+    settings = replace(SINGLE_JOINT_CHECK_SETTINGS, modelled=modelled)
     robot = goal.columns.arm.robot
     postures = CollisionFreePostures(robot, MIN_LINK_CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of_robot(robot), postures)
@@ -167,7 +171,7 @@ def design_excitation(
     informations = [problem.information(x) for x in starts]
     costs = [goal.criterion(information)[0] for information in informations]
     best = starts[int(np.argmin(costs))]
-    x, trajectory, check = _feasible(problem, best_motion(problem, starts, costs, say), best, say)
+    x, trajectory, check = _feasible(problem, best_motion(problem, starts, costs, say), best, settings, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
@@ -208,7 +212,7 @@ def sample_motion(problem: ArmProblem, x: Array) -> JointTrajectory:
 
 
 def _feasible(
-    problem: ArmProblem, x: Array, best: Array, say: ReportProgress
+    problem: ArmProblem, x: Array, best: Array, settings: CheckSettings, say: ReportProgress
 ) -> tuple[Array, JointTrajectory, FeasibilityReport]:
     """Make a motion feasible: design it again with narrower limits where the check finds violations.
 
@@ -217,7 +221,7 @@ def _feasible(
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
         trajectory = sample_motion(problem, x)
-        return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK_SETTINGS)
+        return trajectory, check_joints(problem.columns.arm.robot, trajectory, settings)
 
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)

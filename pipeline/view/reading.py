@@ -40,7 +40,7 @@ def scene_of_file(path: Path, model: Model | None = None, robot: urdf.Robot | No
     if path.suffix.lower() == ".npz":
         return _table(path, robot)
     if path.suffix.lower() == ".csv" and is_line_csv(path):
-        return _trajectory(path, robot or _known("baxter"))
+        return _trajectory(path, robot or _known("baxter"), model)
     run = read_run(path)
     if (model is None and not run.joints) or "gripper_x" in run.channels:
         model = _model_beside(path, model)
@@ -52,7 +52,7 @@ def scene_of_file(path: Path, model: Model | None = None, robot: urdf.Robot | No
             swing = load_swing(run, None if model is None or model.robot is not None else model)
             return trial_scene(path.parent.name or path.name, arm_shapes(robot), run, swing, Box())
     elif not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
-        return _trajectory(path, robot)
+        return _trajectory(path, robot, model)
     return arm_scene(path.name, "run", arm_shapes(robot), *joint_motion(run, robot))
 
 
@@ -73,14 +73,18 @@ def _model_beside(path: Path, model: Model | None) -> Model | None:
     return read_model(beside)
 
 
-def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
+def _trajectory(path: Path, robot: urdf.Robot, model: Model | None) -> Scene:
     """Scene of a trajectory of joints or along the robot's line, with the check's verdict and marks at violations."""
+    from armdyn.arm.model import ArmModel
     from ik import default_table
     from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
+    from pipeline.motion.feasibility.as_modelled import ModelledArm
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
 
-    motion, settings = read_trajectory(path, robot), CheckSettings(collision=False)
+    arm = None if model is None else model.capability(ArmModel)
+    modelled = None if arm is None or arm.robot is not robot else ModelledArm(arm, np.zeros(len(arm.joints)))
+    motion, settings = read_trajectory(path, robot), CheckSettings(collision=False, modelled=modelled)
     if isinstance(motion, LineTrajectory):
         table = default_table(robot)
         beyond = np.flatnonzero((motion.s < table.s[0]) | (motion.s > table.s[-1]))
