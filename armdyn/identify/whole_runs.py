@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from armdyn.estimation.solve import solve_positive
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, fit
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.state_space.scorer import StateSpaceScorer
@@ -25,6 +25,9 @@ EFFECTS_COMPARED_OVER_WHOLE_RUNS, EFFECTS_COMPARED_IN_PAIRS = 12, 6
 the smallest residual) of which pairs are compared."""
 RIVALS_TRIED_PER_EFFECT = 2
 """Number of other effects, those with the best evidence, that are tried in place of each effect of a set."""
+
+STEPS_WITHOUT_EFFECT = 6
+"""Number of steps of a fit without an effect whose values may be zero, from where its linearisation expects it."""
 
 Effects = tuple[Candidate, ...]
 
@@ -165,19 +168,35 @@ def _distance(found: Fit, one: Candidate) -> np.ndarray:
 def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate) -> bool:
     """Whether an effect's values are within two standard deviations of those at which it is absent (Wald 1943).
 
+    The others, which move along with it, must really allow it: of a circuit of which only voltages are measured all
+    values are uncertain together, but a leak is none the less there.
+
     The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
     Biometrika 64, 1977): such an effect is absent only if the residual of whole runs is as small without it, too.
     """
     own = found.problem.mask_of_unknowns(one.names) & found.free
-    covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
+    certain, away = uncertainty(study, found), _distance(found, one)
+    whole = certain.covariance
+    covariance = whole[np.ix_(own, own)]
     known = np.diag(covariance) > 0.0
     if not known.any():
         return False  # a bound holds it
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
-    if square >= chdtri(int(known.sum()), study.settings.search.zero_probability):
+    limit = chdtri(int(known.sum()), study.settings.search.zero_probability)
+    if square >= limit:
+        return False
+    there = np.where(own, found.problem.null, found.values - whole[:, own] @ solve_positive(covariance, away))
+    if _rise(found, own, there) > certain.std_inflation**2 * limit:
         return False
     placed = not study.motion.threshold_values.keys().isdisjoint(one.names)
     return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
+
+
+def _rise(found: Fit, own: np.ndarray, values: np.ndarray) -> float:
+    """Rise of the cost of a fit without its unknowns (P,) `own`, where others are fitted anew from (P,) `values`."""
+    problem = found.problem
+    values = np.clip(values, problem.lower, problem.upper)
+    return fit(problem, found.free & ~own, values, most_steps=STEPS_WITHOUT_EFFECT).cost - found.cost
 
 
 def _explains(study: StateSpaceStudy, fewer: Effects, more: Effects) -> bool:

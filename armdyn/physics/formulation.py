@@ -45,13 +45,16 @@ class Formulation(System):
 
 
 @lru_cache(maxsize=128)
-def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
+def formulate(
+    physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...], *, stiff: bool = False
+) -> Formulation:
     """Derive the equations of a physics together with its effects.
 
     Args:
         physics: the physics.
         effects: effects in their natural order.
         names: parameters in the order of theta, without those of the start.
+        stiff: whether a simulation takes implicit steps.
 
     Raises:
         InputError: the equations or an effect cannot be used.
@@ -87,6 +90,7 @@ def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, .
     depends = ca.which_depends(everything, theta, 1, False)
     return Formulation(
         names=names,
+        stiff=stiff,
         state_count=s.numel(),
         start_value_count=len(states),
         input_count=w.numel(),

@@ -28,7 +28,7 @@ from armdyn.physics.simulated import (
     first_value_and_rate,
     local_values_and_rates,
 )
-from armdyn.physics.stiff import stable_step, stable_step_divisions
+from armdyn.physics.stiff import is_stiff, stable_step, stable_step_divisions
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES
 from armdyn.recording.spikes import MAX_UNAVERAGED_RATE_HZ, without_faulty_samples
 from armdyn.recording.units import to_base_units
@@ -138,7 +138,8 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """The equations of the physics with the effects of the model."""
         starts = set(self.start_names)
-        return formulate(self.physics, catalogue_order(self.effects), tuple(n for n in self.names if n not in starts))
+        names, stiff = tuple(n for n in self.names if n not in starts), is_stiff(self.physics, self.effects)
+        return formulate(self.physics, catalogue_order(self.effects), names, stiff=stiff)
 
     def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the state at the start of a run, from measured states and their measured rates."""

@@ -24,6 +24,8 @@ INVERSION_STEPS = 3
 MAX_PIECES_PER_SAMPLE = 3
 """Number of pieces on which one sample may depend: its own, the previous one (by a sensor's memory) and the next one
 (by interpolation)."""
+LOST_SHARE = 1e-8
+"""Share of a state's deviation at the beginning of a piece that is left at its end, below which it is lost."""
 SAMPLES_AT_ONCE = 2**13
 """Number of samples whose derivatives are computed at once; they take a few MB."""
 MIN_STEPS_PER_PIECE = 4
@@ -285,7 +287,7 @@ class MotionPieces:
             )
         N, n = len(given), join.by_theta.shape[1]
         value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
-        back = pseudo_inverse(join.transition)
+        back = pseudo_inverse(join.transition, LOST_SHARE)
         own, of_physics = self._physical(wanted)
         kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
         signal = signal[:, kept] if read is None else signal
@@ -346,10 +348,15 @@ class _Join:
         return value, by_state, more
 
 
-def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
-    """Pseudo-inverses of (..., n, m) matrices; zeros for a matrix with an entry that is not finite."""
+def pseudo_inverse(matrices: np.ndarray, negligible: float = 1e-15) -> np.ndarray:
+    """Pseudo-inverses of (..., n, m) matrices; zeros for a matrix with an entry that is not finite.
+
+    Args:
+        matrices: the matrices.
+        negligible: singular values below this share of the largest count as zero.
+    """
     finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
-    return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0)))
+    return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0), negligible))
 
 
 @lru_cache(maxsize=64)

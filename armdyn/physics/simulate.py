@@ -1,4 +1,4 @@
-"""Simulate a physics by compiled Runge-Kutta steps, with exact derivatives by the parameters."""
+"""Simulate a physics by compiled Runge-Kutta or Rosenbrock steps, with exact derivatives by the parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM_ROW, DryFriction
 from armdyn.physics.recorded import InputPath
+from armdyn.physics.rosenbrock import rosenbrock_step
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import SensorReadout
 from armdyn.smoothing.even import first_derivative
@@ -42,6 +43,7 @@ class System:
         impulse_vibration: vibration that filters the impulse before; None without one.
         input_lag: ``theta -> ()`` lag of the inputs behind the recording, s; None without a lag.
         dry_friction: dry friction, which also holds a load at rest; None without it.
+        stiff: whether a state decays so fast that steps must be implicit; such a system has no dry friction.
     """
 
     names: tuple[str, ...]
@@ -58,6 +60,7 @@ class System:
     input_lag: ca.Function | None = None
     dry_friction: DryFriction | None = None
     recorded_columns: tuple[RecordedColumn, ...] = ()
+    stiff: bool = False
 
 
 class Rollout(NamedTuple):
@@ -77,7 +80,7 @@ class Rollout(NamedTuple):
 
 
 class Simulator:
-    """Integrates equations by the classical Runge-Kutta method, with the exact derivatives of this method.
+    """Integrates equations by the classical Runge-Kutta method, or Rodas, with the exact derivatives of this method.
 
     Args:
         system: the equations.
@@ -216,7 +219,14 @@ def state_after_step(
         dt: length of the step, s.
         lifted: makes a function of states, inputs, theta and a number apply to all columns of z.
     """
-    (here, _, there), dry = inputs, system.dry_friction
+    (here, middle, there), dry = inputs, system.dry_friction
+    if system.stiff:
+
+        def implicit(s: Expression, *given: Expression) -> Expression:
+            *moments, p, h = given
+            return rosenbrock_step(system.derivative, s, tuple(moments), p, h)
+
+        return lifted(implicit, 1, 3)(z, here, middle, there, theta, dt)
     direction = 0 if dry is None else dry.sliding_direction(z[:, 0], here[: system.input_count], theta, dt)
     moving = lifted(lambda s, w, p, way: _rates(system, s, w, p, way), 1, 1)
     following = runge_kutta_step(lambda s, w: moving(s, w, theta, direction), z, inputs, dt)

@@ -25,20 +25,30 @@ it the step is divided."""
 EIGENVALUE_BOUND_SQUARINGS = 4
 """Number of squarings of a matrix in the bound of its largest eigenvalue; the bound is rarely 1.5 times too large."""
 MAX_STEP_SHORTENING_FACTOR = 50.0
-"""Largest factor by which integration steps are shortened; a faster motion needs smoother equations."""
+"""Largest factor by which integration steps are shortened; for faster decays they are implicit, as long as declared."""
 MAX_STATE_COMBINATIONS = 729
 """Largest number of combinations of states at which decay rates are computed; with more states only one state at a time
 is varied."""
 
 
-@lru_cache(maxsize=512)
 def stable_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Step of the integration, s: the declared step of the physics, or a shorter one that all effects need."""
-    fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
-    return max(
-        min(physics.step, TYPICAL_STEP_TIMES_DECAY_RATE / fastest if fastest > 0.0 else np.inf),
-        physics.step / MAX_STEP_SHORTENING_FACTOR,
-    )
+    fastest = _fastest_of_all(physics, effects)
+    if fastest == 0.0 or is_stiff(physics, effects):
+        return physics.step
+    return min(physics.step, TYPICAL_STEP_TIMES_DECAY_RATE / fastest)
+
+
+def is_stiff(physics: Physics, effects: tuple[Effect, ...]) -> bool:
+    """Whether a state decays so fast that steps of the declared length must be implicit."""
+    longest = MAX_STEP_SHORTENING_FACTOR * TYPICAL_STEP_TIMES_DECAY_RATE
+    return _fastest_of_all(physics, effects) * physics.step > longest
+
+
+@lru_cache(maxsize=512)
+def _fastest_of_all(physics: Physics, effects: tuple[Effect, ...]) -> float:
+    """Largest rate, 1/s, with no effect or one of the effects."""
+    return max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
 
 
 @lru_cache(maxsize=512)
@@ -63,7 +73,7 @@ def stable_step_divisions(system: Formulation, physics: Physics, theta: np.ndarr
 
     A fit may make a value many times larger than its first guess or typical size.
     """
-    if not system.state_count:
+    if not system.state_count or system.stiff:
         return 1
     slopes = _slopes(system, physics, theta)
     power = slopes

@@ -114,7 +114,7 @@ def test_what_explains_more_than_a_little_of_gross_errors_is_added(remains, more
     assert chosen(left, {**EVIDENCE, DRAG: -30.0}, LOAD, DRY) == {LOAD, DRY} | more
 
 
-def nothing(monkeypatch, value, runs):
+def nothing(monkeypatch, value, runs, rise=0.0):
     """Whether a bias is, which is `value` standard deviations large."""
     runs.motion = Plain(threshold_values={"dry.size": 3.0})
     problem = Plain(
@@ -122,13 +122,20 @@ def nothing(monkeypatch, value, runs):
         null=np.zeros(2),
     )
     found = Plain(problem=problem, free=np.ones(2, dtype=bool), values=np.array([5.0, 3.0 * value]))
-    monkeypatch.setattr(whole_runs, "uncertainty", lambda *_: Plain(covariance=np.diag([1.0, 9.0])))
+    certain = Plain(covariance=np.diag([1.0, 9.0]), std_inflation=1.0)
+    monkeypatch.setattr(whole_runs, "uncertainty", lambda *_: certain)
+    monkeypatch.setattr(whole_runs, "_rise", lambda *_: rise)
     return lambda one: whole_runs._is_nothing(runs, found, (LOAD, one), one)
 
 
 @pytest.mark.parametrize(("value", "stays"), [(1.9, False), (2.1, True)])
 def test_a_value_within_two_standard_deviations_of_nothing_goes(monkeypatch, value, stays):
     assert nothing(monkeypatch, value, Runs({}, {}))(BIAS) is not stays
+
+
+def test_a_value_that_is_uncertain_with_all_others_stays_where_they_do_not_allow_its_absence(monkeypatch):
+    assert nothing(monkeypatch, 1.0, Runs({}, {}), rise=3.0)(BIAS)
+    assert not nothing(monkeypatch, 1.0, Runs({}, {}), rise=5.0)(BIAS)
 
 
 @pytest.mark.parametrize(("without", "stays"), [(11.0, False), (12.0, True)])
