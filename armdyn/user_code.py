@@ -1,15 +1,81 @@
-"""Run a user's Python file, and report whatever it raises in one line."""
+"""Run a user's Python file if the user knows of it, and report whatever it raises in one line.
 
+A file of Python that a model file or a batch names runs without a question if it lies in the folder of the file that
+names it, or below. Any other is run only after the user has allowed it; that is remembered by the file's content.
+"""
+
+import hashlib
 import importlib.util
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
+from typing import ClassVar
 
+from armdyn import atomic
+from armdyn.cache import is_private, private_directory
 from armdyn.errors import MAX_SHOWN_MESSAGE_LENGTH, ArmdynError, InputError
 from urdf.bounds import MAX_TEXT_FILE_BYTES, MIB
+
+TRUST_OPTION = "--trust-code"
+"""Option of every command with which the user allows the Python files outside their folders that it would run."""
+TRUSTED_FOLDER = "trusted"
+"""Folder in the user's private one with an empty file per allowed Python file, named by the digest of its content."""
+
+
+class _Trust:
+    """What this process may run."""
+
+    everything = False
+    digests: ClassVar[set[str]] = set()
+
+
+@contextmanager
+def trusting_code() -> Iterator[None]:
+    """Context manager: allow, for good, every Python file that a model or a batch names in the block."""
+    before, _Trust.everything = _Trust.everything, True
+    try:
+        yield
+    finally:
+        _Trust.everything = before
+
+
+def allow_code(path: Path) -> None:
+    """Remember that the user has named a Python file; another content of the file is not allowed by this."""
+    if (digest := _digest(path)) in _Trust.digests:
+        return
+    _Trust.digests.add(digest)
+    folder = private_directory()
+    if folder is not None:
+        with suppress(OSError, InputError):  # a full disk: the user is asked again
+            (folder / TRUSTED_FOLDER).mkdir(mode=0o700, exist_ok=True)
+            atomic.write_text(folder / TRUSTED_FOLDER / digest, "")
+
+
+def check_code(path: Path, named_in: Path) -> None:
+    """Check that a Python file may be run that a file in the folder `named_in` names.
+
+    Raises:
+        InputError: it lies outside the folder, and the user has not allowed it.
+    """
+    if path.resolve().is_relative_to(named_in.resolve()) or not path.is_file():
+        return
+    folder, digest = private_directory(), _digest(path)
+    if digest in _Trust.digests or (folder is not None and is_private(folder / TRUSTED_FOLDER / digest)):
+        return
+    if not _Trust.everything:
+        raise InputError(
+            f"{path} is Python code from outside the folder {named_in}: read it, and if you trust it, type the command "
+            f"again with {TRUST_OPTION}"
+        )
+    allow_code(path)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.sha256(file.read(MAX_TEXT_FILE_BYTES + 1)).hexdigest()
 
 
 def load_module(path: Path, holds: str) -> ModuleType:

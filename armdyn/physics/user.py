@@ -8,13 +8,14 @@ from armdyn.effects.user import effects_defined_in
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
-from armdyn.user_code import load_module, user_code_errors
+from armdyn.user_code import allow_code, check_code, load_module, user_code_errors
 
 KEYS = ()
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PhysicsModel, dict[str, Any]]:
     """The model whose base is the Python file that a model file names, relative to the model file's `folder`."""
+    check_code(folder / table["base"], folder)
     return load_base(folder / table["base"]), {}
 
 
@@ -28,6 +29,7 @@ def load_base(path: str | Path) -> PhysicsModel:
     """
     path = Path(path)
     defined = vars(load_module(path, "base"))
+    allow_code(path)
     found = [item for item in defined.values() if isinstance(item, Physics)]
     if len(found) != 1:
         raise InputError(

@@ -21,6 +21,7 @@ from typing import Annotated, Any
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
+from armdyn.user_code import check_code
 from pipeline.batch.change import DEFAULT_FALSE_ALARM_PROBABILITY
 from pipeline.batch.times import (
     RecordingTime,
@@ -152,6 +153,8 @@ def _spec(table: Mapping[str, Any], folder: Path) -> BatchSpec:
     if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
+    if effects is not None:
+        check_code(effects, folder)
     clock = RecordingTimeRules(None if said.time.from_ is None else TIME_SOURCES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):

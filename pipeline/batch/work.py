@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from armdyn.errors import ArmdynError, InputError, error_sentence
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.read_files import refuse_overwriting_inputs
+from armdyn.user_code import trusting_code
 from urdf import DescriptionWarning
 from urdf.toml_tables import read_toml_with_text
 
@@ -116,7 +117,8 @@ class JobOutcome:
 
 def run_job(job: BatchJob) -> JobOutcome:
     """Run a job; an error becomes the `problem` of its outcome."""
-    with _one_at_a_time, warnings.catch_warnings(), refuse_overwriting_inputs():
+    # Code was allowed or refused when the batch's process read the models.
+    with _one_at_a_time, warnings.catch_warnings(), refuse_overwriting_inputs(), trusting_code():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
         began = time.perf_counter()
         try:

@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +17,7 @@ from typer.exceptions import TyperException
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from armdyn.read_files import refuse_overwriting_inputs
+from armdyn.user_code import TRUST_OPTION, trusting_code
 from pipeline import commands
 from pipeline.console.description_warnings import collected_warnings, collecting_warnings
 from pipeline.console.groups import with_flattened_options
@@ -66,8 +67,15 @@ def _common(
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version)
     ] = False,
+    trust_code: Annotated[
+        bool,
+        typer.Option(
+            TRUST_OPTION,
+            help="With any command: run Python files outside its folder that a model or batch names, from now on.",
+        ),
+    ] = False,
 ) -> None:
-    del version
+    del version, trust_code
 
 
 def run(interrupts: SignalHandler) -> int:
@@ -95,10 +103,13 @@ def run(interrupts: SignalHandler) -> int:
 
 def _run_command(interrupts: SignalHandler) -> int:
     known = command_modules()
+    trusted = TRUST_OPTION in sys.argv[1:]
+    sys.argv[1:] = [word for word in sys.argv[1:] if word != TRUST_OPTION]
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     app = build_application([known[asked]] if asked in known else known.values())
     interrupts.check()
-    status = app(standalone_mode=False)
+    with trusting_code() if trusted else nullcontext():
+        status = app(standalone_mode=False)
     interrupts.check(ended=True)
     return status if isinstance(status, int) else 0
 
