@@ -16,6 +16,8 @@ from pipeline.ros.bridge import RosBridge
 
 MAX_BURST_DELAY_SECONDS = 0.05
 """Largest delay of messages that arrive in a burst [s]: 0.04 s for a client that only receives, with a margin."""
+SAME_DELAY_SECONDS = 0.002
+"""Largest difference of two delays [s] that are taken to be the same; messages that overtake others differ by more."""
 FIRST_STATE_TIMEOUT_SECONDS = 3.0
 """Longest waiting time for the first joint state [s]."""
 MAX_KEPT_STATES = 64
@@ -29,10 +31,14 @@ class StampClock:
     offset between the clocks; it grows with time at the rate at which clocks drift. Converted times are late by the
     smallest delay, 1 ms on a local network. A stamp that is more than `MAX_BURST_DELAY_SECONDS` too early for the
     estimate is only used if the next stamp agrees with it (the other clock was set); otherwise it was a wrong stamp.
+
+    A stamp below an earlier one was overtaken, or the other clock was set back: that is so if the next stamp follows it
+    and arrives after the same delay, which costs one sample.
     """
 
     def __init__(self) -> None:
         self._offset, self._at, self._doubted = inf, 0.0, inf
+        self._newest, self._back = -inf, (inf, inf)
 
     def local(self, stamp: float, received: float) -> float:
         """Time of a stamp on this program's clock [s], never after the reception of its message.
@@ -42,6 +48,14 @@ class StampClock:
             received: time of its reception on this program's clock [s].
         """
         shortest, given = self._offset + MAX_RELATIVE_CLOCK_DRIFT * max(received - self._at, 0.0), received - stamp
+        if stamp < self._newest:
+            before, delay = self._back
+            agreed = MAX_BURST_DELAY_SECONDS if given - shortest > MAX_BURST_DELAY_SECONDS else SAME_DELAY_SECONDS
+            if before < stamp and abs(given - delay) <= agreed:
+                shortest, self._newest = given, stamp
+            self._back = stamp, given
+        else:
+            self._newest, self._back = stamp, (inf, inf)
         doubted = shortest < inf and given < shortest - MAX_BURST_DELAY_SECONDS
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
         self._doubted = given if doubted else inf
@@ -67,6 +81,7 @@ class JointStateBuffer:
         self._stamps = StampClock()
         self._states: deque[JointState] = deque(maxlen=MAX_KEPT_STATES)
         self._order: tuple[list[str], list[int]] | None = None
+        self._contents: deque[tuple[object, ...]] = deque(maxlen=MAX_KEPT_STATES)
         self._changed = threading.Condition()
         self.unreadable = 0
 
@@ -79,6 +94,8 @@ class JointStateBuffer:
         """
         index = self._index(message.get("name"))
         if index is None:
+            return
+        if self._is_repeated(message):
             return
         state = self._read(message, index, received)
         with self._changed:
@@ -136,6 +153,14 @@ class JointStateBuffer:
             last = states[-1]
             return JointState(time, last.q + np.nan_to_num(last.v) * (time - last.time), last.v, last.tau)
         return _between(states[after - 1], states[after], time) if after else states[0]
+
+    def _is_repeated(self, message: Mapping[str, Any]) -> bool:
+        """Whether the same content came before, with the same stamp, which says nothing about the clocks."""
+        content = header_stamp(message), message.get("position"), message.get("velocity"), message.get("effort")
+        if content in self._contents:
+            return True
+        self._contents.append(content)
+        return False
 
     def _index(self, names: object) -> list[int] | None:
         """Indices of the arm's joints in a message; None where one of them is missing."""

@@ -103,8 +103,34 @@ def test_states_are_dated_on_our_clock_whatever_the_robots_does(stamps, delays, 
     assert late.min() > 0.0009
 
 
-def test_a_clock_that_was_set_back_makes_states_old():
+def test_a_stamp_that_goes_back_once_makes_one_state_old():
     assert dated(T[:100] - 0.5 * (np.arange(100) == 99), 0.001 + 0.0 * T[:100])[-1] < -0.4
+
+
+@pytest.mark.parametrize("back", [0.004, 0.013, 0.026, 0.04, 0.055, 0.2, 1.0, 30.0, 999.0])
+@pytest.mark.parametrize("spread", [0.0, 0.001])
+def test_a_clock_that_is_set_back_by_any_amount_costs_one_state(back, spread):
+    states, true = JointStateBuffer(["a"]), 0.01 * np.arange(400)
+    delays = 0.001 + spread * np.random.default_rng(3).random(400)
+    kept, late = 0, []
+    for i, received in enumerate(true + delays):
+        before = states.latest
+        stamp = 2000.0 + true[i] - back * (i >= 200)
+        states.take(message(stamp, ["a"], position=[float(i)]), received)
+        kept += states.latest is not before
+        late.append(states.latest.time - true[i] if states.latest is not before else 0.0)
+    assert kept >= 399
+    assert (
+        np.abs(late[202:]).max() < max(0.001 + spread, back if back < 2 * 0.01 else 0.0) + 1e-4
+    )  # less than two periods: dated early
+
+
+def test_messages_that_are_repeated_together_or_overtaken_do_not_set_the_clock_back():
+    order = [*range(50), 47, 48, 49, *range(50, 60), 61, 60, 62, 64, 63, *range(65, 100)]
+    states = JointStateBuffer(["a"])
+    for place, i in enumerate(order):
+        states.take(message(1.0 + 0.01 * i, ["a"], position=[float(i)]), 0.01 * place + 0.001 * (place % 3))
+        assert states.latest.q[0] == max(order[: place + 1])
 
 
 def test_between_two_states_a_cubic_is_exact():
