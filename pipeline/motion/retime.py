@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from armdyn.errors import TaskFailedError
 from ik.torque import JointTorque
 from pipeline.motion.fastest_speed import NoSpeedError, PathSpeed, fastest_speed
+from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.feasibility.check import CheckSettings, interpolated_samples
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array, Limits, Robot
@@ -31,6 +32,9 @@ LINEARISING_ROUNDS, LOCAL_ROUNDS = 3, 8
 speed is reduced where a limit is exceeded between nodes or samples."""
 MIN_SQUARED_SPEED = 1e-6
 """Least squared speed at which torques are linearised, in units of the largest [1]: friction has a direction there."""
+SERVO_ROUNDS, LEAST_SLOWER = 20, 1.03
+"""Most rounds in which a motion is made slower until servos, simulated in closed loop, ask for no more than their
+limits, and by which factor at least."""
 PATH_JERK_SHARE = 0.5
 """Share of the jerk limit that the bends of a path use at constant speed."""
 TRIED_AVERAGES = (0.35, 0.5, 0.7, 1.0)
@@ -75,13 +79,36 @@ def retimed_on_arm(robot: Robot, points: Array, settings: CheckSettings) -> Join
     """
     arm = settings.modelled
     if arm is not None:
-        return retimed(points, robot.joint_names, RetimingLimits(robot.limits, arm.limit), arm.torques)
+        return _for_servos(
+            retimed(points, robot.joint_names, RetimingLimits(robot.limits, arm.limit), arm.torques), arm
+        )
     torque = JointTorque(robot, settings.load_mass, settings.springs)
 
     def certain(q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         return torque(q, v, a), np.zeros_like(q)
 
     return retimed(points, robot.joint_names, RetimingLimits(robot.limits, robot.limits.effort), certain)
+
+
+def _for_servos(motion: JointTrajectory, arm: ModelledArm) -> JointTrajectory:
+    """The motion, slower where servos, simulated in closed loop, ask for more than their limits.
+
+    Raises:
+        TaskFailedError: they do so at any speed.
+    """
+    used = np.zeros(len(motion.joint_names))
+    for _ in range(SERVO_ROUNDS):
+        followed = arm.followed(motion)
+        used = np.zeros(1) if followed is None else (np.abs(followed.demanded) / followed.limit).max(axis=0)
+        if used.max() <= 1.0:
+            return motion
+        slower = max(LEAST_SLOWER, float(np.sqrt(used.max())))
+        motion = JointTrajectory(
+            motion.time * slower, motion.q, motion.v / slower, motion.a / slower**2, motion.joint_names
+        )
+    raise TaskFailedError(
+        f"no speed was found at which the drive of {motion.joint_names[int(used.argmax())]} stays within its limit"
+    )
 
 
 class _Path:

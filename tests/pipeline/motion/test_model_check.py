@@ -126,6 +126,19 @@ def test_servos_follow_in_closed_loop_as_in_mujoco(described):
     assert {v.joint for v in report.violations if v.limit == "drive"} == {"lift"}
 
 
+def test_a_retimed_motion_saturates_no_servo(described, trajectory, tmp_path):
+    drives = {
+        "servo": {"joints": ["lift", "elbow"], "gain": "120 N m/rad", "damping": "8 N m s/rad", "limit": "7.6 N m"}
+    }
+    arm = described(50, joint_viscous_friction__coefficient=1.0, joint_coulomb_friction__torque=0.3).with_drives(drives)
+    model, out = written(arm, tmp_path), tmp_path / "fast.csv"
+    assert called("check", trajectory, "--model", model)[0] == 1
+    status, text, _ = called("check", trajectory, "--model", model, "--retime", out, "--json", "-")
+    assert status == 0
+    assert max(one["saturated"] for one in json.loads(text)["tracking"]) == 0.0
+    assert called("check", out, "--model", model)[0] == 0
+
+
 def test_a_model_holds_its_robot(described, trajectory, tmp_path, refused):
     model = written(described(50), tmp_path)
     assert "--model holds robot" in refused("check", trajectory, "--model", model, "--robot", "ur5")
