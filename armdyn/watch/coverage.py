@@ -45,6 +45,19 @@ class Coverage:
         """Number of skipped samples by reason, most frequent first."""
         return {reason.value: count for reason, count in self.skipped.most_common()}
 
+    @property
+    def sentence(self) -> str:
+        """The present state in one line."""
+        if self._silent_since is not None:
+            state = f"silent since {self._silent_since:.1f} s"
+        elif self.is_watching and self._last is not None:
+            state = f"watching at {self._last:.1f} s"
+        else:
+            state = "no sample is watched yet" if self._last is None else f"not watching since {self._last:.1f} s"
+        why = ", ".join(f"{reason}: {count}" for reason, count in self.reasons.items())
+        skipped = f"{self.skipped.total()} samples skipped" + (f" ({why})" if why else "")
+        return f"{state}; watched {self.watched:.1f} s, {skipped}"
+
     def count(self, time: float, reason: Skipped | None) -> float | None:
         """Count a sample at a time, s, which was watched unless there is a reason.
 

@@ -154,6 +154,11 @@ class Watch:
             self._blocks.clear()
         return events
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's torque."""
+        return self._report.units
+
     def wait(self, idle: float) -> list[WatchEvent]:
         """The events after `idle` s, on the observer's own clock, without a sample that can be watched."""
         return self._silence(self.coverage.time_after(idle), "no sample")

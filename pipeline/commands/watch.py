@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
@@ -115,7 +116,8 @@ def watch(
             out.note(f"watching at {shown.address}")
             if not no_browser and sys.stdout.isatty():
                 shown.open()
-        for name, samples in _sources(watching, ros, arm, [*zip(files, sample_sources(given, watched), strict=True)]):
+        ended, recorded = threading.Event(), [*zip(files, sample_sources(given, watched), strict=True)]
+        for name, samples in _sources(watching, ros, arm, recorded, ended):
             out.source, heard = name, time.monotonic()
             watching.begin_source()
             for sample in samples:
@@ -131,6 +133,9 @@ def watch(
                 for event in found:
                     out.report(event, kept)
         out.end(watching, files)
+        if shown is not None and ros is None and not ended.is_set():
+            out.note(f"{shown.address} stays until Ctrl-C")
+            shown.stay()
     for written in (kept, out.file):
         if written is not None and written.failure is not None:
             raise InputError(f"the watch went on to its end, but {written.failure}")
@@ -139,9 +144,16 @@ def watch(
 
 
 def _sources(
-    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]"
+    watching: "Watch",
+    ros: str | None,
+    arm: str,
+    recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]",
+    ended: threading.Event,
 ) -> "Iterator[tuple[Path | None, Iterator[JointSample | None]]]":
-    """Yield each source of samples: the recording's file, or None for a live source, and its samples."""
+    """Yield each source of samples: the recording's file, or None for a live source, and its samples.
+
+    A signal that ends standard input sets `ended`.
+    """
     from pipeline.watch.sources import RosSampleSource, samples_from_lines
 
     if ros is not None:
@@ -155,7 +167,7 @@ def _sources(
     else:
         if sys.stdin is None:
             raise InputError("standard input is closed: give recordings, or write lines to it")
-        yield None, samples_from_lines(sys.stdin, watching.model)
+        yield None, samples_from_lines(sys.stdin, watching.model, ended=ended)
 
 
 class _Out:
@@ -206,10 +218,7 @@ class _Out:
             "false_alarms_per_hour": watching.false_alarms_per_hour,
         }  # fmt: skip
         self._write(answer)
-        why = ", ".join(f"{reason}: {count}" for reason, count in seen.reasons.items())
-        self.note(
-            f"watched {seen.watched:.1f} s; {seen.skipped.total()} samples skipped" + (f" ({why})." if why else ".")
-        )
+        self.note(f"{seen.sentence}.")
         if not seen.watched:
             return self.note("Nothing was watched: whether something happened is unknown.")
         count = f"{self._events} event{'s' * (self._events != 1)}"

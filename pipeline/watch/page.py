@@ -1,6 +1,7 @@
-"""Live web page of a watch: torque residuals with their bounds, and detected events; for this computer only."""
+"""Live web page of a watch: its state, torque residuals with their bounds, and events; for this computer only."""
 
 import json
+import sys
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -13,14 +14,24 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.watch.event import WatchEvent
 from armdyn.watch.watch import Watch
+from pipeline.interrupts import deferred_signals
 from pipeline.processes import Closable
 
 LOCAL_HOST = "127.0.0.1"
 POINT_SPACING_SECONDS, SHOWN_CURVE_SECONDS = 0.05, 30.0
 """Time between two drawn points, and duration that a curve shows [s]."""
+SIGNAL_CHECK_SECONDS = 0.2
+"""Time between two looks for a signal [s]."""
 MAX_LISTED_EVENTS = 200
 """Largest number of events that the page lists."""
 PAGE_FILE = Path(__file__).parent / "templates" / "watch.html"
+
+
+class _Server(ThreadingHTTPServer):
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a browser that has closed its connection."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 class LivePage(Closable):
@@ -38,9 +49,9 @@ class LivePage(Closable):
         self._watch = watch
         self._points: deque[list[Any]] = deque(maxlen=round(SHOWN_CURVE_SECONDS / POINT_SPACING_SECONDS))
         self._events: deque[dict[str, Any]] = deque(maxlen=MAX_LISTED_EVENTS)
-        self._lock = threading.Lock()
+        self._lock, self._ended = threading.Lock(), False
         try:
-            self._server = ThreadingHTTPServer((LOCAL_HOST, port or 0), self._handler())
+            self._server = _Server((LOCAL_HOST, port or 0), self._handler())
         except OSError as error:
             raise InputError(f"--port {port}: {error.strerror}; choose another one, or leave it out") from error
         self.address = f"http://{LOCAL_HOST}:{self._server.server_port}/"
@@ -65,8 +76,9 @@ class LivePage(Closable):
         """Curves and events as JSON, for the page's script."""
         with self._lock:
             state = {
-                "joints": list(self._watch.model.arm.joints), "points": list(self._points),
+                "joints": list(self._watch.model.arm.joints), "units": self._watch.units, "points": list(self._points),
                 "events": list(self._events), "basis": self._watch.sound.sentence,
+                "state": ("ended; " if self._ended else "") + self._watch.coverage.sentence,
             }  # fmt: skip
         return json.dumps(state).encode()
 
@@ -75,6 +87,13 @@ class LivePage(Closable):
         import webbrowser
 
         threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
+
+    def stay(self) -> None:
+        """Show that the source has ended, until a signal such as Ctrl-C arrives."""
+        self._ended, stopped = True, threading.Event()
+        with deferred_signals(lambda _: stopped.set()):
+            while not stopped.wait(SIGNAL_CHECK_SECONDS):
+                pass
 
     def close(self) -> None:
         """Stop the server."""

@@ -96,7 +96,9 @@ def check_sampling(time: FloatArray) -> None:
         )
 
 
-def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample | None]:
+def samples_from_lines(
+    stream: TextIO, model: ArmModel, name: str = "standard input", ended: threading.Event | None = None
+) -> Iterator[JointSample | None]:
     """Samples from lines of CSV, whose first line names the columns: ``time [s],q.elbow [rad],...``.
 
     Values that are missing or cannot be read are nan; None stands for a while without a line.
@@ -105,6 +107,7 @@ def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard in
         stream: the lines.
         model: model of the arm, which names the joints.
         name: name of the stream for error messages.
+        ended: set by a signal, which ends the samples.
 
     Raises:
         InputError: the lines are not those of a recording of this arm, as in a file.
@@ -116,7 +119,7 @@ def samples_from_lines(stream: TextIO, model: ArmModel, name: str = "standard in
     conversions: list[Conversion] = []
     width, times = 0, list[float]()
     with error_location(name):
-        for line in _lines(stream):
+        for line in _lines(stream, threading.Event() if ended is None else ended):
             if line is None:
                 yield None
                 continue
@@ -156,10 +159,9 @@ def _number(cell: str) -> float:
         return math.nan
 
 
-def _lines(stream: TextIO) -> Iterator[str | None]:
-    """Lines of a stream until it ends or a signal arrives; None where none came for `WAIT_SECONDS`."""
+def _lines(stream: TextIO, ended: threading.Event) -> Iterator[str | None]:
+    """Lines of a stream until it ends or a signal sets `ended`; None where none came for `WAIT_SECONDS`."""
     waiting: queue.Queue[str | Exception] = queue.Queue(MAX_QUEUED_JOINT_STATES)
-    ended = threading.Event()
 
     def read() -> None:
         try:

@@ -2,6 +2,11 @@
 
 import io
 import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -184,11 +189,35 @@ def test_the_page_shows_residuals_with_their_limits_and_events(complains):
         strange = urllib.request.Request(page.address + "state", headers={"Host": "elsewhere.example"})
         with complains(urllib.error.HTTPError):
             urllib.request.urlopen(strange)
-    assert state["joints"] == list(arm.joints)
+    assert (state["joints"], state["units"]) == (list(arm.joints), ["N m"] * 6)
+    assert state["state"].startswith("watching at 16.0 s; watched 15.")
     assert "outside_torque" in {event["event"] for event in state["events"]}
     stamp, residual, mean, limit = state["points"][-1]
     assert stamp > 15.0
     assert abs(residual[1] - mean[1]) > limit[1]
+
+
+def test_the_page_stays_after_a_recording_and_says_nothing_of_closed_connections(folder, calibrated, tmp_path):
+    words = ["watch", folder / "m.toml", folder / "day" / "c_after.csv", *calibrated, "--page", "--no-browser"]
+    program = "from pipeline.cli import main; main()"
+    running = subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", program, *map(str, words)], cwd=tmp_path, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        assert running.stdout is not None
+        said = next(line for line in running.stdout if "stays until Ctrl-C" in line)
+        address = said.split()[0]
+        for _ in range(3):
+            with socket.create_connection(("127.0.0.1", int(address.split(":")[-1].strip("/")))) as rude:
+                rude.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                rude.sendall(b"GET /state HTTP/1.1\r\nHost: localhost:1\r\n\r\n")
+        assert json.loads(urllib.request.urlopen(address + "state").read())["state"].startswith("ended; ")
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    assert (running.returncode, errors) == (0, "")
 
 
 def test_what_it_cannot_watch_is_refused(folder, calibrated, refused, tmp_path, monkeypatch, complains):
