@@ -6,6 +6,8 @@ Four arms of `tests/worlds/mujoco_arm.py` have frictions, rotors, a load and off
 is repaired from its recordings. Then random trajectories are as fast as makes the largest share of a torque limit
 about 1, and the check says whether they are feasible. The truth is MuJoCo's inverse dynamics with what is hidden.
 Wanted: at least 97 % of the verdicts right, and none "feasible" where a limit is broken by more than its band.
+Then the motion of four arms with position drives (`tests/worlds/mujoco_servo_arm.py`) in closed loop: the model has the
+true values, and what it predicts of a run is compared with what MuJoCo recorded.
 """
 
 import sys
@@ -31,9 +33,13 @@ from pipeline.motion.feasibility import CheckSettings, check_joints
 from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.trajectory import JointTrajectory
 
-worlds = hidden_table.generator("mujoco_arm")
+sys.path.append(str(Path(__file__).resolve().parent / "hidden"))
+from mujoco_arm import true_model  # isort: skip
+
+worlds, servo_worlds = hidden_table.generator("mujoco_arm"), hidden_table.generator("mujoco_servo_arm")
 plant = sys.modules[worlds.compiled.__module__]
 SEEDS = (0, 1, 2, 3)  # z1, xarm7, ur5, panda
+SERVO_SEEDS = (0, 1, 2, 3)  # the same with position drives
 SECONDS, RATE, REACHED = 4.0, 100.0, (0.6, 1.4)
 WANTED, HALVINGS = 0.97, 30
 
@@ -98,6 +104,24 @@ def examine(seed: int, count: int, folder: Path) -> dict[str, Any]:
     return row
 
 
+def tracking(seed: int, folder: Path) -> tuple[str, float, float]:
+    """Robot, rms distance of MuJoCo's servo arm from its commands, and of the predicted motion from MuJoCo's, rad."""
+    arm, file = servo_worlds.generate(seed), folder / f"servo {seed}.urdf"
+    file.write_text(arm.exact)
+    model = true_model(arm_model(urdf=file, joints=arm.joints), arm.hidden).with_drives(arm.drives)
+    run = arm.runs[-1]
+    told = [run.channels[f"q_cmd.{joint}"] for joint in arm.joints]
+    time_, q = told[0].time, np.column_stack([channel.value for channel in told])
+    moved = (run.channels[f"q.{joint}"] for joint in arm.joints)
+    away = np.column_stack([np.interp(time_, channel.time, channel.value) for channel in moved]) - q
+    motion = JointTrajectory(time_, q, np.gradient(q, time_, axis=0), np.zeros_like(q), arm.joints)
+    followed = ModelledArm(model, np.zeros(len(arm.joints))).followed(motion)
+    assert followed is not None
+    settled = slice(len(time_) // 20, None)
+    sizes = (float(np.sqrt(np.mean(part[settled] ** 2))) for part in (away, followed.error - away))
+    return arm.robot, *sizes
+
+
 def main() -> int:
     """Print a line for each arm, and whether what is wanted was reached."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -115,6 +139,11 @@ def main() -> int:
                 f"description alone {row['by_description']}; feasible beyond the band {row['unsafe']}; "
                 f"{1e3 * row['cpu']:.0f} ms a check",
                 flush=True,
+            )
+        for seed in SERVO_SEEDS:
+            robot, away, error = tracking(seed, Path(folder))
+            print(
+                f"{robot:6s} servos are {1e3 * away:.1f} mrad from their commands, predicted within {1e3 * error:.2f}"
             )
     total = len(SEEDS) * given.trajectories
     share, unsafe = sum(row["right"] for row in rows) / total, sum(row["unsafe"] for row in rows)
