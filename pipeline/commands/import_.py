@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -201,7 +201,10 @@ def _propose(
     from pipeline.imports.mapping import column_map_toml
 
     joints, target = _joints(choice), wanted.output / "map.toml"
-    found = guess_map(recordings, joints, wanted.rate_text, wanted.drives)
+    try:
+        found = guess_map(recordings, joints, wanted.rate_text, wanted.drives)
+    except InputError as error:
+        _write_template(target, wanted, recordings[0], str(error), choice)
     if commands is not None:
         found = replace(found, commands=guess_commands(commands, recordings[0], found, joints, wanted.drives))
     check_overwrite(target, wanted.force)
@@ -210,7 +213,7 @@ def _propose(
         f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "
         "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
-    atomic.write_text(target, column_map_toml(found, comment))
+    atomic.write_text(target, column_map_toml(found, comment, recordings[0].columns))
     answer = {"schema": "armdyn.map/1", "file": str(target), **column_map_json(found)}
     if found.commands is not None:
         answer["commands"] = column_map_json(found.commands)
@@ -226,6 +229,26 @@ def _propose(
         own += ["--commands", str(wanted.commands)] if wanted.commands is not None else []
         again = shell_quoted_command("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
         typer.echo(f"read it, mend what is wrong, then: {again}")
+
+
+def _write_template(
+    target: Path, wanted: ImportOptions, foreign: "ForeignRecording", why: str, choice: RobotChoice
+) -> NoReturn:
+    """Write a mapping file that asks what every column is, because nothing could be guessed.
+
+    Raises:
+        InputError: always; it says why, and what to type when the file is filled in.
+    """
+    from pipeline.imports.mapping import ColumnMap, column_map_toml
+
+    check_overwrite(target, wanted.force)
+    atomic.make_directory(wanted.output)
+    comment = "Take '#' away from the lines that you know, and write channel and unit in place of WHICH."
+    atomic.write_text(target, column_map_toml(ColumnMap({}), comment, foreign.columns))
+    again = shell_quoted_command(
+        "import", *wanted.files, "--output", wanted.output, "--map", target, *(_words(choice) if choice else [])
+    )
+    raise InputError(f"{why}; {target} asks what every column is: fill it in, then: {again}")
 
 
 def _words(choice: RobotChoice) -> list[str]:

@@ -27,6 +27,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from armdyn.errors import InputError, collect_errors
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
@@ -35,6 +37,7 @@ from armdyn.recording.sidecar import Sidecar, sidecar_of
 from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
 from armdyn.toml_file import read_toml
+from pipeline.imports.foreign import ForeignColumn
 from urdf.toml_tables import TomlFileError, TomlValueCheck, join_problems, table_to_dataclass
 
 TIME_HINT = (
@@ -237,8 +240,21 @@ def check_table_sample_rate(rate: str) -> None:
         raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
-def column_map_toml(mapping: ColumnMap, comment: str = "") -> str:
-    """Text of a mapping file in TOML: `comment` at its head, and beside each guessed column a comment why."""
+LISTED_CHANNELS = (
+    "q.JOINT [rad]", "v.JOINT [rad/s]", "tau.JOINT [N m]", "q_cmd.JOINT", "v_cmd.JOINT", "tau_ff.JOINT",
+    "current.JOINT [A]",
+    "duty.JOINT [1]", "voltage.JOINT [V]", "enabled.JOINT [1]", "gripper_x [m]", "load_force [N]", "swing_angle [rad]",
+    "extra.NAME",
+)  # fmt: skip
+"""Channels that a column may be, for a person who fills in a mapping."""
+TIME_QUESTION = '# time = { column = "WHICH", unit = "s" }  # or the rows per second: time = { rate = "100 Hz" }\n'
+
+
+def column_map_toml(mapping: ColumnMap, comment: str = "", unknown: Mapping[str, ForeignColumn] | None = None) -> str:
+    """Text of a mapping file in TOML: `comment` at its head, and beside each guessed column a comment why.
+
+    Columns of the recording in `unknown`, that are not mapped, are lines of comment for a person to fill in.
+    """
 
     def line(name: str, values: Mapping[str, object], why: str) -> str:
         parts = (f"{k} = {toml_string(v) if isinstance(v, str) else f'{v:.12g}'}" for k, v in values.items())
@@ -258,7 +274,18 @@ def column_map_toml(mapping: ColumnMap, comment: str = "") -> str:
             lines.append(line(toml_string(column), given, entry.why))
         return lines
 
+    def question(name: str, column: ForeignColumn) -> str:
+        present = column.value[np.isfinite(column.value)]
+        between = f"from {present.min():.3g} to {present.max():.3g}" if present.size else "empty"
+        asked = {"channel": "WHICH", "unit": column.unit or "WHICH"}
+        return "# " + line(toml_string(name), asked, f"{between}: which channel is it, in which unit?")
+
     lines = [*(f"# {one_line(line)}" for line in comment.splitlines()), *section(mapping, "")]
+    left = {name: column for name, column in (unknown or {}).items() if name not in (*mapping.entries, mapping.time)}
+    if left and not (mapping.time or mapping.rate):
+        lines.insert(len(lines) - 1 - len(mapping.entries), TIME_QUESTION)
+    if left:
+        lines += [f"# Channels: {', '.join(LISTED_CHANNELS)}.", *(question(*each) for each in left.items())]
     if mapping.commands is not None:
         lines += ["", "[commands]", *section(mapping.commands, "commands.")]
     return "\n".join(lines) + "\n"
