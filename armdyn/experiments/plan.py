@@ -45,8 +45,8 @@ RECORDING_AT_REST_SECONDS = 60.0
 """Duration of a recording at rest, s."""
 REST_NODE_INTERVAL_SECONDS = 0.02
 """Time between the nodes of a simulation at rest, s."""
-MIN_RIGHT_VERDICT_PROBABILITY = 0.05
-"""Probability of a right verdict up to which an experiment is not recommended."""
+MIN_RIGHT_VERDICT_PROBABILITY = 0.2
+"""Probability of a right verdict up to which an experiment is not recommended: four of five would decide nothing."""
 ROOM_FIXED_EFFECTS = ("wind",)
 """Effects with a direction that is fixed in the room: if the robot is turned by 180 degrees, their sign changes."""
 

@@ -160,7 +160,7 @@ class StateSpaceScorer(EffectSetScorer):
         ) < search.tie_nats:
             return True
         study = self._study
-        if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
+        if not near or study.asked:
             return False  # the evidence decides in an experiment that was made to distinguish them
         found = study.fit_base_with_effects((*study.present, *whole.effects))
         if study.residual_may_be_noise(found):
