@@ -133,7 +133,9 @@ def repair(study: Study, progress: ProgressCallback | None = None) -> Repair:
     An arm's model also gets a background of small values, where that improves the prediction of other runs; see
     `armdyn.identify.selection.background`.
     """
-    return _concluded(study, search(study, progress))
+    found = search(study, progress)
+    exact = study.with_exact_steps(found.last.fit)
+    return _concluded(study, found) if exact is None else repair(exact, progress)
 
 
 @one_thread

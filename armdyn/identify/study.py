@@ -101,6 +101,11 @@ class Study(ABC):
         """The model as it predicts these runs."""
         return model
 
+    def with_exact_steps(self, at: Fit) -> "Study | None":
+        """The study with shorter steps of simulation, if a fit needs them; else None."""
+        del at
+        return None
+
     def with_whole_catalogue(self, model: Model) -> Model:
         """The model with all effects of the catalogue, the new ones at their null values and fixed."""
         return model.with_fixed_null_effects(self.effects.values())

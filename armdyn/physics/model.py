@@ -36,6 +36,8 @@ from armdyn.run import Channel, Run
 
 START_VALUES_TRIED_BY_STATE_COUNT = {1: 9, 2: 7, 3: 5, 4: 3}
 """Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
+MAX_REFINEMENT = 8
+"""Largest number of steps in place of one, where a contact or an edge falls into a step."""
 PARAMETER_CHANGE_TYPICAL_SIZES = 0.01
 """Change of parameters along a direction, in their typical sizes, that shows which states depend on it."""
 MAX_START_DISTANCE_TYPICAL_SIZES = 2.0
@@ -52,17 +54,53 @@ class PhysicsModel(SimulatedModel):
         file: file from which the physics was read; None for a physics without a file.
         restart: time, s, after which predictions start anew from the measured motion, because an error of the start
             would grow to the size of the motion; None where a whole run is predicted from its first state.
+        refinement: number of steps in place of each step that is stable, because a contact inside one makes it wrong.
     """
 
     physics: Physics
     own_effects: tuple[Effect, ...] = ()
     file: Path | None = None
     restart: float | None = None
+    refinement: int = 1
 
     def suited_to(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> Self:
         """See `SimulatedModel`; in pieces, if errors of the start grow from the noise to the motion's size."""
         length = restart_seconds(self, runs, noise)
-        return self if length is None else replace(self, restart=length)
+        suited = self if length is None else replace(self, restart=length)
+        thetas = []
+        for run in runs:
+            begun = suited.with_values(suited.guess_start_state(run))
+            thetas.append(begun.theta())
+        return suited.with_exact_steps(runs, noise, thetas)
+
+    def with_exact_steps(
+        self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]
+    ) -> Self:
+        """See `SimulatedModel`; steps are halved until chi2 of the runs stays.
+
+        A contact or an edge inside a step makes it less exact than the method's order promises. Chi2 stays if it
+        changes by no more than it varies by chance, and, far above the noise, by no larger share.
+        """
+        model, count = self, sum(len(run.channels[name]) for run in runs for name in self.predicted_channels(run))
+        while model.refinement < MAX_REFINEMENT:
+            finer = replace(model, refinement=2 * model.refinement)
+            coarse, fine = (one._chi2(runs, noise, thetas) for one in (model, finer))
+            if not abs(coarse - fine) > np.sqrt(2.0 * count) * max(coarse / count, 1.0):
+                break
+            model = finer
+        return model
+
+    @np.errstate(all="ignore")  # a simulation that diverges has no chi2 that could change
+    def _chi2(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]) -> float:
+        return sum(
+            float(np.sum((run.channels[name].value - value) ** 2)) / noise[run.name, name] ** 2
+            for run, theta in zip(runs, thetas, strict=True)
+            for name, value in self.predict_values(run, theta).items()
+        )
+
+    def with_steps_of(self, other: Self) -> Self:
+        """See `SimulatedModel`."""
+        return replace(self, refinement=other.refinement)
 
     @property
     def begins_at_start(self) -> bool:
@@ -335,7 +373,7 @@ class PhysicsModel(SimulatedModel):
 
     def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The inputs, divided into steps that are short enough for a stable integration at these parameters (p,)."""
-        parts = stable_step_divisions(self.system, self.physics, physics, path.dt)
+        parts = self.refinement * stable_step_divisions(self.system, self.physics, physics, path.dt)
         return replace(super().simulation_inputs(path, physics), steps_per_interval=parts)
 
     def states_along(self, run: Run, theta: np.ndarray) -> np.ndarray:

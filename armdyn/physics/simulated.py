@@ -173,6 +173,24 @@ class SimulatedModel(Model):
         del runs, noise
         return self
 
+    def with_exact_steps(
+        self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]
+    ) -> Self:
+        """The model with steps that are short enough for these runs; by default itself.
+
+        Args:
+            runs: the runs.
+            noise: standard deviation of a sample by run and channel, in the channel's unit.
+            thetas: (p,) parameters of each run.
+        """
+        del runs, noise, thetas
+        return self
+
+    def with_steps_of(self, other: Self) -> Self:
+        """The model with the steps of another one; by default itself."""
+        del other
+        return self
+
     @property
     def begins_at_start(self) -> bool:
         """Whether a whole run is predicted from its start values."""

@@ -41,6 +41,18 @@ class StateSpaceStudy(Study):
         """See `Study`; an unstable process is followed in pieces."""
         return as_simulated_model(model).suited_to(self.runs, self.noise)
 
+    def with_exact_steps(self, at: Fit) -> Study | None:
+        """See `Study`; a contact that effects bring may need shorter steps than the model as given."""
+        problem = at.problem
+        model = as_simulated_model(problem.model)
+        thetas = [problem.theta(i, at.values) for i in range(len(problem.runs))]
+        exact = model.with_exact_steps(problem.runs, problem.noise, thetas)
+        if exact is model:
+            return None
+        return self.with_other_catalogue(
+            self.catalogue, as_simulated_model(self.model).with_steps_of(exact), self.catalogue_size
+        )
+
     @cached_property
     def motion(self) -> EffectSetOptimiser:
         """Optimiser of sets of effects around the measured motion of all runs.

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from armdyn.physics import Equations, Moment, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -57,3 +59,29 @@ def test_a_piece_begins_at_the_state_that_fits_it_and_follows_the_parameters():
     slopes = (wrong[0] - wrong[1]) / (2.0 * step)
     assert found.sensitivities[:, 0] == pytest.approx(slopes, abs=2e-2 * np.abs(slopes).max())
     assert not found.sensitivities[:, 1].any()  # a whole run's start plays no part
+
+
+@physics(
+    "dropped", summary="a ball on a stiff floor", source="Hertz 1881", parameters=(constant("floor", "1/s^2", 2e4),),
+    states=(state("x", "m", typical=0.1, start=0.05), state("v", "m/s", typical=1.0)), inputs={},
+    outputs={"extra.x": "m"}, period=0.5, step=0.01,
+)  # fmt: skip
+def dropped(at: Moment) -> Equations:
+    return Equations({"x": at["v"], "v": at["floor"] * ca.fmax(-at["x"], 0) - 9.81}, {"extra.x": at["x"]})
+
+
+def test_steps_are_halved_where_a_contact_falls_into_them_and_not_where_the_noise_hides_it():
+    model = physics_model(dropped)
+    time = np.arange(0.0, 1.0, 0.01)
+    truth = solve_ivp(
+        lambda _, s: [s[1], 2e4 * max(-s[0], 0.0) - 9.81], (0.0, 1.0), [0.05, 0.0], t_eval=time, rtol=1e-10, atol=1e-12,
+        max_step=1e-3,
+    ).y[0]  # fmt: skip
+    run = model.prepare_run(Run("a.csv", {"extra.x": Channel(time, truth, "m")}))
+    fine, coarse = (
+        model.with_exact_steps([run], {("a.csv", "extra.x"): noise}, [model.theta()]) for noise in (1e-5, 1.0)
+    )
+    assert coarse.refinement == 1
+    assert fine.refinement > 1
+    far, near = (np.std(each.predict(run, each.theta()).values - truth) for each in (coarse, fine))
+    assert near < 0.2 * far
