@@ -174,8 +174,9 @@ class StateSpaceStudy(Study):
         """
         if fit.chi2_per_sample < self.settings.noise.minimum_chi2:
             return False
-        kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
-        return not all(residual_variance_ratio(kind) <= self.settings.verdict.lost_share for kind in kinds)
+        if not residual_variance_ratio(fit.blocks) <= self.settings.verdict.lost_share:
+            return True
+        return bool(self.held_out) and not residual_variance_ratio(self.held_out_blocks(fit)) <= 1.0
 
     def remarks(self, fit: Fit) -> list[str]:
         """See `Study.remarks`."""
