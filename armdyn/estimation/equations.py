@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -55,6 +56,20 @@ class NormalEquations:
         gram, slope = X.swapaxes(1, 2) @ X, (X.swapaxes(1, 2) @ r[..., None])[..., 0]
         log_std = np.log(std, where=known, out=np.zeros(std.shape)).sum(axis=1)
         return cls(gram, slope, (r**2).sum(axis=1), known.sum(axis=1).astype(float), log_std)
+
+    @classmethod
+    def of_groups(cls, X: np.ndarray, r: np.ndarray, std: float, group: np.ndarray, count: int) -> Self:
+        """One unit for each group of samples.
+
+        Args:
+            X: (n, P) derivatives of the predictions.
+            r: (n,) residuals, measured minus predicted.
+            std: standard deviation of a sample, by which both are divided.
+            group: (n,) index of each sample's group, in ascending order.
+            count: number of groups; those without a sample are empty units.
+        """
+        bounds = np.searchsorted(group, np.arange(count + 1)).tolist()
+        return cls.stacked([cls.of_samples(X[a:b], r[a:b], std) for a, b in pairwise(bounds)])
 
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:

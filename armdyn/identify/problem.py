@@ -17,6 +17,7 @@ from armdyn.identify.residual.block import ResidualBlock, chi2_sum
 from armdyn.identify.settings import DEFAULT_SETTINGS, Settings
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
+from armdyn.recording.noise import NoiseByChannel
 from armdyn.run import Run
 
 ROUNDING_SHARE_OF_COST = 1e-9
@@ -29,8 +30,6 @@ runs: a stretch of motion determines a length ten times better, and a stretch at
 EFFECT_PRIOR_STD_TYPICAL_SIZES = 10.0
 """Standard deviation, in typical sizes, of the wide prior of an effect's parameter about its null value: a parameter
 that few samples determine stays small, and a mass of typical size 1 kg can still become 95 kg."""
-NoiseByChannel = Mapping[tuple[str, str], float]
-"""Standard deviation by run and channel, in the channel's unit."""
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,23 @@
 """The model of a user's physics: it predicts the sensor readings of a run, with any set of effects."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import product
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
 
-from armdyn.effects.catalogue import CATALOGUE, catalogue_order
+from armdyn.effects.catalogue import catalogue_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Prediction
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
+from armdyn.physics.following import Following, with_exact_steps
 from armdyn.physics.formulation import Formulation, formulate
 from armdyn.physics.recorded import InputPath, is_piecewise_constant, recorded_inputs
 from armdyn.physics.restarts import predict_in_pieces, restart_seconds
@@ -29,19 +29,21 @@ from armdyn.physics.simulated import (
     local_values_and_rates,
 )
 from armdyn.physics.stiff import is_stiff, stable_step, stable_step_divisions
+from armdyn.physics.without_effects import (
+    adds_states,
+    bare_formulation,
+    joints_changed_by,
+    shown_states,
+    start_grid,
+)
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES
+from armdyn.recording.noise import NoiseByChannel
 from armdyn.recording.spikes import MAX_UNAVERAGED_RATE_HZ, without_faulty_samples
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-START_VALUES_TRIED_BY_STATE_COUNT = {1: 9, 2: 7, 3: 5, 4: 3}
-"""Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
-MAX_REFINEMENT = 8
-"""Largest number of steps in place of one, where a contact or an edge falls into a step."""
 PARAMETER_CHANGE_TYPICAL_SIZES = 0.01
 """Change of parameters along a direction, in their typical sizes, that shows which states depend on it."""
-MAX_START_DISTANCE_TYPICAL_SIZES = 2.0
-"""Largest distance of tried start values from the first guess, in typical sizes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,75 +54,30 @@ class PhysicsModel(SimulatedModel):
         physics: the physics.
         own_effects: effects that come with the physics.
         file: file from which the physics was read; None for a physics without a file.
-        restart: time, s, after which predictions start anew from the measured motion, because an error of the start
-            would grow to the size of the motion; None where a whole run is predicted from its first state.
-        refinement: number of steps in place of each step that is stable, because a contact inside one makes it wrong.
     """
 
     physics: Physics
     own_effects: tuple[Effect, ...] = ()
     file: Path | None = None
-    restart: float | None = None
-    refinement: int = 1
 
-    def suited_to(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> Self:
+    def suited_to(self, runs: Sequence[Run], noise: NoiseByChannel) -> Self:
         """See `SimulatedModel`; in pieces, if errors of the start grow from the noise to the motion's size."""
-        length = restart_seconds(self, runs, noise)
-        suited = self if length is None else replace(self, restart=length)
-        thetas = []
-        for run in runs:
-            begun = suited.with_values(suited.guess_start_state(run))
-            thetas.append(begun.theta())
-        return suited.with_exact_steps(runs, noise, thetas)
+        begun = [self.with_values(self.guess_start_state(run)).theta() for run in runs]
+        following = replace(self.following, restart=restart_seconds(self, runs, noise))
+        return replace(self, following=following).refined_for(runs, noise, begun)
 
-    def with_exact_steps(
-        self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]
-    ) -> Self:
-        """See `SimulatedModel`; steps are halved until chi2 of the runs stays.
+    def refined_for(self, runs: Sequence[Run], noise: NoiseByChannel, thetas: Sequence[np.ndarray]) -> Self:
+        """See `SimulatedModel`; steps are halved until chi2 of the runs stays."""
 
-        A contact or an edge inside a step makes it less exact than the method's order promises. Chi2 stays if it
-        changes by no more than it varies by chance, and, far above the noise, by no larger share.
-        """
-        model, count = self, sum(len(run.channels[name]) for run in runs for name in self.predicted_channels(run))
-        while model.refinement < MAX_REFINEMENT:
-            finer = replace(model, refinement=2 * model.refinement)
-            coarse, fine = (one._chi2(runs, noise, thetas) for one in (model, finer))
-            if not abs(coarse - fine) > np.sqrt(2.0 * count) * max(coarse / count, 1.0):
-                break
-            model = finer
-        return model
+        def predicted(following: Following, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+            return replace(self, following=following).predict_values(run, theta)
 
-    @np.errstate(all="ignore")  # a simulation that diverges has no chi2 that could change
-    def _chi2(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]) -> float:
-        return sum(
-            float(np.sum((run.channels[name].value - value) ** 2)) / noise[run.name, name] ** 2
-            for run, theta in zip(runs, thetas, strict=True)
-            for name, value in self.predict_values(run, theta).items()
-        )
-
-    def with_steps_of(self, other: Self) -> Self:
-        """See `SimulatedModel`."""
-        return replace(self, refinement=other.refinement)
-
-    @property
-    def begins_at_start(self) -> bool:
-        """See `SimulatedModel`."""
-        return self.restart is None
-
-    @property
-    def remark(self) -> str:
-        """See `SimulatedModel.remark`."""
-        if self.restart is None:
-            return ""
-        return (
-            f"Unstable over these durations: predictions start anew every {self.restart:.2g} s from the measured motion"
-        )
+        return replace(self, following=with_exact_steps(self.following, predicted, runs, thetas, noise))
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """See `SimulatedModel.predict`; in pieces of `restart` s, where that is given."""
-        return (
-            super().predict(run, theta) if self.restart is None else predict_in_pieces(self, run, theta, self.restart)
-        )
+        """See `SimulatedModel.predict`; in pieces, where the following starts anew."""
+        length = self.following.restart
+        return super().predict(run, theta) if length is None else predict_in_pieces(self, run, theta, length)
 
     @property
     def base(self) -> str:
@@ -140,7 +97,7 @@ class PhysicsModel(SimulatedModel):
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the stages on which effects may act, in the order in which the equations use them."""
-        return tuple(_bare(self.physics).stages)
+        return tuple(bare_formulation(self.physics).stages)
 
     @property
     def has_catalogue_stages(self) -> bool:
@@ -182,36 +139,19 @@ class PhysicsModel(SimulatedModel):
     def guess_start_state(self, run: Run) -> Mapping[str, float]:
         """First guesses of the state at the start of a run, from measured states and their measured rates."""
         states = self.physics.states
-        guess = self._shown(
-            run, lambda channel: first_value_and_rate(channel, START_PARABOLA_SECONDS * self.physics.period)
+        guess = shown_states(
+            self.physics,
+            run,
+            lambda channel: first_value_and_rate(channel, START_PARABOLA_SECONDS * self.physics.period),
         )
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
-
-    def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
-        """Values of states by name, from channels that measure them; `look` gives value and rate of a channel."""
-        bare, values, rates = _bare(self.physics), {}, {}
-        for name, channel in bare.channel_by_measured_state.items():
-            if channel in run.channels:
-                values[name], rate = look(run.channels[channel])
-                if name in bare.rates:
-                    rates[bare.rates[name]] = rate
-        return {**rates, **values}  # a measured value is better than a slope
 
     def possible_start_states(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start states from which a fit is tried: a grid over the unmeasured states."""
         del theta
         guess = self.guess_start_state(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in START_VALUES_TRIED_BY_STATE_COUNT:
-            return []
-        levels = np.linspace(
-            -MAX_START_DISTANCE_TYPICAL_SIZES,
-            MAX_START_DISTANCE_TYPICAL_SIZES,
-            START_VALUES_TRIED_BY_STATE_COUNT[len(unknown)],
-        )
-        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
-        names = [p.name for p in unknown]
-        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
+        return [{**guess, **start} for start in start_grid(unknown)]
 
     def start_state_window_seconds(self, theta: np.ndarray) -> float:
         """Length of a run, s, that determines the state at its start: one period."""
@@ -225,8 +165,8 @@ class PhysicsModel(SimulatedModel):
             UnknownNameError: the effect names a joint that the stage lacks.
             InputError: the effect changes nothing on a joint that it names.
         """
-        found = _reached(self.physics, effect)
-        joints = _bare(self.physics).stages[effect.acts_on]
+        found = joints_changed_by(self.physics, effect)
+        joints = bare_formulation(self.physics).stages[effect.acts_on]
         for joint in effect.joints:
             if joints != ("",) and joint not in joints:
                 raise UnknownNameError(f"joint of the {effect.acts_on}", joint, joints)
@@ -245,7 +185,7 @@ class PhysicsModel(SimulatedModel):
     @property
     def effects_with_states(self) -> frozenset[str]:
         """Names of the effects that add states."""
-        return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
+        return frozenset(effect.name for effect in self.effects if adds_states(self.physics, effect))
 
     def with_model_channels(self, run: Run) -> Run:
         """The run with its further quantities in the units of the equations, as channels."""
@@ -312,7 +252,7 @@ class PhysicsModel(SimulatedModel):
     @property
     def speed_states(self) -> Mapping[int, str | None]:
         """Indices and names of the states whose time derivative is no state, so that a force changes them."""
-        names, rates = dict(enumerate(self.physics.states)), _bare(self.physics).rates
+        names, rates = dict(enumerate(self.physics.states)), bare_formulation(self.physics).rates
         return {k: name for k, name in names.items() if name not in rates} or names
 
     def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
@@ -321,7 +261,9 @@ class PhysicsModel(SimulatedModel):
         states = self.states_along(run, theta)
         found = self.system.derivative.map(len(states))(states.T, self.simulation_inputs(path, physics).nodes, physics)
         own = dict(zip(self.physics.states, np.asarray(found), strict=False))
-        return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
+        return {
+            name: row[np.isfinite(row)] for name, row in own.items() if name not in bare_formulation(self.physics).rates
+        }
 
     @property
     def guessed_parameters(self) -> tuple[str, ...]:
@@ -336,8 +278,10 @@ class PhysicsModel(SimulatedModel):
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, n) measured states at (J,) times, s; None where neither a state nor its integral has a channel."""
         del theta
-        found = self._shown(
-            run, lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_HALF_WIDTH_PERIODS * swing).T
+        found = shown_states(
+            self.physics,
+            run,
+            lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_HALF_WIDTH_PERIODS * swing).T,
         )
         if not all(name in found for name in self.physics.states):
             return None
@@ -350,15 +294,19 @@ class PhysicsModel(SimulatedModel):
         del run, time, theta
         states = list(self.physics.states.items())
         found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
-        name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
+        name, speeds = states[speed][0], set(bare_formulation(self.physics).rates.values())
         return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
 
     def states_sensitive_to(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
         """Unmeasured states, with units, whose range changes by a tenth of a change of parameters along `direction`."""
         channels, starts = self.predicted_channels(run), len(self.physics.states)
-        if not self.begins_at_start:
+        if self.following.restart is not None:
             return ()
-        shown = {name for name, channel in _bare(self.physics).channel_by_measured_state.items() if channel in channels}
+        shown = {
+            name
+            for name, channel in bare_formulation(self.physics).channel_by_measured_state.items()
+            if channel in channels
+        }
         here, there = (
             self.rollout(self.input_path(run), theta + step * direction, channels).states[:, :starts]
             for step in (0.0, PARAMETER_CHANGE_TYPICAL_SIZES)
@@ -373,13 +321,13 @@ class PhysicsModel(SimulatedModel):
 
     def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The inputs, divided into steps that are short enough for a stable integration at these parameters (p,)."""
-        parts = self.refinement * stable_step_divisions(self.system, self.physics, physics, path.dt)
+        parts = self.following.refinement * stable_step_divisions(self.system, self.physics, physics, path.dt)
         return replace(super().simulation_inputs(path, physics), steps_per_interval=parts)
 
     def states_along(self, run: Run, theta: np.ndarray) -> np.ndarray:
         """(K, n) states along the recorded inputs of a run: simulated, or measured where a simulation diverges."""
         path = self.input_path(run)
-        if self.begins_at_start:
+        if self.following.restart is None:
             return self.rollout(path, theta, self.predicted_channels(run)).states
         motion = self.measured_motion(run, path.time, theta, self.oscillation_period(run, theta))
         assert motion is not None
@@ -419,7 +367,7 @@ def physics_model(
     Raises:
         InputError: the equations cannot be used.
     """
-    _bare(physics)
+    bare_formulation(physics)
     parameters: Mapping[str, Parameter] = MappingProxyType(
         {p.name: p for p in (*physics.parameters, *physics.states.values())}
     )
@@ -429,32 +377,6 @@ def physics_model(
     for item in effects:
         model = model.with_effect(item)
     return model
-
-
-@lru_cache(maxsize=64)
-def _bare(physics: Physics) -> Formulation:
-    return formulate(physics, (), tuple(p.name for p in physics.parameters))
-
-
-@lru_cache(maxsize=512)
-def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
-    """Joints of its stage on which an effect changes something; empty where the stage is of another type."""
-    kind = _bare(physics).stage_classes.get(effect.acts_on)
-    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.stage_class)):
-        return ()
-    joints = _bare(physics).stages[effect.acts_on]
-    names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
-    everything = (*(p.name for p in physics.parameters), *(n for ns in names.values() for n in ns))
-    depends = formulate(physics, (effect.on(),), everything).acting_parameters
-    return tuple(joint for joint in joints if any(name in depends for name in names[joint]))
-
-
-@lru_cache(maxsize=512)
-def _remembers(physics: Physics, effect: Effect) -> bool:
-    joints = effect.joints or _bare(physics).stages[effect.acts_on]
-    names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
-    with_it = formulate(physics, (effect,), (*(p.name for p in physics.parameters), *names))
-    return with_it.state_count > _bare(physics).state_count
 
 
 @cached_with_first_argument

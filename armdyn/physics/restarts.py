@@ -7,14 +7,16 @@ derivatives X by s, Y by the parameters, and the noise W, the prediction at the 
     Y - X (X' W X)^+ X' W Y     (variable projection: Kaufman, BIT 15, 1975).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.model import Prediction, prediction_from_channels
 from armdyn.physics.pieces import LinearisedRun, MotionPieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
-from armdyn.recording.noise import noise_std_from_differences
+from armdyn.recording.noise import NoiseByChannel, noise_std_from_differences
 from armdyn.run import Run
 
 STATE_STEPS = 4
@@ -34,21 +36,21 @@ def predict_in_pieces(model: SimulatedModel, run: Run, theta: np.ndarray, length
     """
     pieces = MotionPieces(model, run, length)
     states = measured_states(pieces, theta)
+    n = states.shape[1]
     found = pieces.linearise(theta, states)
-    square, gram, slope, cross = _sums(found, states.shape)
-    step = _best_step(gram, slope)
+    sums = _sums(found, len(states))
+    step = _best_step(sums, n)
     for _ in range(STATE_STEPS):
         there = pieces.linearise(theta, states + step)
-        after = _sums(there, states.shape)
-        better = after[0] < square
+        after = _sums(there, len(states))
+        better = after.square < sums.square
         found = there if better.all() else found
         states = np.where(better[:, None], states + step, states)
-        square = np.where(better, after[0], square)
-        step = np.where(better[:, None], _best_step(*after[1:3]), 0.25 * step)
+        sums = NormalEquations.stacked([sums, after]).only(np.arange(len(states)) + len(states) * better)
+        step = np.where(better[:, None], _best_step(after, n), 0.25 * step)
     if found is not there:
         found = pieces.linearise(theta, states)
-    _, gram, _, cross = _sums(found, states.shape)
-    by_theta = -pseudo_inverse(gram) @ cross
+    by_theta = -pseudo_inverse(sums.gram[:, :n, :n]) @ sums.gram[:, :n, n:]
     parts = []
     for channel, s in found.samples.items():
         slopes = s.by_theta + np.einsum("Ni,Nip->Np", s.by_state, by_theta[s.piece])
@@ -56,8 +58,9 @@ def predict_in_pieces(model: SimulatedModel, run: Run, theta: np.ndarray, length
     return prediction_from_channels(parts)
 
 
-def _best_step(gram: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    return np.asarray((pseudo_inverse(gram) @ slope[:, :, None])[:, :, 0])
+def _best_step(sums: NormalEquations, n: int) -> np.ndarray:
+    """(J, n) steps of the states to their best values, by linearisation."""
+    return np.asarray((pseudo_inverse(sums.gram[:, :n, :n]) @ sums.slope[:, :n, None])[:, :, 0])
 
 
 def measured_states(pieces: MotionPieces, theta: np.ndarray) -> np.ndarray:
@@ -68,7 +71,7 @@ def measured_states(pieces: MotionPieces, theta: np.ndarray) -> np.ndarray:
     return pieces.states(theta, begin)
 
 
-def restart_seconds(model: SimulatedModel, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> float | None:
+def restart_seconds(model: SimulatedModel, runs: Sequence[Run], noise: NoiseByChannel) -> float | None:
     """Time, s, in which an error of the state grows by `MAX_GROWTH`; None where whole runs can be predicted.
 
     That is where no error of the size of the noise grows to the size of the motion within a run.
@@ -119,16 +122,14 @@ def error_growth_rate(model: SimulatedModel, run: Run, theta: np.ndarray) -> flo
     return logarithm / (float(run.channels[pieces.channels[0]].time[-1]) - float(pieces.starts[0]))
 
 
-def _sums(found: LinearisedRun, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sums over the samples of each of J pieces: (J,) r'Wr, (J, n, n) X'WX, (J, n) X'Wr and (J, n, p) X'WY."""
-    J, n = shape
-    k = found.by_theta.shape[2]
-    square, gram, slope, cross = np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n)), np.zeros((J, n, k))
-    for s in found.samples.values():
-        std = noise_std_from_differences(s.time, s.measured) or 1.0
-        r, X = (s.measured - s.predicted) / std, s.by_state / std
-        square += np.bincount(s.piece, r**2, J)
-        np.add.at(gram, s.piece, X[:, :, None] * X[:, None])
-        np.add.at(slope, s.piece, X * r[:, None])
-        np.add.at(cross, s.piece, X[:, :, None] * (s.by_theta / std)[:, None])
-    return np.nan_to_num(square, nan=np.inf), gram, slope, cross
+def _sums(found: LinearisedRun, count: int) -> NormalEquations:
+    """Equations of the state and the parameters in each of J pieces; a piece that diverges has an infinite error."""
+    parts = [
+        NormalEquations.of_groups(
+            np.hstack([s.by_state, s.by_theta]), s.measured - s.predicted,
+            noise_std_from_differences(s.time, s.measured) or 1.0, s.piece, count,
+        )
+        for s in found.samples.values()
+    ]  # fmt: skip
+    total = NormalEquations.stacked(parts).grouped(np.tile(np.arange(count), len(parts)), count)
+    return replace(total, square=np.nan_to_num(total.square, nan=np.inf))

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Self
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, prediction_from_channels
+from armdyn.physics.following import Following
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import InterpolatingSampler
 from armdyn.recording.channels import Channel
-from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD, noise_std_from_differences
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD, NoiseByChannel, noise_std_from_differences
 from armdyn.recording.spikes import without_faulty_samples
 from armdyn.run import Run
 
@@ -38,7 +39,13 @@ ZERO_PADDING_FACTOR = 8
 
 @dataclass(frozen=True, repr=False)
 class SimulatedModel(Model):
-    """Model that simulates a motion along recorded inputs, and sensors that read it with lag, delay and sampling."""
+    """Model that simulates a motion along recorded inputs, and sensors that read it with lag, delay and sampling.
+
+    Attributes:
+        following: how it follows a recorded motion.
+    """
+
+    following: Following = field(default=Following(), kw_only=True)
 
     @property
     @abstractmethod
@@ -163,8 +170,8 @@ class SimulatedModel(Model):
         del beside
         return without_faulty_samples(run, self.predicted_channels(run), self.inputs)
 
-    def suited_to(self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float]) -> Self:
-        """The model as it predicts these runs, whose motion it may have to follow in pieces; by default itself.
+    def suited_to(self, runs: Sequence[Run], noise: NoiseByChannel) -> Self:
+        """The model, which follows these runs as its equations need; by default itself.
 
         Args:
             runs: the runs.
@@ -173,33 +180,10 @@ class SimulatedModel(Model):
         del runs, noise
         return self
 
-    def with_exact_steps(
-        self, runs: Sequence[Run], noise: Mapping[tuple[str, str], float], thetas: Sequence[np.ndarray]
-    ) -> Self:
-        """The model with steps that are short enough for these runs; by default itself.
-
-        Args:
-            runs: the runs.
-            noise: standard deviation of a sample by run and channel, in the channel's unit.
-            thetas: (p,) parameters of each run.
-        """
+    def refined_for(self, runs: Sequence[Run], noise: NoiseByChannel, thetas: Sequence[np.ndarray]) -> Self:
+        """The model with steps that are short enough for these runs at (p,) parameters each; by default itself."""
         del runs, noise, thetas
         return self
-
-    def with_steps_of(self, other: Self) -> Self:
-        """The model with the steps of another one; by default itself."""
-        del other
-        return self
-
-    @property
-    def begins_at_start(self) -> bool:
-        """Whether a whole run is predicted from its start values."""
-        return True
-
-    @property
-    def remark(self) -> str:
-        """A sentence, without a full stop, on how the model predicts, where that is unusual; else empty."""
-        return ""
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Predict the channels of a run at (p,) parameters in the order of `names`."""

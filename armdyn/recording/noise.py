@@ -1,5 +1,7 @@
 """Estimate the noise of a signal by divided differences, which remove the smooth part of the signal."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from armdyn.recording.channels import Channel
@@ -19,6 +21,8 @@ it is 0.3."""
 MIN_NOISE_SHARE_OF_STATED = 0.1
 """Least noise of a channel, as a share of its stated noise; an encoder at rest has samples without noise."""
 NO_JUMP_TIMES = np.zeros(0)
+NoiseByChannel = Mapping[tuple[str, str], float]
+"""Standard deviation of a sample by run and channel, in the channel's unit."""
 
 
 def normalised_differences(

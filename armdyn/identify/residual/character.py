@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel
@@ -125,7 +126,7 @@ def process_error_share(fit: Fit) -> float | None:
     """
     problem = fit.problem
     model = as_model_with_motion(problem.model)
-    if model is None or not model.begins_at_start or fit.chi2_per_sample < MIN_ERROR_TO_NOISE_VARIANCE:
+    if model is None or model.following.restart is not None or fit.chi2_per_sample < MIN_ERROR_TO_NOISE_VARIANCE:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
@@ -134,16 +135,14 @@ def process_error_share(fit: Fit) -> float | None:
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
         for _ in range(START_STATE_STEPS):
-            square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
-            for channel, s in pieces.linearise(theta, states, none).samples.items():
-                noise = problem.noise[run.name, channel]
-                r, X = (s.measured - s.predicted) / noise, s.by_state / noise
-                square += np.bincount(s.piece, r**2, J)
-                count += np.bincount(s.piece, minlength=J)
-                np.add.at(gram, s.piece, X[:, :, None] * X[:, None])
-                np.add.at(slope, s.piece, X * r[:, None])
-            best = np.fmin(best, square)
-            states = states + (pseudo_inverse(gram) @ slope[:, :, None])[:, :, 0]
+            samples_by_channel = pieces.linearise(theta, states, none).samples
+            parts = [
+                NormalEquations.of_groups(s.by_state, s.measured - s.predicted, problem.noise[run.name, c], s.piece, J)
+                for c, s in samples_by_channel.items()
+            ]
+            sums = NormalEquations.stacked(parts).grouped(np.tile(np.arange(J), len(parts)), J)
+            best, count = np.fmin(best, sums.square), sums.count
+            states = states + (pseudo_inverse(sums.gram) @ sums.slope[:, :, None])[:, :, 0]
         told = count > n
         left += float(best[told].sum())
         samples += float((count[told] - n).sum())

@@ -46,12 +46,12 @@ class StateSpaceStudy(Study):
         problem = at.problem
         model = as_simulated_model(problem.model)
         thetas = [problem.theta(i, at.values) for i in range(len(problem.runs))]
-        exact = model.with_exact_steps(problem.runs, problem.noise, thetas)
-        if exact is model:
+        refinement = model.refined_for(problem.runs, problem.noise, thetas).following.refinement
+        if refinement == model.following.refinement:
             return None
-        return self.with_other_catalogue(
-            self.catalogue, as_simulated_model(self.model).with_steps_of(exact), self.catalogue_size
-        )
+        begun = as_simulated_model(self.model)
+        exact = replace(begun, following=replace(begun.following, refinement=refinement))
+        return self.with_other_catalogue(self.catalogue, exact, self.catalogue_size)
 
     @cached_property
     def motion(self) -> EffectSetOptimiser:
@@ -118,7 +118,7 @@ class StateSpaceStudy(Study):
             (self._starts[key[0]],) = tee(motion.start_values(free), 1)
         starts, point = self._starts[key[0]], motion.optimised_point(free)
         places = chain(copy(starts), motion.rescaled_start_values(free, copy(starts)))
-        own_starts = motion.start_unknowns & as_simulated_model(self.model).begins_at_start
+        own_starts = motion.start_unknowns & (as_simulated_model(self.model).following.restart is None)
         fitted = transfer_mask(free | own_starts, motion.problem, self.problem)
         found = best_fit(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
         if (
@@ -180,7 +180,7 @@ class StateSpaceStudy(Study):
 
     def remarks(self, fit: Fit) -> list[str]:
         """See `Study.remarks`."""
-        said = as_simulated_model(self.model).remark
+        said = as_simulated_model(self.model).following.remark
         motion, found = self.motion, [said] if said else list[str]()
         free = transfer_mask(fit.free, fit.problem, motion.problem)
         for run, weights in zip(motion.box.runs, motion.sample_weights(free & ~motion.start_unknowns), strict=True):

@@ -143,6 +143,18 @@ def test_a_wald_distance_is_that_of_scaled_axes_and_leaves_out_values_without_va
 
 @given(SEEDS)
 @settings(deadline=None, max_examples=50)
+def test_groups_of_samples_are_units_also_without_a_sample(seed):
+    rng = np.random.default_rng(seed)
+    X, r, group = rng.standard_normal((20, UNKNOWNS)), rng.standard_normal(20), np.sort(rng.integers(0, 4, 20))
+    found = NormalEquations.of_groups(X, r, 2.0, group, 5)
+    change = rng.standard_normal(UNKNOWNS)
+    left = (r - X @ change) / 2.0
+    close(found.squared_error(change, np.arange(5)), [np.sum(left[group == k] ** 2) for k in range(5)])
+    assert found.count.tolist() == [np.sum(group == k) for k in range(5)]
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=50)
 def test_units_at_once_and_windows_are_the_sums_of_their_parts(seed):
     rng = np.random.default_rng(seed)
     X, r, std = rng.standard_normal((6, 5, UNKNOWNS)), rng.standard_normal((6, 5)), rng.uniform(0.5, 2.0, (6, 5))

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from armdyn.physics import Equations, Moment, constant, physics, state
+from armdyn.physics.following import Following
 from armdyn.physics.model import physics_model
 from armdyn.physics.restarts import MAX_GROWTH, error_growth_rate, restart_seconds
 from armdyn.run import Channel, Run
@@ -49,8 +50,17 @@ def test_a_run_in_which_errors_stay_below_the_motion_is_predicted_as_a_whole():
     assert restart_seconds(fading, [run], {("a.csv", "extra.x"): NOISE}) is None
 
 
+def test_what_one_recording_needs_is_forgotten_with_another():
+    noise = {("a.csv", "extra.x"): NOISE}
+    model = physics_model(growing)
+    long, short = (model.prepare_run(held(seconds)) for seconds in (10.0, 1.0))
+    unstable = model.suited_to([long], noise)
+    assert unstable.following.restart is not None
+    assert unstable.suited_to([short], noise).following.restart is None
+
+
 def test_a_piece_begins_at_the_state_that_fits_it_and_follows_the_parameters():
-    model = replace(physics_model(growing), restart=0.5)
+    model = replace(physics_model(growing), following=Following(restart=0.5))
     run = model.prepare_run(held(6.0))
     found = model.predict(run, model.theta())
     assert np.std(found.values - np.sin(found.time)) < NOISE
@@ -78,10 +88,8 @@ def test_steps_are_halved_where_a_contact_falls_into_them_and_not_where_the_nois
         max_step=1e-3,
     ).y[0]  # fmt: skip
     run = model.prepare_run(Run("a.csv", {"extra.x": Channel(time, truth, "m")}))
-    fine, coarse = (
-        model.with_exact_steps([run], {("a.csv", "extra.x"): noise}, [model.theta()]) for noise in (1e-5, 1.0)
-    )
-    assert coarse.refinement == 1
-    assert fine.refinement > 1
+    fine, coarse = (model.refined_for([run], {("a.csv", "extra.x"): noise}, [model.theta()]) for noise in (1e-5, 1.0))
+    assert coarse.following.refinement == 1
+    assert fine.following.refinement > 1
     far, near = (np.std(each.predict(run, each.theta()).values - truth) for each in (coarse, fine))
     assert near < 0.2 * far
