@@ -16,19 +16,16 @@ of those that were found, with the right kind; and events in sound work, with th
 3 over the hours where there is none), and by how much the memory grew after its first ten minutes.
 """
 
-import argparse
-import json
 import resource
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import _hidden_table as hidden_table
 import numpy as np
 import pinocchio as pin
+from _watch_table import WatchTable
 from scipy.signal import butter, lfilter
 from scipy.stats import chi2
 
@@ -211,28 +208,7 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
         print(f"  {share:.1f} % of a core; memory grew by {grown:.1f} MB")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", default=",".join(imperfect.ROBOTS), help="with commas")
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--only", default="contact,load,friction", help="with commas")
-    parser.add_argument("--each", type=int, default=20, help="changes of each kind, robot and seed")
-    parser.add_argument("--hours", type=float, default=1.0, help="of sound work, for each robot and seed")
-    parser.add_argument("--rate", type=float, default=500.0, help="samples per second")
-    parser.add_argument("--per-hour", type=float, default=0.01, help="false alarms that are asked for")
-    parser.add_argument("--json", type=Path, help="rows, written after each")
-    given = parser.parse_args()
-    rows: list[hidden_table.Row] = []
-    for name in given.robots.split(","):
-        for seed in range(given.seeds):
-            for what in given.only.split(","):
-                rows += [happened(name, seed, given.rate, what, k, given.per_hour) for k in range(given.each)]
-            rows += [silent(name, seed, given.rate, given.hours, given.per_hour)] if given.hours else []
-            if given.json:
-                given.json.write_text(json.dumps(rows, indent=1))
-            show(rows)
-            sys.stdout.flush()
-
-
 if __name__ == "__main__":
-    main()
+    WatchTable(
+        __doc__, list(imperfect.ROBOTS), ("contact", "load", "friction"), 2, 20, ("hours", 1.0), happened, silent, show
+    ).main()

@@ -15,9 +15,6 @@ largest torque) and size within three standard deviations; wrong, events that ar
 deviations; and events in work where nothing happens.
 """
 
-import argparse
-import json
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -27,6 +24,7 @@ from typing import Any
 
 import _hidden_table as hidden_table
 import numpy as np
+from _watch_table import WatchTable
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.identify.repair import repair
@@ -164,28 +162,5 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
             )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", default=",".join(worlds.DRY), help="with commas")
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--only", default=",".join(WANTED), help="with commas")
-    parser.add_argument("--each", type=int, default=10, help="happenings of each kind, robot and seed")
-    parser.add_argument("--minutes", type=int, default=60, help="of work where nothing happens, by robot and seed")
-    parser.add_argument("--rate", type=float, default=500.0, help="samples per second")
-    parser.add_argument("--per-hour", type=float, default=0.01, help="false alarms that are asked for")
-    parser.add_argument("--json", type=Path, help="rows, written after each")
-    given = parser.parse_args()
-    rows: list[hidden_table.Row] = []
-    for name in given.robots.split(","):
-        for seed in range(given.seeds):
-            for what in given.only.split(","):
-                rows += [happened(name, seed, given.rate, what, k, given.per_hour) for k in range(given.each)]
-            rows += [quiet(name, seed, given.rate, given.minutes, given.per_hour)] if given.minutes else []
-            if given.json:
-                given.json.write_text(json.dumps(rows, indent=1))
-            show(rows)
-            sys.stdout.flush()
-
-
 if __name__ == "__main__":
-    main()
+    WatchTable(__doc__, list(worlds.DRY), list(WANTED), 1, 10, ("minutes", 60), happened, quiet, show).main()

@@ -174,7 +174,7 @@ def statistics_of_recordings(
         seen.onset(asked, reversal, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
         for k in range(CROSS_VALIDATION_FOLDS)
     ]
-    lasting, early = AdaptiveErrorStd(contrast), [AdaptiveErrorStd(part.band) for part in parts]
+    lasting, *early = (AdaptiveErrorStd(len(asked)) for _ in range(1 + len(parts)))
     blocks = MotionBlocks(changes, residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
@@ -185,11 +185,12 @@ def statistics_of_recordings(
             elapsed,
         )
         began = parts[k].estimate(step.stages)
-        near, ratios = contrast.is_near(step.sources), []
-        for level, error in ((lasting, step.contrast), (early[k], began)):
-            ratio = np.abs(error) / level.std(step.sources)
-            ratios += [np.where(near, 0.0, ratio), np.where(near, ratio, 0.0)]
-            level.update(error, step.sources, interval)
+        ratios = []
+        for level, band, error in ((lasting, contrast, step.contrast), (early[k], parts[k].band, began)):
+            at = band.at(step.sources)
+            ratio = np.abs(error) / level.std(at)
+            ratios += [np.where(at.near, 0.0, ratio), np.where(at.near, ratio, 0.0)]
+            level.update(error, at, interval)
         if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * len(ratios))
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]

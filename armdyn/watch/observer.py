@@ -147,11 +147,8 @@ class Observer:
         tau = np.where(self._asked, tau, 0.0)
         if not np.isfinite(time):
             return Skipped.NO_TIME
-        known = np.isfinite(q).all(), np.isfinite(tau).all()
-        if not all(known):
-            return Skipped.NO_TORQUE if known[0] else Skipped.NO_POSITION if known[1] else Skipped.NO_VALUE
-        if (np.abs(tau) > self._strongest).any():
-            return Skipped.IMPOSSIBLE
+        if not ((np.abs(tau) <= self._strongest).all() and np.isfinite(q).all()):
+            return _reason(q, tau)
         step = 0.0
         if self._last is not None:
             step = time - self._last[0]
@@ -187,6 +184,14 @@ class Observer:
     def delay(self) -> float:
         """Mean delay of the observer's filter, s."""
         return FILTER_ORDER / self.bandwidth
+
+
+def _reason(q: FloatArray, tau: FloatArray) -> Skipped:
+    """Why a sample with these positions and torques (nj,) cannot be watched."""
+    known = np.isfinite(q).all(), np.isfinite(tau).all()
+    if all(known):
+        return Skipped.IMPOSSIBLE
+    return Skipped.NO_TORQUE if known[0] else Skipped.NO_POSITION if known[1] else Skipped.NO_VALUE
 
 
 def settling_time(bandwidth: float) -> float:

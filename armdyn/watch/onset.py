@@ -63,7 +63,7 @@ class OnsetTorqueEstimator:
             w = solve_positive(C + ridge[:, None, None] * np.eye(size), step)
             weights = w / (w @ step)[:, None]
             band = ErrorBand.of((x @ weights[..., None])[..., 0].T, sources, reversal)
-            spread = band.variances(sources).T
+            spread = band.at(sources).value.T
         return cls(weights, band)
 
     def estimate(self, stages: FloatArray) -> FloatArray:

@@ -93,8 +93,8 @@ class ContactDetector:
             np.array([[law.threshold(each) for law in laws] for laws in two])
             for two in (sound.contrast_distributions, sound.onset_distributions)
         )
-        self._level = AdaptiveErrorStd(sound.contrast)
-        self._onset_level = None if sound.onset is None else AdaptiveErrorStd(sound.onset.band)
+        self._level = AdaptiveErrorStd(len(reporter.joints))
+        self._onset_level = AdaptiveErrorStd(len(reporter.joints))
         self._open: _Open | None = None
         self._quiet = 0.0
         self._outlasted: _Open | None = None
@@ -113,11 +113,8 @@ class ContactDetector:
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nj,) thresholds of the residuals' deviation from their running mean, N m or N."""
-        return np.asarray(self._of_now(self._thresholds, step) * self._level.std(step.sources))
-
-    def _of_now(self, thresholds: FloatArray, step: ObserverOutput) -> FloatArray:
-        """(nj,) of (2, nj) thresholds apart from reversals and near them, in standard deviations."""
-        return np.where(self._sound.contrast.is_near(step.sources), thresholds[1], thresholds[0])
+        at = self._sound.contrast.at(step.sources)
+        return np.asarray(_of_now(self._thresholds, at.near) * self._level.std(at))
 
     def reset(self, time: float) -> None:
         """Forget the present event at a time, s, because it is explained or the observer restarted."""
@@ -141,17 +138,17 @@ class ContactDetector:
             load: (nj, 4) columns of the load, see `WatchedChanges`.
             delay: mean delay of the observer, s.
         """
-        contrast = _Excess(step.contrast, self._level.std(step.sources), self._of_now(self._thresholds, step))
+        at = self._sound.contrast.at(step.sources)
+        contrast = _Excess(step.contrast, self._level.std(at), _of_now(self._thresholds, at.near))
         seen = [contrast]
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
-            self._level.update(step.contrast, step.sources, interval)
-        if self._sound.onset is not None and self._onset_level is not None:
-            began = self._sound.onset.estimate(step.stages)
-            std = self._onset_level.std(step.sources)
-            seen.append(_Excess(began, std, self._of_now(self._sudden, step)))
+            self._level.update(step.contrast, at, interval)
+        if self._sound.onset is not None:
+            began, at = self._sound.onset.estimate(step.stages), self._sound.onset.band.at(step.sources, at.near)
+            seen.append(_Excess(began, self._onset_level.std(at), _of_now(self._sudden, at.near)))
             if self._open is None:
-                self._onset_level.update(began, step.sources, interval)
+                self._onset_level.update(began, at, interval)
         if self._open is not None:
             return self._went_on(self._open, step, seen, load, delay)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
@@ -229,10 +226,11 @@ class ContactDetector:
         The contrast does not serve for this: its running mean contains part of a load that was lifted just before.
         """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
+        limits = _of_now(self._thresholds, self._sound.contrast.is_near(step.sources))
         X, r = load / std[:, None], step.residual / std
         sums = NormalEquations.of_samples(X, r)
         best, _ = LOAD_PRIOR.unbounded_change(sums.gram[0], sums.slope[0])
-        return bool((np.abs(r - X @ best) < share * self._of_now(self._thresholds, step)).all())
+        return bool((np.abs(r - X @ best) < share * limits).all())
 
     def _told(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> list[WatchEvent]:
         """The event that something acts, as soon as the filter shows it and it is certain."""
@@ -248,3 +246,8 @@ class ContactDetector:
         torque = self._report.torque_estimate(now.joint, now.largest[now.joint], now.std[now.joint])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
         return self._report.event(EventKind.RECOVERED, time, now.since, torque, sentence)
+
+
+def _of_now(thresholds: FloatArray, near: np.ndarray) -> FloatArray:
+    """(nj,) of (2, nj) thresholds apart from reversals and near them, for joints (nj,) that are near."""
+    return np.where(near, thresholds[1], thresholds[0])

@@ -1,7 +1,8 @@
 """Variance of a fault-free robot's error at each instant, from `ObserverOutput.sources` and from recent errors."""
 
+import math
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -57,10 +58,23 @@ class ErrorBand:
         """(..., nj) whether each joint is near a reversal, for sources (..., nj, k)."""
         return np.asarray(sources[..., UNCERTAIN_FRICTION_SOURCE] > self.reversal)
 
-    def variances(self, sources: np.ndarray) -> FloatArray:
-        """(..., nj) variances, (N m)^2, for sources (..., nj, k)."""
-        apart, near = (np.einsum("...jk,jk->...j", sources, factors) for factors in self.variance)
-        return np.where(self.is_near(sources), near, apart)
+    def at(self, sources: np.ndarray, near: np.ndarray | None = None) -> "ErrorVariance":
+        """Variances (..., nj), (N m)^2, for sources (..., nj, k); `near` is `is_near`, where it is known."""
+        near = self.is_near(sources) if near is None else near
+        factors = np.where(near[..., None], self.variance[1], self.variance[0])
+        return ErrorVariance(np.einsum("...jk,...jk->...j", sources, factors), near)
+
+
+class ErrorVariance(NamedTuple):
+    """Variance of each joint's error.
+
+    Attributes:
+        value: (..., nj) variances, (N m)^2.
+        near: (..., nj) whether each joint is near a reversal.
+    """
+
+    value: FloatArray
+    near: np.ndarray
 
 
 class AdaptiveErrorStd:
@@ -69,22 +83,21 @@ class AdaptiveErrorStd:
     Errors near a reversal say nothing of those elsewhere, and are not increased.
 
     Args:
-        band: how the variance follows from the sources.
+        joints: number of joints.
     """
 
-    def __init__(self, band: ErrorBand) -> None:
-        self._band, self._squares = band, np.ones(len(band.reversal))
+    def __init__(self, joints: int) -> None:
+        self._squares = np.ones(joints)
 
-    def std(self, sources: FloatArray) -> FloatArray:
-        """(nj,) standard deviations, N m or N, for sources (nj, k)."""
-        level = np.where(self._band.is_near(sources), 1.0, np.maximum(1.0, self._squares))
-        return np.asarray(np.sqrt(level * self._band.variances(sources)))
+    def std(self, at: ErrorVariance) -> FloatArray:
+        """(nj,) standard deviations, N m or N."""
+        return np.asarray(np.sqrt(np.where(at.near, 1.0, np.maximum(1.0, self._squares)) * at.value))
 
-    def update(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
+    def update(self, error: FloatArray, at: ErrorVariance, interval: float) -> None:
         """Update with a fault-free error (nj,), N m or N, `interval` s after the last one."""
-        square = error**2 / self._band.variances(sources)
-        share = np.where(self._band.is_near(sources), 0.0, 1.0 - np.exp(-interval / RECENT_ERROR_MEMORY_SECONDS))
-        self._squares = self._squares + share * (np.minimum(square, MAX_COUNTED_ERROR_STDS**2) - self._squares)
+        share = np.where(at.near, 0.0, 1.0 - math.exp(-interval / RECENT_ERROR_MEMORY_SECONDS))
+        counted = np.minimum(error**2 / at.value, MAX_COUNTED_ERROR_STDS**2)
+        self._squares = self._squares + share * (counted - self._squares)
 
 
 def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray, used: np.ndarray) -> np.ndarray:

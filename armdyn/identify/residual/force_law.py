@@ -17,12 +17,9 @@ import numpy as np
 
 from armdyn.estimation.solve import least_squares
 from armdyn.identify.residual.missing_force import ForceCurve, min_standard_error, pool_curves
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.recording.channels import FloatArray
 
-CLEAR_EVIDENCE_NATS = float(np.log(100.0))
-"""Difference of log evidence, nats, from which on a term is reported: every law without it is a hundred times less
-likely than the best one, which is very strong evidence in the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995).
-"""
 QUANTITY_BY_UNIT = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
 """Name of the missing quantity by its unit."""
 RATE_QUANTITY = "rate"
@@ -171,9 +168,8 @@ def _law(curves: Sequence[ForceCurve]) -> ForceLaw | None:
     """The law of one joint: the terms that every plausible law has."""
     tried = [fitted for curve in curves for fitted in _fitted(curve)]
     gain, best = max(tried, key=lambda one: one[0])
-    plausible = [
-        {(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR_EVIDENCE_NATS
-    ]
+    least = gain - DEFAULT_SETTINGS.search.acceptance_nats
+    plausible = [{(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= least]
     told = tuple(t for t in best if all((t.shape, t.against) in other for other in plausible))
     # Beside a term that varies, a constant is only the part of the force that no shape describes.
     told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT_SHAPE)

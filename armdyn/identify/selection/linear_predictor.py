@@ -34,7 +34,6 @@ from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import EffectSetScorer
 from armdyn.identify.selection.sums import Sums
-from armdyn.identify.settings import DEFAULT_SETTINGS
 
 MIN_INIMITABLE_EFFECT_SHARE = 1e-6
 """Share of an effect's squared derivatives that other effects cannot imitate, below which it is a sum of the others."""
@@ -66,7 +65,8 @@ class LinearPredictor(EffectSetScorer):
         candidates: all effects that a set may contain, each on one joint.
         given: effects that the model has already; see `EffectSetScorer`.
         catalogue_size: see `EffectSetScorer`.
-        independent_errors: number of independent samples of the model's own error in one channel.
+        independent_errors: number of independent samples of the model's own error in one channel; None means that of
+            the settings.
         uncertain: effects that every set has without a name, with their own priors, and that are not searched, such as
             links that may differ a little from their description.
         leaves_out: whether training runs are predicted from one another. Else they are judged by their fit, for a model
@@ -88,14 +88,17 @@ class LinearPredictor(EffectSetScorer):
         candidates: Sequence[Candidate],
         given: Sequence[Candidate] = (),
         catalogue_size: int = 0,
-        independent_errors: float = DEFAULT_SETTINGS.noise.model_errors,
+        independent_errors: float | None = None,
         uncertain: Collection[str] = (),
         *,
         leaves_out: bool = True,
     ) -> None:
         super().__init__(sums.problem, candidates, given, catalogue_size)
         self._uncertain, self._leaves_out = uncertain, leaves_out
-        p, self.sums, self._independent_errors = sums.problem, sums, independent_errors
+        p, self.sums = sums.problem, sums
+        self._independent_errors = (
+            self.settings.noise.model_errors if independent_errors is None else independent_errors
+        )
         moved = np.einsum("uii->i", sums.equations.gram[sums.training]) > 0.0
         of_effects = p.mask_of_unknowns([name for c in candidates for name in c.names])
         base = np.flatnonzero(always & ~of_effects & moved)

@@ -1,20 +1,17 @@
 """A servo arm in MuJoCo moves as the model does: laws of every kind, delays, limits, play and sagging supplies."""
 
+import mujoco
 import numpy as np
 import pytest
 from worlds.servo_arm import EFFECTS, generate
+from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
 from armdyn.arm.closed_loop.rollout import simulated_positions
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from pipeline.exports.mujoco_file import mujoco_text
+from pipeline.exports.mujoco_start import begin
 from pipeline.exports.parts import MUJOCO_SLOTS, held_effects
-
-mujoco = pytest.importorskip("mujoco")
-
-from worlds.servo_in_mujoco import errors_in_mujoco, stretches  # noqa: E402
-
-from pipeline.exports.mujoco_start import begin  # noqa: E402
 
 IN_MUJOCO = tuple(
     effect

@@ -38,6 +38,20 @@ NAN = float("nan")
 SHUFFLED = ("j2", "j3", "j1")
 OTHER = {"position": ZERO, "velocity": (), "effort": ()}
 S = slice
+
+
+def scattered():
+    """Twenty stamps are off by a minute or so."""
+    chosen = np.random.default_rng(1).choice(N, 20, replace=False)
+    return stamped(at(chosen, lambda s: s + np.random.default_rng(2).normal(0, 50, 20)))
+
+
+def stalled():
+    """A bridge passes nothing on for 0.8 s, and then everything at once."""
+    late = START + 1.8
+    return [replace(m, received=max(m.received, late)) if 100 <= k < 180 else m for k, m in enumerate(sound())]
+
+
 STAMPS = {
     "one ahead by 100 s": (lambda: stamped(at([150], 250.0)), 1),
     "one ahead by 0.48 s": (lambda: stamped(at([150], lambda s: s + 0.48)), 1),
@@ -53,7 +67,7 @@ STAMPS = {
     "three of the one before": (lambda: stamped(at([50, 100, 150], lambda s: s - STEP)), 3),
     "a packet that came twice": (lambda: [x for m in sound() for x in (m, m)][: 2 * N], N),
     "pairs that overtook each other": (overtaken, 6),
-    "twenty at random": (lambda: stamped(at(np.random.default_rng(1).choice(N, 20, False), lambda s: s + np.random.default_rng(2).normal(0, 50, 20))), 20),  # noqa: E501
+    "twenty at random": (scattered, 20),
     "the clock set back by 2 s": (lambda: stamped(at(S(150, None), lambda s: s - 2.0)), 25),
     "the clock set back by 0.2 s": (lambda: stamped(at(S(150, None), lambda s: s - 0.2)), 25),
     "the clock set forward by a day": (lambda: stamped(at(S(150, None), lambda s: s + 86400.0)), 25),
@@ -62,7 +76,7 @@ STAMPS = {
     "no stamps": (lambda: stamped(lambda s: s + NAN), 0),
     "a stamp that stands": (lambda: stamped(lambda s: 0 * s + 5.0), 0),
     "all stamps 0": (lambda: stamped(lambda s: s - np.inf), 0),
-    "a bridge that stalls for 0.8 s": (lambda: [replace(m, received=max(m.received, START + 1.8) if 100 <= k < 180 else m.received) for k, m in enumerate(sound())], 0),  # noqa: E501
+    "a bridge that stalls for 0.8 s": (stalled, 0),
 }  # fmt: skip
 PUBLISHERS = {
     "zeros in another order": (lambda: second(2, names=SHUFFLED, **OTHER), 150),
