@@ -65,6 +65,9 @@ def si_factor(unit: str, expected: str) -> float:
     if unit == expected:
         return 1.0
     given, wanted = _from_zero(unit), _from_zero(expected)
+    if expected == "N" and given.dimensions == _from_zero("kg").dimensions:
+        force = "kilogram_force" if unit in ("kg", "kilogram") else "gram_force"
+        raise InputError(f"'{unit}' is a unit of mass: write '{force}' for what a scale reads, or 'N'")
     if given.dimensions != wanted.dimensions:
         raise InputError(f"'{unit}' is of another kind than '{expected}': write it in '{expected}' or a multiple of it")
     if expected == "N m" and any(name in given.names for name in ENERGY_UNITS):

@@ -38,8 +38,9 @@ def print_proposal(found: "ColumnMap", recordings: "Sequence[ForeignRecording]")
     screen_console().print(table)
     asked = [column for column, entry in found.entries.items() if entry.check]
     asked += [found.time] if found.check else []
+    used = {found.time, *found.entries, *(entry.height for entry in found.entries.values())}
     for what, names in (
-        ("left out", [name for name in columns if name not in found.entries and name != found.time]),
+        ("left out", [name for name in columns if name not in used]),
         ("to be looked at", asked),
     ):
         if names:

@@ -30,6 +30,7 @@ from armdyn.run import Run
 from pipeline.imports.commands import COMMAND_OF, with_commands
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording, ImportedSampleCounts
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
+from pipeline.imports.pendulum import tracked_swing
 from pipeline.imports.registers import decoded
 from pipeline.imports.stamps import samples_with_valid_stamps
 from pipeline.imports.words import is_unit_like
@@ -142,7 +143,8 @@ def _channels(
             empty.append(f"'{name}' {why}: no {entry.channel}")
         else:
             with collect_errors(problems, f"'{name}'"):
-                channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
+                column = _swing(name, foreign, entry, notes) if entry.height else foreign.columns[name]
+                channels[entry.channel] = _channel(name, column, entry, table, notes)
                 if decoded(foreign.columns[name].value, entry.negative)[1]:
                     mended.setdefault(entry.negative, []).append(f"'{name}'")
     if not (problems or channels):
@@ -151,6 +153,17 @@ def _channels(
     notes += [f"raw negative numbers ({how}) are mended in {name_list(names, 3)}" for how, names in mended.items()]
     sources = dict.fromkeys(column.source for name, column in foreign.columns.items() if name in mapping.entries)
     return channels, accounts + [foreign.accounts[source] for source in sources if source in foreign.accounts]
+
+
+def _swing(name: str, foreign: ForeignRecording, entry: ColumnEntry, notes: list[str]) -> ForeignColumn:
+    """The swing of a load whose place was tracked in a picture, as a column."""
+    if entry.channel != "swing_angle":
+        raise InputError(f"its height '{entry.height}' makes a swing_angle of it, not {entry.channel}")
+    if entry.height not in foreign.columns:
+        raise UnknownNameError("column", entry.height, foreign.columns)
+    angle, said = tracked_swing(foreign.columns[name].value, foreign.columns[entry.height].value, entry.pivot)
+    notes += [f"'{name}', '{entry.height}': {said}"] if said else []
+    return ForeignColumn(angle, "rad")
 
 
 def _is_empty(column: ForeignColumn, entry: ColumnEntry) -> str:

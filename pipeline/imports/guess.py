@@ -18,7 +18,7 @@ from pipeline.imports.foreign import ForeignColumn, ForeignRecording
 from pipeline.imports.joint_claims import are_of_arm, joint_claims, labels_of_joints
 from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
-from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims
+from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims, tracked_entries
 from pipeline.imports.register_entries import NO_DRIVES, DriveKinds, register_entries
 from pipeline.imports.table_time import guess_time, unambiguous_time
 from pipeline.imports.units import entries_with_inferred_units, joined_doubts, largest_magnitude
@@ -165,15 +165,12 @@ def guess_map(
     taken = {entry.channel for entry in entries.values()}
     best = best_claims(claim for claim in claims if claim.channel not in taken)
     entries |= entries_with_inferred_units(best, columns, known, first, seconds)
+    if not entries and joints is None and first.is_table:
+        with error_location(first.name):
+            entries = tracked_entries(first.columns, labels)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
-        places = {"x", "y"} <= {word for label in labels.values() for word in label.words}
-        how = (
-            "x and y of a load are no channels: let the video's program write its angle, 0 hanging, besides"
-            if places
-            else "write a mapping, --map"
-        )
-        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
+        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
     if not any(entry.quantity == "tau" for entry in entries.values()):
         # Without torques the error of a drive replaces the torque.
         entries |= command_entries(labels, entries, known, first.texts)

@@ -12,6 +12,7 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 A channel is ``sign * scale * value * (unit) + offset``, and ``late`` is the delay of its stamps. With a gear ratio N, a
 motor turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
 torques are multiplied by it. ``negative`` is how the register of a drive writes negative numbers.
+``"x" = { channel = "swing_angle", height = "y", pivot = "fit" }`` takes the swing from the load's place in a picture.
 ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
 
 ``[commands]`` with its ``time`` and ``[commands.columns]`` are the mapping of a second file, of what joints were told,
@@ -69,6 +70,8 @@ class ColumnEntry:
         turn: period, with its unit, after which the values wrap around; empty where they do not.
         negative: how a drive's register writes negative numbers, such as ``complement 16`` or ``bit 15``; empty where
             the values have signs.
+        height: of a load that was tracked in a picture, the column with its other coordinate; else empty.
+        pivot: of such a load, the place of its pivot in the columns' unit, as ``"X Y"``, or ``"fit"``.
         check: open question of a guess; whoever has answered it deletes it.
         why: reason for the guess, for a person.
     """
@@ -92,6 +95,8 @@ class ColumnEntry:
     negative: Annotated[
         str, TomlValueCheck(_NEGATIVE.fullmatch, "write 'complement 16' for 16 bits, or 'bit 15' for the sign's bit")
     ] = ""
+    height: str = ""
+    pivot: str = ""
     check: str = ""
     why: str = ""
 
@@ -281,7 +286,8 @@ def column_map_toml(mapping: ColumnMap, comment: str = "", unknown: Mapping[str,
         return "# " + line(toml_string(name), asked, f"{between}: which channel is it, in which unit?")
 
     lines = [*(f"# {one_line(line)}" for line in comment.splitlines()), *section(mapping, "")]
-    left = {name: column for name, column in (unknown or {}).items() if name not in (*mapping.entries, mapping.time)}
+    known = {*mapping.entries, mapping.time, *(entry.height for entry in mapping.entries.values())}
+    left = {name: column for name, column in (unknown or {}).items() if name not in known}
     if left and not (mapping.time or mapping.rate):
         lines.insert(len(lines) - 1 - len(mapping.entries), TIME_QUESTION)
     if left:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,10 +19,18 @@ from ik.workers import FailedWorkItem, map_in_processes
 from pipeline.imports.foreign import ForeignColumn, ForeignReader, ForeignRecording
 from urdf.bounds import MAX_TABLE_CELLS, MAX_TABLE_COLUMNS, MIB
 
+if TYPE_CHECKING:
+    import h5py
+
 MAX_CONTENT_BYTES = 8 * MAX_TABLE_CELLS
 """Largest size of all numbers of a MATLAB file [bytes]."""
 HEADER_BYTES, COMPRESSED_ELEMENT = 128, 15
 """Size of the header of a MATLAB file of version 5 [bytes], and number that marks a compressed element."""
+HDF5_OFFSET = 512
+"""Place of the HDF5 file in a file of version 7.3 [bytes]; before it is MATLAB's own header."""
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+OBJECT_REMEDY = "save its columns as vectors: s = table2struct(T, 'ToScalar', true), save(..., '-struct', 's')"
+"""What to do with MATLAB's tables and timetables, whose format is not documented."""
 MAX_STRUCTURE_DEPTH = 8
 """Largest depth of nested structures in a MATLAB file."""
 
@@ -62,15 +70,64 @@ def read_mat(path: Path) -> ForeignRecording:
 def _content(data: bytes, name: str) -> dict[str, Any]:
     from scipy.io import loadmat, whosmat
 
+    if data[HDF5_OFFSET : HDF5_OFFSET + len(HDF5_SIGNATURE)] == HDF5_SIGNATURE:
+        return _content_of_hdf5(data, name)
     try:
-        size = max(sum(8 * prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))), _unpacked_bytes(data))
+        variables = whosmat(io.BytesIO(data))
+        size = max(sum(8 * prod(shape) for _, shape, _ in variables), _unpacked_bytes(data))
         if size <= MAX_CONTENT_BYTES:
-            return dict(loadmat(io.BytesIO(data), simplify_cells=True))
+            content = dict(loadmat(io.BytesIO(data), simplify_cells=True))
     except NotImplementedError as error:
-        raise InputError(f"is of MATLAB's version 7.3: save it with save('{name}', ..., '-v7')") from error
+        raise InputError("is of MATLAB's version 7.3 by its header, and holds no HDF5 file: it is damaged") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
         raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
-    raise InputError(f"holds more than {MAX_CONTENT_BYTES / MIB:.0f} MiB of numbers: cut it")
+    if size > MAX_CONTENT_BYTES:
+        raise InputError(f"holds more than {MAX_CONTENT_BYTES / MIB:.0f} MiB of numbers: cut it")
+    if variables and all(kind == "opaque" for _, _, kind in variables):
+        raise InputError(f"holds a MATLAB table or another object alone: {OBJECT_REMEDY}")
+    return content
+
+
+def _content_of_hdf5(data: bytes, name: str) -> dict[str, Any]:
+    """Variables of a file of version 7.3, which is an HDF5 file; MATLAB's matrices are stored transposed in it."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            f"is of MATLAB's version 7.3, which needs h5py: pip install 'armdyn[import]', or save('{name}', ..., '-v7')"
+        ) from error
+    room = MAX_CONTENT_BYTES
+    objects: list[str] = []
+
+    def read(part: "h5py.Group", depth: int = 0) -> dict[str, Any]:
+        nonlocal room
+        found: dict[str, Any] = {}
+        for key in part:
+            # Neither links nor external or virtual data, which would read other files.
+            if key.startswith("#") or not isinstance(part.get(key, getlink=True), h5py.HardLink):
+                continue
+            inner = part[key]
+            if "MATLAB_object_decode" in inner.attrs:
+                objects.append(key)
+            elif isinstance(inner, h5py.Group) and depth < MAX_STRUCTURE_DEPTH:
+                found[key] = read(inner, depth + 1)
+            elif isinstance(inner, h5py.Dataset) and inner.dtype.kind in "biuf":
+                if inner.external or inner.is_virtual or "MATLAB_empty" in inner.attrs:
+                    continue
+                room -= 8 * inner.size
+                if room < 0:
+                    raise InputError(f"holds more than {MAX_CONTENT_BYTES / MIB:.0f} MiB of numbers: cut it")
+                found[key] = np.asarray(inner[()]).T
+        return found
+
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            found = read(file)
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
+    if objects and not found:
+        raise InputError(f"holds a MATLAB table or another object alone: {OBJECT_REMEDY}")
+    return found
 
 
 def _unpacked_bytes(data: bytes) -> int:

@@ -11,6 +11,8 @@ from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import guess_map
+from pipeline.imports.mapping import column_map_toml, read_map
+from pipeline.imports.pendulum import fit_circle
 
 from .said import ALONE, ASK, NAMES, RIGHT, TRUE, N, at, check_against_truth, truth
 
@@ -118,6 +120,46 @@ def test_matlabs_arrays_are_columns(kind, tmp_path):
     check_against_truth(found.run)
 
 
+def save_hdf5(path, content):
+    """A file as MATLAB's ``save(..., '-v7.3')`` writes it: HDF5 behind a header, matrices transposed."""
+    h5py = pytest.importorskip("h5py")
+
+    def write(group, values):
+        for name, value in values.items():
+            if isinstance(value, dict):
+                write(group.create_group(name), value)
+            elif isinstance(value, str):
+                stored = group.create_dataset(name, data=np.frombuffer(value.encode("utf-16-le"), "u2")[:, None])
+                stored.attrs["MATLAB_class"] = np.bytes_("char")
+            else:
+                group.create_dataset(name, data=np.atleast_2d(np.asarray(value)).T)
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        write(file, content)
+        file.create_group("#refs#")["cell"] = np.arange(3.0)
+        file["elsewhere"] = h5py.ExternalLink("/dev/zero", "/a")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+@pytest.mark.parametrize("kind", MATLAB)
+def test_matlabs_arrays_in_hdf5_are_columns(kind, tmp_path):
+    content, rate = MATLAB[kind]
+    save_hdf5(tmp_path / "a.mat", content)
+    (foreign,) = read_foreign(tmp_path / "a.mat")
+    found = run_from_recording(foreign, guess_map([foreign], ALONE, rate))
+    assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
+    check_against_truth(found.run)
+
+
+def test_an_hdf5_file_that_declares_more_than_a_machine_holds_is_one_line(tmp_path, complains):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        file.create_dataset("q", (10**6, 10**6), "f8", chunks=(1000, 1000))
+    with complains(InputError):
+        read_foreign(tmp_path / "a.mat")
+
+
 NO_MATLAB = [
     b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400),
     b"not MATLAB's" * 50,
@@ -132,8 +174,8 @@ def test_what_is_no_matlab_file_is_one_line(content, tmp_path, complains):
         read_foreign(tmp_path / "a.mat")
 
 
-def test_a_pendulum_by_video_or_phone(tmp_path, complains):
-    """Tracker and phyphox: the angle is the angle, a rate is a rate, x and y in a picture are no gripper."""
+def test_a_pendulum_by_video_or_phone(tmp_path):
+    """Tracker and phyphox: the angle is the angle, a rate is a rate."""
     swing = 0.4 * np.sin(4 * TRUE)
     rate = 1.6 * np.cos(4 * TRUE)
     tracker = "mass A\nt\tx\ty\tθ\n" + rows(TRUE, np.sin(swing), -np.cos(swing), swing, separator="\t")
@@ -144,9 +186,49 @@ def test_a_pendulum_by_video_or_phone(tmp_path, complains):
         mapping = guess_map(read_foreign(tmp_path / "a.txt"))
         assert {entry.channel for entry in mapping.entries.values()} == channels
         assert all(entry.check for entry in mapping.entries.values())
-    (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, np.sin(swing), -np.cos(swing)))
-    with complains(InputError):
-        guess_map(read_foreign(tmp_path / "a.txt"))
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0])
+@pytest.mark.parametrize("swing_size", [0.4, 3.0])
+def test_the_place_of_a_load_in_a_picture_becomes_its_swing(up, swing_size, tmp_path):
+    """Pixels, y up or down, some lost; the pivot is found within its own standard deviations."""
+    rng = np.random.default_rng(1)
+    swing, radius = swing_size * np.sin(4 * TRUE), 350.0
+    x, y = 300.0 - radius * np.sin(swing), 200.0 - up * radius * np.cos(swing)
+    x, y = (place + 0.5 * rng.standard_normal(len(TRUE)) for place in (x, y))
+    x[5:9] = np.nan
+    (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, x, y))
+    (foreign,) = read_foreign(tmp_path / "a.txt")
+    mapping = guess_map([foreign])
+    (tmp_path / "map.toml").write_text(column_map_toml(mapping))
+    angle = run_from_recording(foreign, read_map(tmp_path / "map.toml")[""]).run.channels["swing_angle"]
+    np.testing.assert_allclose(angle.value, np.interp(angle.time, TRUE, swing), atol=5 * 0.5 / radius)
+    circle = fit_circle(x, y)
+    assert abs(circle.radius - radius) < 4 * circle.radius_std < 0.02 * radius
+    assert not any(entry.check for entry in mapping.entries.values())
+
+
+@pytest.mark.parametrize(("header", "newtons"), [("load (g)", 9.80665e-3), ("weight_kg", 9.80665), ("force_N", 1.0)])
+def test_a_load_cell_may_read_as_a_scale_does(header, newtons, tmp_path):
+    force = 80.0 + 3.0 * np.sin(8 * TRUE)
+    (tmp_path / "a.txt").write_text(f"t,angle (rad),{header}\n" + rows(TRUE, 0.3 * np.sin(4 * TRUE), force))
+    (foreign,) = read_foreign(tmp_path / "a.txt")
+    found = run_from_recording(foreign, guess_map([foreign])).run.channels["load_force"]
+    np.testing.assert_allclose(found.value, newtons * force, rtol=1e-6)
+
+
+def test_a_short_arc_and_a_pivot_that_moves_are_questions(tmp_path):
+    rng = np.random.default_rng(1)
+    swing = 0.02 * np.sin(4 * TRUE)
+    moving = 0.4 * np.sin(3 * TRUE)
+    for x, y in (
+        (100 * np.sin(swing), -100 * np.cos(swing)),
+        (50 * np.sin(TRUE) + 100 * np.sin(moving), -100 * np.cos(moving)),
+    ):
+        noise = 0.5 * rng.standard_normal((2, len(TRUE)))
+        (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, x + noise[0], y + noise[1]))
+        (entry,) = guess_map(read_foreign(tmp_path / "a.txt")).entries.values()
+        assert entry.check
 
 
 SHEET = """<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>"""
