@@ -6,10 +6,13 @@ by Levenberg-Marquardt (Nocedal & Wright, Numerical Optimization, §10.3). A ste
 by a share of the decrease that its linear model predicts.
 """
 
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
 import numpy as np
+
+from armdyn.estimation.expansion import Expansion
 
 GROSS_ERROR_TO_NOISE_VARIANCE = 20.0
 """Squared error per sample, over the noise variance, above which an error is gross: derivatives then do not lead to a
@@ -18,20 +21,8 @@ MAX_STALLED_STEPS = 2
 """Number of steps in a row with hardly any decrease of a gross error, after which a minimisation stops."""
 SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease of the cost that a step must reach to be accepted (Armijo's rule)."""
-
-
-class QuadraticExpansion(NamedTuple):
-    """Quadratic expansion of the cost J at a point.
-
-    Attributes:
-        cost: J at the point.
-        gradient: (p,) first derivatives of J.
-        hessian: (p, p) Gauss-Newton approximation, positive semidefinite.
-    """
-
-    cost: float
-    gradient: np.ndarray
-    hessian: np.ndarray
+MAX_DAMPING = 1e9
+"""Damping above which no step is tried."""
 
 
 class Outcome(Enum):
@@ -43,102 +34,138 @@ class Outcome(Enum):
 
 
 class Cost(Protocol):
-    """A cost that `descend` can minimise: (p,) lower and upper bounds, and a method that expands it at a point."""
+    """A cost that `descend` can minimise: (p,) lower and upper bounds, its value, and its expansion at a point."""
 
     lower: np.ndarray
     upper: np.ndarray
 
-    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
-        """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values.
+    def value(self, values: np.ndarray, limit: float) -> float:
+        """The cost at (p,) values; one above the `limit` may be returned as infinite."""
 
-        Args:
-            values: (p,) values.
-            limit: a cost above it may be returned as infinite, with any gradient and Hessian.
+    def expand(self, values: np.ndarray) -> Expansion:
+        """Expand the cost at (p,) values that are kept.
+
+        A robust cost may weight its residuals anew here; its values are comparable until the next expansion.
         """
 
 
+@dataclass(frozen=True)
+class Damping:
+    """How the damping of steps, a share of the curvature along each unknown, changes.
+
+    Attributes:
+        first: damping of the first step.
+        least: damping after a success from a damping up to `negligible`.
+        negligible: see `least`.
+        after_failure: least damping after a step that failed.
+        growth: factor by which it grows with each failure.
+        relief: factor by which it falls with each success.
+    """
+
+    first: float = 0.0
+    least: float = 0.0
+    negligible: float = 1e-6
+    after_failure: float = 1e-3
+    growth: float = 10.0
+    relief: float = 10.0
+
+    def failed(self, damping: float) -> float:
+        """The damping after a failure."""
+        return max(self.growth * damping, self.after_failure)
+
+    def succeeded(self, damping: float) -> float:
+        """The damping after a success."""
+        return damping / self.relief if damping > self.negligible else self.least
+
+
+@dataclass(frozen=True)
+class DescentSettings:
+    """How a descent steps, and when it ends.
+
+    Attributes:
+        most_steps: largest number of steps; a descent that needs more has not converged.
+        tolerance: it has converged where the next step is shorter than this, in standard deviations of each parameter;
+            0 to go on.
+        least_gain: it has converged where a step has lowered the cost by less than this. If it is given, the cost is
+            not expanded again after the last step.
+        most_tries: largest number of steps, each damped more than the one before, that are tried from one point.
+        damping: how the damping of steps changes.
+    """
+
+    most_steps: int = 50
+    tolerance: float = 1e-2
+    least_gain: float = 0.0
+    most_tries: int = 1000
+    damping: Damping = Damping()
+
+
 class DescentResult(NamedTuple):
-    """Result of a minimisation: (p,) values, the cost's expansion there, the number of evaluations, why it ended."""
+    """Result of a minimisation.
+
+    Attributes:
+        values: (p,) values.
+        expansion: the last expansion of the cost: there, or, where `least_gain` is given, before the last step.
+        evaluations: number of evaluations.
+        outcome: why it ended.
+    """
 
     values: np.ndarray
-    expansion: QuadraticExpansion
+    expansion: Expansion
     evaluations: int
     outcome: Outcome
 
 
 def descend(
-    problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2, samples: int = 0
+    cost: Cost, start: np.ndarray, settings: DescentSettings = DescentSettings(), *, samples: int = 0
 ) -> DescentResult:
     """Minimise a cost within bounds by Gauss-Newton steps, damped where a step would not lower the cost.
 
     Args:
-        problem: the cost to minimise.
+        cost: the cost to minimise.
         start: (p,) start values; they are clipped to the bounds.
-        most_steps: largest number of steps; a descent that needs more has not converged.
-        tolerance: a descent has converged where the next step is shorter than this, in standard deviations of each
-            parameter.
+        settings: how it steps, and when it ends.
         samples: number of samples. If it is given, a minimisation with a gross error ends after `MAX_STALLED_STEPS`
             steps in a row that each lower the cost by less than one sample's share.
     """
-    values = np.clip(start, problem.lower, problem.upper)
-    at = problem.evaluate(values)
-    evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
-    for _ in range(most_steps):
-        free = not_held_by_bound(problem, values, at.gradient)
-        step, size = newton_step(at, free, 0.0)
-        if size < tolerance:
-            outcome = Outcome.CONVERGED
-            break
-        if damping > 0:
-            step, _ = newton_step(at, free, damping)
-        while True:
-            trial = np.clip(values + step, problem.lower, problem.upper)
-            after = problem.evaluate(trial, at.cost)
+    values = np.clip(start, cost.lower, cost.upper)
+    at = cost.expand(values)
+    evaluations, damping, creeping = 1, settings.damping.first, 0
+    for steps_left in reversed(range(settings.most_steps)):
+        room = cost.lower - values, cost.upper - values
+        if settings.tolerance > 0.0:
+            step, size = at.step(*room, 0.0)
+            if size < settings.tolerance:
+                return DescentResult(values, at, evaluations, Outcome.CONVERGED)
+        if damping > 0.0 or settings.tolerance == 0.0:
+            step, _ = at.step(*room, damping)
+        for _ in range(settings.most_tries):
+            trial = np.clip(values + step, cost.lower, cost.upper)
+            left = cost.value(trial, at.cost)
             evaluations += 1
-            if sufficient_decrease(at, after, trial - values):
+            if sufficient_decrease(at, left, trial - values):
                 break
-            damping = max(10.0 * damping, 1e-3)
-            step, _ = newton_step(at, free, damping)
+            damping = settings.damping.failed(damping)
+            step, _ = at.step(*room, damping)
             # A step that promises less than one of the length `tolerance` is worth no further evaluation.
-            if -float(at.gradient @ step) < tolerance**2 or damping > 1e9:
+            if -float(at.gradient @ step) < settings.tolerance**2 or damping > MAX_DAMPING:
                 return DescentResult(values, at, evaluations, Outcome.STALLED)
-        gross = 2.0 * after.cost > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
-        creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
-        values, at = trial, after
-        if creeping == MAX_STALLED_STEPS:
-            outcome = Outcome.STALLED
+        else:
+            return DescentResult(values, at, evaluations, Outcome.STALLED)
+        gained, values = at.cost - left, trial
+        if gained < settings.least_gain:
+            return DescentResult(values, at, evaluations, Outcome.CONVERGED)
+        if steps_left == 0 and settings.least_gain > 0.0:
             break
-        damping = damping / 10 if damping > 1e-6 else 0.0
-    return DescentResult(values, at, evaluations, outcome)
+        gross = 2.0 * left > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
+        creeping = creeping + 1 if gross and gained < left / samples else 0
+        at = cost.expand(values)
+        if creeping == MAX_STALLED_STEPS:
+            return DescentResult(values, at, evaluations, Outcome.STALLED)
+        damping = settings.damping.succeeded(damping)
+    return DescentResult(values, at, evaluations, Outcome.OUT_OF_STEPS)
 
 
-def not_held_by_bound(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """(p,) bool: False for a parameter on a bound beyond which the cost would fall further."""
-    below = (values <= problem.lower) & (gradient > 0)
-    above = (values >= problem.upper) & (gradient < 0)
-    return ~(below | above)
-
-
-def sufficient_decrease(before: QuadraticExpansion, after: QuadraticExpansion, step: np.ndarray) -> bool:
+def sufficient_decrease(before: Expansion, left: float, step: np.ndarray) -> bool:
     """Whether the cost fell by at least `SUFFICIENT_DECREASE` of what the gradient predicts (Armijo's rule)."""
     promised = -float(before.gradient @ step)
-    return bool(np.isfinite(after.cost) and before.cost - after.cost >= SUFFICIENT_DECREASE * max(promised, 0.0))
-
-
-@np.errstate(all="ignore")  # near a divergence the curvature overflows, and the step is not a descent step
-def newton_step(at: QuadraticExpansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    """(p,) damped Gauss-Newton step of the `free` values, and its length in standard deviations, sqrt(step' H step)."""
-    step = np.zeros(len(at.gradient))
-    free = free & (np.diag(at.hessian) > 0.0)  # a value without effect stays: its step would be 0/0
-    if not free.any():
-        return step, 0.0
-    matrix = at.hessian[np.ix_(free, free)]
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    scaled = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
-    reduced = -at.gradient[free] / scale
-    try:
-        solution = np.linalg.solve(scaled, reduced)
-    except np.linalg.LinAlgError:
-        solution = np.linalg.lstsq(scaled, reduced, rcond=1e-12)[0]
-    step[free] = solution / scale
-    return step, float(np.sqrt(max(step @ at.hessian @ step, 0.0)))
+    return bool(np.isfinite(left) and before.cost - left >= SUFFICIENT_DECREASE * max(promised, 0.0))

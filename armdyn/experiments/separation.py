@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.estimation.descent import QuadraticExpansion, descend
+from armdyn.estimation.descent import DescentSettings, descend
+from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.estimation.solve import solve_bounded
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.identify.settings import DEFAULT_SETTINGS
@@ -42,24 +43,34 @@ class RivalRefitCost:
     def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
         self.predicted, self._readings = predicted, readings
         self.lower, self.upper = predicted.lower, predicted.upper
+        self._last: tuple[bytes, QuadraticExpansion] | None = None
 
-    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
-        """Half the rise of chi2 at (m,) values of the rival's unknowns, with gradient and Gauss-Newton Hessian."""
+    def value(self, values: np.ndarray, limit: float) -> float:
+        """Half the rise of chi2 at (m,) values of the rival's unknowns."""
         del limit
+        return self.expand(values).cost
+
+    def expand(self, values: np.ndarray) -> QuadraticExpansion:
+        """Half the rise of chi2 at (m,) values of the rival's unknowns, with gradient and Gauss-Newton Hessian."""
+        if self._last is None or self._last[0] != values.tobytes():
+            self._last = values.tobytes(), self._expansion(values)
+        return self._last[1]
+
+    def _expansion(self, values: np.ndarray) -> QuadraticExpansion:
         away, prior = values - self.predicted.start, self.predicted.prior
         with np.errstate(all="ignore"):
             readings, slopes = self.predicted.predict(values)
             rest = self._readings - readings
             cost = 0.5 * float(rest @ rest + away @ prior @ away)
         if not np.isfinite(cost):
-            return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+            return QuadraticExpansion.diverged(len(values))
         return QuadraticExpansion(cost, prior @ away - slopes.T @ rest, slopes.T @ slopes + prior)
 
     def chi2_increase_and_refit(
         self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS
     ) -> tuple[float, np.ndarray]:
         """Fit the rival; return the rise of chi2 at its best values, and these (m,) values."""
-        found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
+        found = descend(self, self.predicted.start if start is None else start, DescentSettings(steps, 0.02))
         return 2.0 * found.expansion.cost, found.values
 
 

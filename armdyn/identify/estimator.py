@@ -7,7 +7,8 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.estimation.descent import DescentResult, Outcome, descend, not_held_by_bound
+from armdyn.estimation.descent import DescentResult, Outcome, descend
+from armdyn.estimation.expansion import not_held_by_bound
 from armdyn.identify.noise import variance_inflation
 from armdyn.identify.problem import CostOfFreeUnknowns, Problem
 from armdyn.model import Model
@@ -83,7 +84,7 @@ def estimate(
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")
     names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
-    inside = not_held_by_bound(part, values, at.gradient)
+    inside = not_held_by_bound(part.lower - values, part.upper - values, at.gradient)
     at_bound = tuple(name for name, is_inside in zip(names, inside, strict=True) if not is_inside)
     return Estimate(names, values, parameter_covariance(names, at.hessian), evaluations, outcome, at_bound)
 

@@ -12,7 +12,8 @@ from itertools import compress
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.estimation.descent import DescentResult, QuadraticExpansion, descend
+from armdyn.estimation.descent import DescentResult, DescentSettings, descend
+from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.identify.residual.block import ResidualBlock, chi2_sum
 from armdyn.identify.settings import DEFAULT_SETTINGS, Settings
 from armdyn.model import Model
@@ -317,7 +318,7 @@ class Problem:
             The result, with (P,) values of all unknowns.
         """
         part = CostOfFreeUnknowns(self, free, start)
-        found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
+        found = descend(part, start[free], DescentSettings(most_steps, tolerance), samples=self.samples)
         return found._replace(values=part.all_values(found.values))
 
 
@@ -363,6 +364,7 @@ class CostOfFreeUnknowns:
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
         self._problem, self._free, self._start = problem, free, start
+        self._last: tuple[bytes, QuadraticExpansion] | None = None
         self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
     def all_values(self, values: np.ndarray) -> np.ndarray:
@@ -371,22 +373,27 @@ class CostOfFreeUnknowns:
         everything[self._free] = values
         return everything
 
-    def evaluate(self, values: np.ndarray, limit: float = np.inf) -> QuadraticExpansion:
-        """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges.
+    def value(self, values: np.ndarray, limit: float) -> float:
+        """The cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges.
 
         Args:
             values: (p,) values.
             limit: where derivatives take long, a cost above it is infinite as well.
         """
-        everything = self.all_values(values)
-        if np.isfinite(limit) and self._problem.model.values_are_cheap:
-            cost = self._problem.cost(everything, self._free)
+        if self._problem.model.values_are_cheap:
+            cost = self._problem.cost(self.all_values(values), self._free)
             if not cost <= limit + ROUNDING_SHARE_OF_COST * abs(limit):
-                return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
-        at = self._problem.expansion(everything, self._free)
-        if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
-            return QuadraticExpansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
-        return at
+                return np.inf
+        return self.expand(values).cost
+
+    def expand(self, values: np.ndarray) -> QuadraticExpansion:
+        """Expand the cost at (p,) values of the unknowns that vary; it is infinite where a simulation diverges."""
+        key = values.tobytes()
+        if self._last is None or self._last[0] != key:
+            at = self._problem.expansion(self.all_values(values), self._free)
+            finite = np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))
+            self._last = key, at if finite else QuadraticExpansion.diverged(len(values))
+        return self._last[1]
 
 
 def _informed(parameter: Parameter, run: Run) -> Parameter:

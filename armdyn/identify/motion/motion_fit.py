@@ -31,7 +31,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.slots import slots_of
 from armdyn.estimation.correlation import correlation_time
-from armdyn.estimation.solve import inverse_positive, pseudo_inverse, solve_bounded
+from armdyn.estimation.descent import Damping, DescentSettings, descend
+from armdyn.estimation.nuisance import ArrowheadExpansion, eliminate_nuisance
+from armdyn.estimation.solve import pseudo_inverse
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
@@ -43,6 +45,13 @@ MAX_LAST_WINDOW_FIT_STEPS, MAX_EARLIER_WINDOW_FIT_STEPS = 30, 6
 which only lead near its solution."""
 MIN_LIKELIHOOD_GAIN_PER_STEP_NATS = 0.1
 """Gain of log likelihood, nats, below which a step is the last one: it moves no value by half a standard deviation."""
+MAX_SIMULATIONS_PER_STEP = 6
+"""Largest number of simulations, each with a shorter step, to find one that lowers the cost."""
+MOTION_DAMPING = Damping(first=1e-6, least=1e-9, negligible=5e-9, after_failure=0.0, growth=8.0, relief=5.0)
+"""Damping of the steps. With the usual one, which is far stronger after a failure, values of eleven fits of servo arms
+move by up to 0.08 standard deviations, and their likelihoods by -0.002 to 0.02 nats."""
+RIDGE_PER_TYPICAL_SIZE = 1e-12
+"""Curvature, in inverse squared typical sizes, that keeps values which the motion does not show."""
 SLOPE_STEP_SECONDS = 0.004
 """Usual step of the integration of derivatives, s; they need less accuracy than the motion itself."""
 WINDOW_START_PRIOR_STD_FACTOR = 3.0
@@ -112,7 +121,7 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
         *((length, MAX_COARSE_ROLLOUT_STEP_SECONDS) for length in lengths),
         (lengths[-1], MAX_ROLLOUT_STEP_SECONDS),
     ):
-        values, spread = _Descent(model, usable, unknowns, length, step).down(values)
+        values, spread = _MotionCost(model, usable, unknowns, length, step).fitted(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of in OF_EFFECTS and std > 0.0}
     return moved.with_parameters({n: replace(moved.parameters[n], std=std) for n, std in told.items()})
@@ -150,29 +159,6 @@ def _value(model: ArmModel, unknown: _Unknown) -> float:
     return float(np.log(servo.gain.value)) if unknown.of == "gain" else servo.delay or 0.0
 
 
-@dataclass(frozen=True)
-class _Cost:
-    """The cost of the fit: a robust sum of the position errors, and the distances of the values from their priors.
-
-    Attributes:
-        size: (nj,) errors from which on an error counts with its size instead of its square, rad or m.
-        mean: (u,) prior means of the unknowns.
-        weight: (u,) weights of the squared distances from the prior means.
-        held: (w, 2 nj) weights of the squared distances of the windows' start states from the measured states.
-    """
-
-    size: np.ndarray
-    mean: np.ndarray
-    weight: np.ndarray
-    held: np.ndarray
-
-    def of(self, errors: np.ndarray, values: np.ndarray, starts: np.ndarray) -> float:
-        """The cost of (N, nj) errors at (u,) values and (w, 2 nj) start states."""
-        away = np.sqrt(1.0 + (errors / self.size) ** 2) - 1.0
-        prior = self.weight @ (values - self.mean) ** 2 + np.sum(self.held * starts**2)
-        return float(2.0 * np.mean(away, axis=0).sum() + prior)
-
-
 def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> ArmModel:
     parameters, drives = {}, dict(model.drives)
     for unknown, value in zip(unknowns, values.tolist(), strict=True):
@@ -192,8 +178,40 @@ def _agreed(read: KnownQuantity, moved: float) -> KnownQuantity:
     return replace(read, value=moved, std=float(np.hypot(read.std or 0.0, moved - read.value)))
 
 
-class _Descent:
-    """Damped least squares (Levenberg) with windows of one length, whose start states are fitted as well.
+def robust_sum(errors: np.ndarray, size: np.ndarray) -> float:
+    """Half the mean squares of (N, nj) errors in units of (nj,) sizes; from these sizes on, an error counts as such."""
+    return float(np.mean(np.sqrt(1.0 + (errors / size) ** 2) - 1.0, axis=0).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """Weights of the cost of a fit, from the errors before a step.
+
+    Attributes:
+        size: (nj,) errors from which on an error counts with its size instead of its square, rad or m.
+        nats: nats per unit of the robust sum of errors.
+        prior: (u,) weights of the squared distances of the values from their prior means, nats.
+        start: (w, 2 nj) weights of the squared distances of start states from the measured ones, nats.
+        score_variance: (u,) variances of the slopes of the priors.
+    """
+
+    size: np.ndarray
+    nats: float
+    prior: np.ndarray
+    start: np.ndarray
+    score_variance: np.ndarray
+
+    def of_samples(self, errors: np.ndarray) -> np.ndarray:
+        """(N, nj) weights of the squares of (N, nj) errors that have the same slope as the cost."""
+        return self.nats / np.sqrt(1.0 + (errors / self.size) ** 2) / self.size**2 / len(errors)
+
+
+class _MotionCost:
+    """The cost of a fit to windows of one length, whose start states are fitted as well.
+
+    It is half the squared distances of values and start states from their priors, and a robust sum of the position
+    errors, which each step weights by the size of the errors that the step before has left. The first unknowns are the
+    values, then come the deviations of the windows' start states from the measured ones.
 
     Args:
         model: the arm.
@@ -219,9 +237,40 @@ class _Descent:
         self._known = np.maximum(WINDOW_START_PRIOR_STD_FACTOR * np.array(noise), 1e-9)
         steps = [[encoder_step(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
         self._step = np.maximum(np.max(steps, axis=0), 1e-9)
+        self._typical = np.array([u.typical for u in unknowns])
+        self._mean, self._spread = np.array([u.prior for u in unknowns]).T
+        unbounded = np.full(self._known.size, np.inf)
+        self.lower = np.append([u.lower for u in unknowns], -unbounded)
+        self.upper = np.append([u.upper for u in unknowns], unbounded)
+        self._simulated: tuple[bytes, np.ndarray] | None = None
 
-    def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """(N, nj) position errors at (u,) values and (w, 2 nj) deviations of start states from the measured ones."""
+    def fitted(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Minimise the cost from (u,) values: (u,) values, and their (u,) standard deviations, which are 0 on a bound.
+
+        The standard deviations are those of the sandwich formula, over stretches of the recordings that are independent
+        (Liang & Zeger, Biometrika 73, 1986).
+        """
+        last = self._longest == MAX_ROLLOUT_STEP_SECONDS
+        settings = DescentSettings(
+            MAX_LAST_WINDOW_FIT_STEPS if last else MAX_EARLIER_WINDOW_FIT_STEPS,
+            tolerance=0.0,
+            least_gain=MIN_LIKELIHOOD_GAIN_PER_STEP_NATS,
+            most_tries=MAX_SIMULATIONS_PER_STEP,
+            damping=MOTION_DAMPING,
+        )
+        found = descend(self, np.append(values, np.zeros(self._known.size)), settings)
+        return found.values[: len(values)], self._deviations(found.values)
+
+    def _split(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(u,) values and (w, 2 nj) deviations of start states from the measured ones."""
+        values, starts = np.split(point, [len(self._unknowns)])
+        return values, starts.reshape(self._known.shape)
+
+    def _errors(self, point: np.ndarray) -> np.ndarray:
+        """(N, nj) position errors; the last ones are kept."""
+        if self._simulated is not None and self._simulated[0] == point.tobytes():
+            return self._simulated[1]
+        values, starts = self._split(point)
         model = _with(self._model, self._unknowns, values)
         servos = [model.servo(joint) for joint in model.arm.joints]
         theta = model.theta()
@@ -230,7 +279,9 @@ class _Descent:
                 simulated_positions(model, theta, window, servos, self._longest) - window.q
                 for window in self._begun(starts)
             ]
-        return np.clip(np.nan_to_num(np.vstack(moved), nan=100.0), -100.0, 100.0)
+        found = np.clip(np.nan_to_num(np.vstack(moved), nan=100.0), -100.0, 100.0)
+        self._simulated = point.tobytes(), found
+        return found
 
     def _begun(self, starts: np.ndarray) -> list[SimulationWindow]:
         """The windows, from start states that deviate by (w, 2 nj) from the measured ones."""
@@ -240,101 +291,69 @@ class _Descent:
             for w, s in zip(self._windows, starts, strict=True)
         ]
 
-    def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Minimise the cost: (u,) values, and their (u,) standard deviations, which are 0 on a bound.
+    def value(self, values: np.ndarray, limit: float) -> float:
+        """The cost, nats, with the weights of the last expansion."""
+        del limit
+        return self._cost(values, self._errors(values))
 
-        Each step is weighted by the size of the errors that the step before has left. The standard deviations are those
-        of the sandwich formula, over stretches of the recordings that are independent (Liang & Zeger, Biometrika 73,
-        1986).
+    def _cost(self, point: np.ndarray, errors: np.ndarray) -> float:
+        values, starts = self._split(point)
+        priors = self._weights.prior @ (values - self._mean) ** 2 + np.sum(self._weights.start * starts**2)
+        return self._weights.nats * robust_sum(errors, self._weights.size) + 0.5 * float(priors)
+
+    def expand(self, values: np.ndarray) -> ArrowheadExpansion:
+        """Weight the cost by the size of the errors, and expand it."""
+        errors, (own, starts) = self._errors(values), self._split(values)
+        size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
+        independent = max(len(errors) / _correlation_time(errors / size), 1.0)
+        prior, start = self._spread**-2.0 / independent, self._known**-2.0 / independent
+        away = 0.5 * float(prior @ (own - self._mean) ** 2 + np.sum(start * starts**2))
+        # Errors of the most probable size leave half a nat for each independent one.
+        nats = 0.5 * independent * errors.shape[1] / (robust_sum(errors, size) + away)
+        self._weights = _Weights(size, nats, nats * prior, nats * start, nats**2 * prior / independent)
+        self._slopes, self._of_starts = self._derivatives(own, starts)
+        self._share = self._weights.of_samples(errors)
+        left = eliminate_nuisance(self._slopes, self._of_starts, self._share, self._rows, self._weights.start)
+        pulls = self._share * errors
+        gradient = self._weights.prior * (own - self._mean) + np.einsum("unj,nj->u", self._slopes, pulls)
+        of_starts = [np.einsum("snj,nj->s", self._of_starts[:, rows], pulls[rows]) for rows in self._rows]
+        by_starts = np.array(of_starts) + self._weights.start * starts
+        H = left.hessian + np.diag(self._weights.prior)
+        H += np.diag(nats * RIDGE_PER_TYPICAL_SIZE / self._typical**2)
+        return ArrowheadExpansion(self._cost(values, errors), np.append(gradient, by_starts), H, left)
+
+    def _deviations(self, point: np.ndarray) -> np.ndarray:
+        """(u,) standard deviations of the free values at a minimum, with the derivatives of the last expansion.
+
+        Scores are those of the samples, of the states in which windows begin, and of the priors, so that a value which
+        only its prior determines is as uncertain as the prior.
         """
-        starts = np.zeros_like(self._known)
-        errors, damping = self._errors(values, starts), 1e-6
-        lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
-        typical = np.array([u.typical for u in self._unknowns])
-        mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(
-            MAX_LAST_WINDOW_FIT_STEPS if self._longest == MAX_ROLLOUT_STEP_SECONDS else MAX_EARLIER_WINDOW_FIT_STEPS
-        ):
-            size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
-            independent = max(len(errors) / _correlation_time(errors / size), 1.0)
-            weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
-            cost = _Cost(size, mean, weight, held)
-            now = before = cost.of(errors, values, starts)
-            slopes, of_starts = self._slopes(values, starts)
-            share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
-            H, own, inner = self._eliminated(slopes, of_starts, share, held)
-            of_priors = [-np.einsum("snj,nj->s", of_starts[:, rows], (share * errors)[rows]) - held[w] * starts[w]
-                         for w, rows in enumerate(self._rows)]  # fmt: skip
-            g = weight * (mean - values) - np.einsum("unj,nj->u", slopes, share * errors)
-            g = g - sum(B @ inverse @ g_s for (inverse, B), g_s in zip(inner, of_priors, strict=True))
-            H = H + np.diag(weight)
-            for _ in range(6):
-                A = H + np.diag(damping * np.diag(H) + 1e-12 / typical**2)
-                step = solve_bounded(A, g, lower - values, upper - values).x
-                tried = np.clip(values + step, lower, upper)
-                moved = [inverse @ (g_s - B.T @ step) for (inverse, B), g_s in zip(inner, of_priors, strict=True)]
-                from_ = starts + np.array(moved)
-                there = self._errors(tried, from_)
-                left = cost.of(there, tried, from_)
-                if left < now:
-                    values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
-                    break
-                damping *= 8.0
-            if 0.5 * independent * errors.shape[1] * (1.0 - now / before) < MIN_LIKELIHOOD_GAIN_PER_STEP_NATS:
-                break
-        curved = share / (1.0 + (errors / size) ** 2)  # a full step would overestimate the curvature of the robust cost
-        H, own, inner = self._eliminated(slopes, of_starts, curved, held)
-        pulls = np.einsum("unj,nj->un", own, share * errors)
-        begun = np.array([-B @ inverse @ k for (inverse, B), k in zip(inner, held * starts, strict=True)]).T
-        free = (values > lower) & (values < upper)
-        return values, self._deviations(H + np.diag(weight), pulls, begun, free, typical, weight / independent)
-
-    def _eliminated(
-        self, slopes: np.ndarray, of_starts: np.ndarray, share: np.ndarray, held: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """Eliminate the start states: (u, u) Hessian, (u, N, nj) slopes, and a function that gives the states back."""
-        H, own, inner = np.zeros((len(slopes), len(slopes))), np.empty_like(slopes), []
-        for w, rows in enumerate(self._rows):
-            J, S, k = slopes[:, rows], of_starts[:, rows], share[rows]
-            inverse = inverse_positive(np.einsum("snj,tnj->st", S * k, S) + np.diag(held[w]))
-            B = np.einsum("unj,snj->us", J * k, S)
-            own[:, rows] = J - np.einsum("us,snj->unj", B @ inverse, S)
-            H += np.einsum("unj,vnj->uv", own[:, rows], J * k)
-            inner.append((inverse, B))
-        return H, own, inner
-
-    def _deviations(
-        self,
-        H: np.ndarray,
-        pulls: np.ndarray,
-        begun: np.ndarray,
-        free: np.ndarray,
-        typical: np.ndarray,
-        of_priors: np.ndarray,
-    ) -> np.ndarray:
-        """(u,) standard deviations of the free values from Hessian H, else 0.
-
-        Scores are (u, N) of the samples and (u, w) of the states in which windows begin; those of the priors have the
-        (u,) variances `of_priors`, so that a value which only its prior determines is as uncertain as the prior.
-        """
+        errors, (values, starts), weights = self._errors(point), self._split(point), self._weights
+        u, typical = len(values), self._typical
+        free = (values > self.lower[:u]) & (values < self.upper[:u])
+        # A full step would overestimate the curvature of the robust cost.
+        curved = self._share / (1.0 + (errors / weights.size) ** 2)
+        left = eliminate_nuisance(self._slopes, self._of_starts, curved, self._rows, weights.start)
+        pulls = np.einsum("unj,nj->un", left.slopes, self._share * errors)
+        begun = -np.einsum("wus,ws->uw", left.follow, weights.start * starts)
         times = [w.time - w.begin for w in self._windows]
         first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_ERROR_STRETCH_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
         sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])[free] * typical[free, None]
-        scaled = H * np.outer(typical, typical)
+        scaled = (left.hessian + np.diag(weights.prior)) * np.outer(typical, typical)
         inverse = pseudo_inverse(scaled[np.ix_(free, free)])
-        found, count = np.zeros(len(free)), sums.shape[1]
-        middle = sums @ sums.T * count / max(count - 1, 1) + np.diag(of_priors[free] * typical[free] ** 2)
+        found, count = np.zeros(u), sums.shape[1]
+        middle = sums @ sums.T * count / max(count - 1, 1) + np.diag(weights.score_variance[free] * typical[free] ** 2)
         found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
         for i, unknown in enumerate(self._unknowns):
             gain = self._model.drives[unknown.name].gain if unknown.of == "gain" else None
             if gain is not None and gain.std is not None and free[i]:  # no surer than what the gain is told with
-                others = free & (np.arange(len(free)) != i)
+                others = free & (np.arange(u) != i)
                 follow = pseudo_inverse(scaled[np.ix_(others, others)]) @ scaled[others, i]
                 found[others] = np.hypot(found[others], follow * typical[others] * gain.std / gain.value / typical[i])
         return found
 
-    def _slopes(self, values: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _derivatives(self, values: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(u, N, nj) derivatives of the errors by the values, and (2 nj, N, nj) by the start states."""
         model = _with(self._model, self._unknowns, values)
         joints, theta = model.arm.joints, model.theta()

@@ -1,4 +1,3 @@
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -6,7 +5,7 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
-from armdyn.estimation.descent import descend
+from armdyn.estimation.descent import DescentSettings, descend
 from armdyn.identify.estimator import estimate
 
 JOINT_EFFECTS = tuple(name for name, effect in CATALOGUE.items() if effect.acts_on == "joint" and not effect.needs)
@@ -29,7 +28,7 @@ def with_effects(model, **values):
 def fitted(model, runs, noise=None, **settings):
     """The model at the least-squares estimate from prepared runs, and the estimate."""
     noise = noise or {c: float(np.mean([r.noise[c] for r in runs])) for c in model.predicted_channels(runs[0])}
-    found = estimate(model, runs, noise, partial(descend, **settings))
+    found = estimate(model, runs, noise, lambda cost, start: descend(cost, start, DescentSettings(**settings)))
     return model.with_values(dict(zip(found.names, found.values, strict=True))), found
 
 
