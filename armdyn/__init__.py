@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect, effect
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.front import add, compare, diagnose, discover, fit, inspect, repair
+    from armdyn.front import add, compare, diagnose, discover, fit, inspect, load, predict, repair, save, simulate
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
@@ -41,6 +41,7 @@ _MODULES = {
     "add": "armdyn.front", "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front",
     "diagnose": "armdyn.front",
     "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
+    "load": "armdyn.front", "save": "armdyn.front", "predict": "armdyn.front", "simulate": "armdyn.front",
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
     "arm": "armdyn.arm", "effects": "armdyn.effects", "pendulum": "armdyn.pendulum",
@@ -48,8 +49,9 @@ _MODULES = {
 """Where each name is defined."""
 __all__ = [
     "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
-    "add", "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
-    "inspect", "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
+    "add", "arm", "check", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
+    "import_log", "inspect", "load", "load_effects", "next_experiment", "pendulum", "predict", "quantity", "read_model",
+    "read_run", "repair", "save", "simulate",
 ]  # fmt: skip
 _own = lazy_getattr(__name__, _MODULES)
 

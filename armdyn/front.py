@@ -1,12 +1,18 @@
-"""Functions for scripts and notebooks: inspect, fit, compare, diagnose, add and repair, one call each."""
+"""Functions for scripts and notebooks, one call each: load, save, predict, simulate, inspect, fit, compare, repair."""
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
+
+from armdyn.arm.closed_loop.rollout import can_simulate_motion, simulated_positions, simulation_windows
+from armdyn.arm.model import ArmModel
 from armdyn.checked_study import AnyModel, CheckedStudy, ModelWithCatalogue, Runs, read_runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
 from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
 from armdyn.identify import repair as repairs
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
@@ -14,6 +20,97 @@ from armdyn.identify.repair import Repair, require_fit
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
+from armdyn.model_file import ModelFile, read_model, write_model_file
+from armdyn.recording.checks import check_run
+from armdyn.run import Channel, Run, read_run
+
+load = read_model
+
+
+def save(model: Model, path: str | Path, *, force: bool = False) -> None:
+    """Write a model to a file, which `load` and every command read.
+
+    Args:
+        model: the model.
+        path: file to write, in TOML.
+        force: replace an existing file.
+
+    Raises:
+        InputError: the file exists, or cannot be written.
+    """
+    if Path(path).exists() and not force:
+        raise InputError(f"{path} exists: choose another file, or replace it with force=True")
+    write_model_file(path, ModelFile(model, {}))
+
+
+def predict(model: AnyModel, run: Run | str | Path) -> Run:
+    """Predict what the sensors of a recording should have read, by the model with its values as they are.
+
+    An arm's torques follow from its recorded motion. A pendulum, or a base of your own, is simulated along the recorded
+    inputs, from the state that the first samples show. Nothing is fitted: `compare` fits.
+
+    Args:
+        model: the model, or its file.
+        run: the recording, or its file.
+
+    Returns:
+        The predicted channels, at the time stamps of the recording, such as ``tau.elbow`` or ``swing_angle``.
+
+    Raises:
+        InputError: a file cannot be read, or the recording has no channel that the model predicts.
+    """
+    known, read = _model_and_run(model, run)
+    start = known.guess_start_state(read)
+    predicted = known.predict(read, known.with_values(start).theta())
+    channels = {
+        name: Channel(predicted.time[rows], predicted.values[rows], read.channels[name].unit)
+        for name, rows in predicted.slices.items()
+    }
+    return Run(f"{read.name} predicted", channels)
+
+
+def simulate(model: AnyModel, run: Run | str | Path) -> Run:
+    """Simulate the motion of a recording from its first state, by the model with its values as they are.
+
+    An arm moves in closed loop with its drives where the recording has their commands, else by the recorded torques:
+    without a controller its motion drifts away from the recorded one. For other models this is what `predict` does.
+
+    Args:
+        model: the model, or its file.
+        run: the recording, or its file.
+
+    Returns:
+        The simulated channels, for an arm the positions ``q.<joint>``, at the time stamps of the recording.
+
+    Raises:
+        InputError: a file cannot be read, or a joint has neither torque nor command.
+    """
+    known, read = _model_and_run(model, run)
+    arm = known.capability(ArmModel)
+    if arm is None:
+        return predict(known, read)
+    if not can_simulate_motion(arm, read):
+        raise InputError(
+            f"{read.name}: a simulation needs 'tau' of every joint, or its command and a drive with a known gain"
+        )
+    (whole,) = simulation_windows(read, arm.arm.joints, np.inf)
+    with np.errstate(all="ignore"):  # a motion without a controller may run away
+        moved = simulated_positions(arm, arm.theta(), whole)
+    if not np.isfinite(moved).all():
+        raise InputError(f"{read.name}: the simulated motion runs away: nothing resists these torques")
+    channels = {
+        f"q.{j}": Channel(whole.time, q, read.channels[f"q.{j}"].unit)
+        for j, q in zip(arm.arm.joints, moved.T, strict=True)
+    }
+    return Run(f"{read.name} simulated", channels)
+
+
+def _model_and_run(model: AnyModel, run: Run | str | Path) -> tuple[Model, Run]:
+    known = model if isinstance(model, Model) else read_model(model)
+    read = known.with_model_channels(run if isinstance(run, Run) else read_run(run))
+    known = known.adapted_to([read])
+    check_run(known, read)
+    return known, read
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:

@@ -4,7 +4,7 @@ from ik.build import build_line_table, build_path_table, default_table
 from ik.errors import StaleTableError, UnreachableError
 from ik.path import CirclePath, Path, SplinePath
 from ik.pathfile import read_path
-from ik.table import JointMotion, LineTable, PathTable, Posture
+from ik.table import JointMotion, LineTable, PathTable, Posture, load
 
 __all__ = [
     "CirclePath",
@@ -19,6 +19,7 @@ __all__ = [
     "build_line_table",
     "build_path_table",
     "default_table",
+    "load",
     "read_path",
 ]
 

@@ -153,6 +153,15 @@ class PathTable:
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         return JointMotion(posture.q, posture.dq_ds * speed, posture.dq_ds * acceleration + posture.d2q_ds2 * speed**2)
 
+    def jacobian_at(self, s: ArrayLike) -> Array:
+        """Jacobians (6, n), or (k, 6, n), of the tool point in base axes at path coordinates s [m], (k,).
+
+        Between two nodes they are interpolated linearly.
+        """
+        place = np.interp(self._on_table(s), self.s, np.arange(len(self.s)))
+        node = np.clip(place.astype(int), 0, len(self.s) - 2)
+        return self.jacobian[node] + (place - node)[..., None, None] * (self.jacobian[node + 1] - self.jacobian[node])
+
     def speed_limit_at(self, s: ArrayLike) -> Array:
         """Largest tool speed [m/s] within the joints' speed limits at path coordinates s [m], with the shape of s."""
         return self._speed(self.posture(s).dq_ds)
@@ -281,3 +290,18 @@ class LineTable(PathTable):
     def line(self) -> Line:
         """The straight line on which the tool point moves."""
         return self.path
+
+
+def load(path: str | File, robot: Robot | None = None) -> PathTable:
+    """Read a table from an npz file: a `LineTable` for a line, else a `PathTable`.
+
+    Args:
+        path: file that `PathTable.save` or ``armdyn ik build`` wrote.
+        robot: robot for which the table must have been built; None for any.
+
+    Raises:
+        InputError: the file does not exist.
+        StaleTableError: the file is damaged, or was built for another robot or other settings.
+    """
+    table = PathTable.load(path, robot)
+    return LineTable.load(path, robot) if isinstance(table.path, Line) else table

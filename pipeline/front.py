@@ -1,4 +1,4 @@
-"""Functions for scripts that need the robot or a file format: export a model, design a motion, plan an experiment."""
+"""Functions for scripts that need a robot or a file format: import a log, export a model, check or design a motion."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -19,6 +19,52 @@ if TYPE_CHECKING:
     from armdyn.run import Run
     from pipeline.motion.excitation import Excitation
     from pipeline.motion.feasibility import FeasibilityReport
+
+
+def import_log(
+    file: str | Path,
+    *,
+    mapping: str | Path | None = None,
+    urdf: str | Path | None = None,
+    commands: str | Path | None = None,
+    drives: Sequence[str] = (),
+    rate: float | None = None,
+) -> "list[Run]":
+    """Convert a recording of another program to runs: tables, bags, Parquet, MATLAB, LeRobot data sets.
+
+    Args:
+        file: the recording.
+        mapping: TOML file that says which column is which channel; ``armdyn import FILE --guess`` proposes one. By
+            default the columns' names must be unambiguous.
+        urdf: description of the robot, whose names of joints are used.
+        commands: a second file, of what the joints were told, with stamps of its own.
+        drives: servos whose raw registers the columns are, such as ``"sts3215=all"``.
+        rate: rows per second of a table without stamps [Hz].
+
+    Returns:
+        One run, or a run for each episode of a data set and each entry ``[runs.NAME]`` of the mapping.
+
+    Raises:
+        InputError: the file cannot be read, or it is uncertain what a column is; the message says what to do.
+    """
+    from pipeline.imports import read_foreign
+    from pipeline.imports.conversion import runs_from_recordings
+    from pipeline.imports.joints import RobotJoints
+    from pipeline.imports.mapping import read_map
+    from pipeline.imports.register_entries import DriveKinds
+    from urdf import load
+
+    return [
+        each.run
+        for each in runs_from_recordings(
+            read_foreign(Path(file)),
+            None if mapping is None else read_map(Path(mapping)),
+            None if urdf is None else RobotJoints.of(load(urdf)),
+            DriveKinds.of(drives),
+            None if commands is None else read_foreign(Path(commands)),
+            "" if rate is None else f"{rate:.12g} Hz",
+        )
+    ]
 
 
 def export(

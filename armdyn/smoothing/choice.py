@@ -18,6 +18,9 @@ from armdyn.smoothing.spline import (
 SPLINE_ORDERS = (4, 3, 5, 6)
 MAX_SMOOTHING_CUTOFF_SHARE_OF_RATE = 0.3
 """Highest cut-off of smoothing that is tried, as a share of the sampling rate."""
+MAX_RATE_WEIGHT = 1e8
+"""Largest weight of a sample of a derivative, per knot interval, in those of a sample of the signal: with more, as of a
+simulation without noise, the equations lose the digits that determine the signal's constant part."""
 KNOT_INTERVAL_FACTOR = 4
 """Ratio of the spline's knot intervals in two successive searches for a cut-off."""
 CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
@@ -175,7 +178,7 @@ def smooth_curve(
         right = samples.matrix.T @ (values - offset)
         for rate, matrix in zip(rates, matrices, strict=True):
             deviation = max(float(np.std(rate.values - matrix @ curve.coefficients[:, 0])), 1e-9)
-            weight = (choice.noise / deviation) ** 2
+            weight = min((choice.noise / deviation) ** 2, MAX_RATE_WEIGHT * samples.step ** (2 * rate.derivative))
             bands = bands + weight * samples.bands(matrix)
             right = right + weight * (matrix.T @ rate.values)
         factor = cholesky_banded(bands, lower=True, check_finite=False)

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import ArmChoice, ArmModelOption, JsonOption, parse_number_list, tool_rotation
+from pipeline.console.options import (
+    ArmChoice,
+    ArmModelOption,
+    JsonOption,
+    parse_number_list,
+    parse_numbers,
+    tool_rotation,
+)
 from pipeline.console.screen import finish_command, write_json_if_file_given
 from pipeline.fields import attributes_as_json
 
@@ -186,6 +193,32 @@ def show(
         arm = load(table.robot_name)
         table = PathTable.load(file, arm)
     finish_command(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
+
+
+@group.command()
+def look(
+    file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
+    at: Annotated[str, typer.Option("--at", help="Path coordinates s1,s2,... [m] at which the table is read.")],
+    speed: Annotated[float, typer.Option(help="Speed of the tool along the path there [m/s].")] = 0.0,
+    json_file: JsonOption = None,
+) -> None:
+    """Read postures, joint velocities, Jacobians and limits from an IK table at any places of its path."""
+    import numpy as np
+
+    from ik import load
+    from pipeline.report.ik import look_document
+
+    table, s = load(file), np.array(parse_numbers(at, "--at"))
+    posture = table.posture(s)
+    motion = table.joint_motion(s, np.full(len(s), speed), np.zeros(len(s)))
+    arrays = {
+        "s": s, "q": posture.q, "dq_ds": posture.dq_ds, "d2q_ds2": posture.d2q_ds2, "jacobian": table.jacobian_at(s),
+        "v": motion.v, "a": motion.a, "speed_limit": table.speed_limit_at(s),
+        "acceleration_limit": table.acceleration_limit_at(s),
+        "torque_acceleration_range": np.stack(table.torque_acceleration_range(s, speed), axis=1),
+    }  # fmt: skip
+    answer = {"schema": "armdyn.ik_look/1", "joints": table.joint_names, **{k: v.tolist() for k, v in arrays.items()}}
+    finish_command(look_document(table, s, motion), lambda: answer, json_file)
 
 
 def _say(stage: str) -> None:

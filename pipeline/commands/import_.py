@@ -1,6 +1,6 @@
 """The command `armdyn import`: convert recordings in other formats to runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from armdyn import atomic
-from armdyn.errors import InputError, collect_errors
+from armdyn.errors import InputError
 from armdyn.quoting import shell_quoted_command
 from pipeline.console.import_proposal import column_map_json, print_proposal
 from pipeline.console.inputs import exit_on_wrong_recording
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from pipeline.imports.conversion import ImportedRun
     from pipeline.imports.foreign import ForeignRecording
     from pipeline.imports.joints import RobotJoints
-    from pipeline.imports.mapping import ColumnMap
     from pipeline.imports.register_entries import DriveKinds
 
 HELP_PANEL = "Recordings"
@@ -94,6 +93,7 @@ def import_(
 ) -> None:
     """Convert recordings in other formats to runs, and inspect them; a robot gives the names of the joints."""
     from pipeline.imports import read_foreign
+    from pipeline.imports.conversion import single_recording_of_commands
     from pipeline.imports.mapping import check_table_sample_rate
 
     check_table_sample_rate(wanted.rate_text)
@@ -103,31 +103,19 @@ def import_(
         for file in wanted.files:
             say(f"reading {file}")
             recordings += read_foreign(file)
-        commands = _read_commands(wanted.commands, recordings)
+        commands = read_foreign(wanted.commands) if wanted.commands is not None else None
         if wanted.guess:
-            _propose(wanted, recordings, commands, choice, json_file)
+            told = single_recording_of_commands(commands, recordings) if commands is not None else None
+            _propose(wanted, recordings, told, choice, json_file)
         else:
             say("looking at the recordings")
             _import(wanted, recordings, commands, choice, trust_data, json_file)
 
 
-def _read_commands(file: Path | None, measured: "list[ForeignRecording]") -> "ForeignRecording | None":
-    from pipeline.imports import read_foreign
-
-    if file is None:
-        return None
-    found = read_foreign(file)
-    if len(found) != 1 or len(measured) != 1:
-        raise InputError(
-            f"{file}: {len(found)} recordings of commands for {len(measured)} of measurements: give one of each"
-        )
-    return found[0]
-
-
 def _import(
     wanted: ImportOptions,
     recordings: "list[ForeignRecording]",
-    commands: "ForeignRecording | None",
+    commands: "list[ForeignRecording] | None",
     choice: RobotChoice,
     trust_data: bool,
     json_file: Path | None,
@@ -136,27 +124,12 @@ def _import(
     from armdyn.inspection.check import Inspection, sorted_by_severity
     from armdyn.inspection.inspect import inspect_runs, require_usable
     from pipeline.answers import recording_checks_json
-    from pipeline.imports.conversion import run_from_recording
-    from pipeline.imports.guess import map_unambiguous_columns, map_unambiguous_commands
+    from pipeline.imports.conversion import runs_from_recordings
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
-    given: Mapping[str, ColumnMap | None] = read_map(wanted.mapping) if wanted.mapping is not None else {"": None}
-    joints, drives = _joints(choice), wanted.drives
-    columns = {name for foreign in recordings for name in foreign.columns}
-    found: list[ImportedRun] = []
-    problems: list[str] = []
-    for foreign in recordings:
-        for name, own in given.items():
-            with collect_errors(problems):
-                read = own or map_unambiguous_columns(foreign, joints, drives)
-                if own is None and commands is not None:
-                    read = replace(read, commands=map_unambiguous_commands(commands, joints, drives))
-                read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
-                part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
-                found.append(run_from_recording(part, read, columns, commands))
-    if problems:
-        raise InputError("; ".join(problems))
+    mappings = read_map(wanted.mapping) if wanted.mapping is not None else None
+    found = runs_from_recordings(recordings, mappings, _joints(choice), wanted.drives, commands, wanted.rate_text)
     looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
     checks = sorted_by_severity([*(c for each in found for c in each.checks), *looked.checks])
     if not trust_data:

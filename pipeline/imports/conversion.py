@@ -3,7 +3,7 @@
 A column without numbers is left out and named; the other columns are imported all the same.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -29,8 +29,11 @@ from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
 from pipeline.imports.commands import COMMAND_OF, with_commands
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording, ImportedSampleCounts
+from pipeline.imports.guess import map_unambiguous_columns, map_unambiguous_commands
+from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import tracked_swing
+from pipeline.imports.register_entries import NO_DRIVES, DriveKinds
 from pipeline.imports.registers import decoded
 from pipeline.imports.stamps import samples_with_valid_stamps
 from pipeline.imports.words import is_unit_like
@@ -61,6 +64,60 @@ class ImportedRun:
     def checks(self) -> list[Check]:
         """Findings of the import that the user must know before using the run."""
         return [check for account in self.accounts for check in account.checks(self.run.name)]
+
+
+def runs_from_recordings(
+    recordings: Sequence[ForeignRecording],
+    mappings: Mapping[str, ColumnMap] | None = None,
+    joints: RobotJoints | None = None,
+    drives: DriveKinds = NO_DRIVES,
+    commands: Sequence[ForeignRecording] | None = None,
+    rate: str = "",
+) -> list[ImportedRun]:
+    """Convert recordings in other formats to runs.
+
+    Args:
+        recordings: the recordings.
+        mappings: meanings of columns by the name of the run, ``""`` for a single one; None where the columns' names
+            are unambiguous.
+        joints: joints of the robot; None where it is unknown.
+        drives: kinds of drives whose registers the columns are.
+        commands: recordings of what the joints were told; None where none was given.
+        rate: rate of the rows of tables without stamps, with its unit; empty where there are stamps.
+
+    Raises:
+        InputError: the message lists every mistake.
+    """
+    told = None if commands is None else single_recording_of_commands(commands, recordings)
+    columns = {name for foreign in recordings for name in foreign.columns}
+    found: list[ImportedRun] = []
+    problems: list[str] = []
+    for foreign in recordings:
+        for name, own in (mappings if mappings is not None else {"": None}).items():
+            with collect_errors(problems):
+                read = own or map_unambiguous_columns(foreign, joints, drives)
+                if own is None and told is not None:
+                    read = replace(read, commands=map_unambiguous_commands(told, joints, drives))
+                read = replace(read, rate=rate) if rate else read
+                part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
+                found.append(run_from_recording(part, read, columns, told))
+    if problems:
+        raise InputError("; ".join(problems))
+    return found
+
+
+def single_recording_of_commands(
+    commands: Sequence[ForeignRecording], measured: Sequence[ForeignRecording]
+) -> ForeignRecording:
+    """The recording of commands that belongs to a recording of measurements.
+
+    Raises:
+        InputError: there are several of either.
+    """
+    if not len(commands) == len(measured) == 1:
+        counts = f"{len(commands)} recordings of commands for {len(measured)} of measurements"
+        raise InputError(f"{commands[0].name}: {counts}: give one of each")
+    return commands[0]
 
 
 def run_from_recording(

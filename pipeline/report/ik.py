@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import MAX_CARD_ROWS, Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
-from ik import PathTable
+from ik import JointMotion, PathTable
 from pipeline.report.theme import LIMIT_STYLE, MODEL_STYLE, REFERENCE_STYLE
 from urdf import Line, Robot
 
@@ -62,6 +62,29 @@ def ik_report(table: PathTable, robot: Robot | None) -> Document:
     dexterity = Section("Manipulability", charts=[Chart(figure, "Yoshikawa 1985; zero at a singularity.")])
     sections = [_speed_section(table), *_joint_sections(table), dexterity, *document.sections]
     return replace(document, sections=sections, notes=() if robot is None else robot.defects)
+
+
+def look_document(table: PathTable, s: np.ndarray, motion: JointMotion) -> Document:
+    """Document of the joints' motion at the places s of a table's path, (k,) [m], with the tool's limits there."""
+    place = Column("s [m]", s.tolist(), ".4f")
+
+    def of_joints(values: np.ndarray, what: str) -> Table:
+        columns = [Column(name, values[:, j].tolist(), ".5f") for j, name in enumerate(table.joint_names)]
+        return Table([place, *columns], caption=what)
+
+    limits = [
+        place,
+        Column("largest speed [m/s]", table.speed_limit_at(s).tolist(), ".3f"),
+        Column("largest acceleration [m/s²]", table.acceleration_limit_at(s).tolist(), ".2f"),
+    ]
+    tables = [of_joints(motion.q, "positions, rad or m"), Table(limits, caption="limits of the tool along the path")]
+    tables += [of_joints(motion.v, "velocities, rad/s or m/s")] if motion.v.any() else []
+    kind = table.path.describe()["kind"]
+    return Document(
+        f"IK table of {table.robot_name}",
+        f"{len(s)} place{'s' if len(s) != 1 else ''} on a {kind} of {table.tool_frame}.",
+        [Section("Along the path", tables=tables)],
+    )
 
 
 def _node_table(table: PathTable) -> Table:

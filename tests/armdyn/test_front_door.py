@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import armdyn
@@ -41,6 +42,40 @@ def test_a_model_and_a_run_are_printed_in_one_line():
     assert str(arm) == "arm ur5, 6 joints from shoulder_pan_joint to wrist_3_joint; no effects"
     run = armdyn.Run.from_arrays(np.arange(0.0, 2.0, 0.1), {"q": np.ones((20, 2))}, joints=["a", "b"], name="x")
     assert str(run) == repr(run) == "Run x: q of 2 joints, 1.9 s"
+
+
+def test_a_model_is_saved_loaded_and_predicts(swing, tmp_path, complains):
+    """A swing that begins as the recording does, and does not decay."""
+    model = armdyn.pendulum.pendulum_model(length=9.81 / 25, mass=0.1)
+    armdyn.save(model, tmp_path / "m.toml")
+    with complains(InputError):
+        armdyn.save(model, tmp_path / "m.toml")
+    run = swing("a", 0)
+    found = armdyn.predict(tmp_path / "m.toml", run).channels["swing_angle"]
+    measured = run.channels["swing_angle"]
+    decay = np.exp(-0.1 * found.time)
+    np.testing.assert_allclose(decay * found.value, measured.value, atol=0.02)
+    again = armdyn.simulate(armdyn.load(tmp_path / "m.toml"), run).channels["swing_angle"]
+    np.testing.assert_array_equal(again.value, found.value)
+
+
+def test_an_arm_without_its_torques_predicts_them_and_simulated_by_them_repeats_its_motion():
+    """Torques of a motion by Pinocchio's own algorithm; the arm that is moved by them follows the motion."""
+    model = armdyn.arm.arm_model(robot="ur5")
+    t = np.arange(0.0, 1.0, 0.002)
+    w = np.arange(1, 7)
+    q, v, a = 0.3 * np.sin(np.outer(t, w)), 0.3 * w * np.cos(np.outer(t, w)), -0.3 * w**2 * np.sin(np.outer(t, w))
+    data = model.arm.model.createData()
+    tau = np.array([pin.rnea(model.arm.model, data, *row) for row in zip(q, v, a, strict=True)])
+    run = armdyn.Run.from_arrays(t, {"q": q, "v": v, "a": a, "tau": tau}, joints=model.arm.joints)
+    predicted, moved = armdyn.predict(model, run), armdyn.simulate(model, run)
+    for j, joint in enumerate(model.arm.joints):
+        torque, place = predicted.channels[f"tau.{joint}"], moved.channels[f"q.{joint}"]
+        inside = (torque.time > 0.1) & (torque.time < 0.9)
+        np.testing.assert_allclose(
+            torque.value[inside], np.interp(torque.time, t, tau[:, j])[inside], atol=0.02 * np.ptp(tau[:, j])
+        )
+        np.testing.assert_allclose(place.value, np.interp(place.time, t, q[:, j]), atol=1e-4)
 
 
 def test_repair_tells_the_error_on_an_exam(swing):

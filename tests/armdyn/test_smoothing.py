@@ -143,3 +143,12 @@ def test_a_gap_of_hundreds_of_samples_is_smoothed_at_every_order(order):
     samples = np.sin(0.3 * time) + np.random.default_rng(4).normal(0.0, 1e-3, len(time))
     curve = smooth_curve(time, samples, best_smoothing(time, samples, (order,)))
     assert np.std(curve(time)[:, 0] - np.sin(0.3 * time)) < 5e-4
+
+
+def test_exact_derivatives_leave_the_signal_where_it_is():
+    """As of a simulation without noise: their weights must not drown the signal's constant part in rounding errors."""
+    t = np.arange(0.0, 1.0, 0.002)
+    value, rate, bend = 0.3 * np.sin(t) + 0.7, 0.3 * np.cos(t), -0.3 * np.sin(t)
+    choice = best_smoothing(t, value, (2, 4, 6))
+    curve = smooth_curve(t, value, choice, [MeasuredDerivative(t, rate, 1), MeasuredDerivative(t, bend, 2)])
+    np.testing.assert_allclose(curve(t)[:, 0], value, atol=1e-5)

@@ -86,7 +86,10 @@ CASES = {
         "import foreign.csv --output runs --guess --json J",
         "import foreign.csv --output runs --map runs/map.toml --json J",
     ],
-    "ik": ["ik build --out table.npz --json J", "ik show table.npz --report R --json J"],
+    "ik": [
+        "ik build --out table.npz --json J", "ik show table.npz --report R --json J",
+        "ik look table.npz --at 0,0.1 --speed 0.2 --json J",
+    ],
     "arm": ["arm show --robot ur5 --velocity 0.1,0,0,0,0,0 --json J"],
     "view": ["view swing_1.csv --model pendulum.toml --output view.html --json J"],
     "batch": ["batch spec.toml --output out --workers 1 --json J"],
