@@ -24,14 +24,9 @@ BASE_INDEX = -1
 """Number that stands for the base where a joint's index is expected."""
 
 
+@dataclass(frozen=True, eq=False)
 class RigidBodyChanges:
     """Changes of links and gravity by effects, at given parameter values.
-
-    Args:
-        functions: functions of all joints.
-        theta: (k,) parameters of each joint.
-        shapes: (nj, 4, 4) factors of the described pseudo-inertias.
-        base: function, described gravity (3,), m/s^2, and parameters (k,) of the base; None for a base without effects.
 
     Attributes:
         links: (10,) changes of the inertial parameters, by joints with effects on their links.
@@ -39,22 +34,35 @@ class RigidBodyChanges:
         derivatives: derivatives of these changes, (10, k) by joint, and (3, k) for `BASE_INDEX`.
     """
 
-    def __init__(
-        self,
+    links: Mapping[int, np.ndarray]
+    gravity: np.ndarray | None
+    derivatives: Mapping[int, np.ndarray]
+
+    @classmethod
+    def at(
+        cls,
         functions: Sequence[JointTorqueFunctions],
         theta: Sequence[np.ndarray],
         shapes: np.ndarray,
         base: tuple[InertialOrGravityChange, np.ndarray, np.ndarray] | None = None,
-    ) -> None:
-        self.links: dict[int, np.ndarray] = {}
-        self.gravity: np.ndarray | None = None
-        self.derivatives: dict[int, np.ndarray] = {}
+    ) -> "RigidBodyChanges":
+        """The changes at parameter values.
+
+        Args:
+            functions: functions of all joints.
+            theta: (k,) parameters of each joint.
+            shapes: (nj, 4, 4) factors of the described pseudo-inertias.
+            base: function, described gravity (3,), m/s^2, and parameters (k,) of the base; None for a base without
+                effects.
+        """
+        links, gravity, derivatives = dict[int, np.ndarray](), None, dict[int, np.ndarray]()
         for i, (joint, values, shape) in enumerate(zip(functions, theta, list(shapes), strict=True)):
             if joint.link is not None:
-                self.links[i], self.derivatives[i] = joint.link.at(shape, values)
+                links[i], derivatives[i] = joint.link.at(shape, values)
         if base is not None:
             function, described, values = base
-            self.gravity, self.derivatives[BASE_INDEX] = function.at(described, values)
+            gravity, derivatives[BASE_INDEX] = function.at(described, values)
+        return cls(links, gravity, derivatives)
 
 
 @dataclass(frozen=True, eq=False)

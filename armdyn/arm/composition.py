@@ -191,6 +191,7 @@ class JointTorqueFunctions:
         sensor: gain, lag and delay of the reading.
         link: change of the link's (10,) inertial parameters, from the (4, 4) factor of the described pseudo-inertia;
             None if no effect acts on the link.
+        load: the part of this change by bodies that are fixed to the link; None without one.
         remembers: whether an effect has states of its own.
     """
 
@@ -200,6 +201,7 @@ class JointTorqueFunctions:
     offset: PartlyLinearTorque
     sensor: SensorReadout
     link: InertialOrGravityChange | None
+    load: InertialOrGravityChange | None
     remembers: bool
 
     @property
@@ -307,15 +309,19 @@ def _composed(effects: tuple[Effect, ...]) -> JointTorqueFunctions:
             "parameters only: write what changes with the motion as a torque or an offset"
         )
     null = [q.null for e in effects for q in e.quantities.values()]
+    load = inertial_parameters(joint.link.carried)
+    bodies = [
+        InertialOrGravityChange(names, part, shape, theta, null) if ca.depends_on(part, theta) else None
+        for part in (parameters, load)
+    ]
     return JointTorqueFunctions(
         names=names,
         torque=_terms(added, inputs, theta, remembered, columns),
         inner_torque=PartlyLinearTorque(joint.inner_torque, inputs, theta, remembered, columns),
         offset=PartlyLinearTorque(joint.offset, inputs, theta, remembered, columns),
         sensor=SensorReadout(theta, joint.gain, joint.lag, joint.delay),
-        link=InertialOrGravityChange(names, parameters, shape, theta, null)
-        if ca.depends_on(parameters, theta)
-        else None,
+        link=bodies[0],
+        load=bodies[1],
         remembers=bool(joint.added_states),
     )
 

@@ -73,14 +73,14 @@ class RecordedTorque(NamedTuple):
     """A recorded torque with what is needed to find its low-pass.
 
     Attributes:
-        joint: index of the joint.
+        joint: index of the joint; None for an axis of a force/torque sensor, which no drive smooths.
         stamps: (n,) time stamps, s.
         values: (n,) values, N m or N.
         spectrum: (f,) S_q at frequencies.
         physics: (n, k) regression columns of any physics of a drive's reading; (0, 0) for a measured torque.
     """
 
-    joint: int
+    joint: int | None
     stamps: np.ndarray
     values: np.ndarray
     spectrum: np.ndarray
@@ -167,6 +167,7 @@ def _noise(
             values.append(value)
             spectra.append(torque.spectrum)
     joint = torques[0][1].joint
+    assert joint is not None, "no drive smooths a wrench"
     motion = _one_after_the_other([part.motion for part in parts], step)
     uncertain = np.abs(motion.direction[:, joint]) < MIN_CERTAIN_VELOCITY_SIGN
     uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording

@@ -32,6 +32,9 @@ from armdyn.arm.prediction import (
 )
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.arm.readings import with_servo_torques
+from armdyn.arm.wrench.prediction import SensorWithEffects
+from armdyn.arm.wrench.reading import WrenchReading, wrench_reading
+from armdyn.arm.wrench.sensor import WrenchSensor, read_wrench_sensors
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, error_location
 from armdyn.model import Model, Prediction, prediction_from_channels
@@ -52,10 +55,12 @@ class ArmModel(Model):
     Attributes:
         arm: the joints and their links.
         drives: drives by the name of their kind, for joints that record commands instead of torques.
+        sensors: force/torque sensors by their name.
     """
 
     arm: Arm
     drives: Mapping[str, Servo] = field(default_factory=lambda: MappingProxyType({}))
+    sensors: Mapping[str, WrenchSensor] = field(default_factory=lambda: MappingProxyType({}))
 
     base = "arm"
     linear = True
@@ -64,7 +69,7 @@ class ArmModel(Model):
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the stages on which effects may act."""
-        return ("joint", "drive") if self.drives else ("joint",)
+        return ("joint", *(("drive",) if self.drives else ()), *(("wrench",) if self.sensors else ()))
 
     @property
     def base_summary(self) -> str:
@@ -74,7 +79,9 @@ class ArmModel(Model):
     def file_entries(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file that describe the arm and its drives."""
         drives = {name: servo.entries(self.arm.sliding[servo.joints[0]]) for name, servo in self.drives.items()}
-        own = {**super().file_entries(folder), **({"drives": drives} if drives else {})}
+        sensors = {name: sensor.entries() for name, sensor in self.sensors.items()}
+        tables = {name: table for name, table in (("drives", drives), ("wrench", sensors)) if table}
+        own = {**super().file_entries(folder), **tables}
         if self.arm.file is None:
             return own
         try:
@@ -141,13 +148,22 @@ class ArmModel(Model):
         """The model with the servo drives of a table ``[drives]``; see `read_drives`."""
         return replace(self, drives=MappingProxyType(read_drives(table, self.arm.sliding))) if table else self
 
+    def with_sensors(self, table: Mapping[str, Any]) -> Self:
+        """The model with the force/torque sensors of a table ``[wrench]``; see `read_wrench_sensors`."""
+        return replace(self, sensors=MappingProxyType(read_wrench_sensors(table, self.arm))) if table else self
+
     def joints_effect_can_act_on(self, effect: Effect) -> tuple[str, ...]:
-        """Names of the joints on which an effect can act; ``("",)`` for an effect on the base.
+        """Names of the joints, or of the force/torque sensors, on which an effect can act; ``("",)`` for the base.
 
         Raises:
             InputError: the effect cannot act on a joint that it names.
             UnknownNameError: the effect names a joint that the arm lacks.
         """
+        if effect.acts_on == "wrench":
+            for name in effect.joints:
+                if name not in self.sensors:
+                    raise UnknownNameError("force/torque sensor of the arm", name, self.sensors)
+            return tuple(self.sensors)
         reachable = self.arm.reachable_joints(effect.reach)
         if effect.name in EFFECTS_STATED_BY_DRIVE or effect.acts_on == "drive":
             reachable = tuple(j for j in reachable if (j in self.servo_joints) == (effect.acts_on == "drive"))
@@ -174,12 +190,14 @@ class ArmModel(Model):
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
         """A parameter of an effect in the units and the typical size of its joint."""
+        if joint in self.sensors:
+            return quantity.parameter(effect, short, joint)
         return self.arm.parameter(quantity, effect, short, joint)
 
     def changes_link(self, names: Sequence[str]) -> bool:
         """Whether parameters `names` of one effect change a link, as those of a payload do."""
         joint = self.parameters[names[0]].joint
-        if not joint:
+        if joint not in self.arm.joints:
             return False
         i = self.arm.joints.index(joint)
         link, own = self._functions[i].link, [self._columns[i].index(self.names.index(name)) for name in names]
@@ -205,24 +223,32 @@ class ArmModel(Model):
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
         """Joint of each torque channel of a run, by the channel's name."""
-        return {channel: channel.removeprefix("tau.") for channel in self.predicted_channels(run)}
+        torques = (channel for channel in self.predicted_channels(run) if channel.startswith("tau."))
+        return {channel: channel.removeprefix("tau.") for channel in torques}
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """Names of the torque channels of a run that the model predicts."""
-        return torque_channels(run, self.arm.sliding, self.arm.carried)
+        """Names of the channels of a run that the model predicts: joint torques, then axes of force/torque sensors."""
+        wrenches = [name for sensor in self.sensors.values() for name in sensor.recorded(run)]
+        return torque_channels(run, self.arm.sliding, self.arm.carried, wrenches)
 
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run with low-passed and thinned torques; a prepared run is returned unchanged."""
         if isinstance(run, PreparedRun):
             return run
         self.predicted_channels(run)
-        return prepared_without_outliers(run, self.arm, tuple(one.recording for one in beside))
+        others = tuple(one.recording for one in beside)
+        return prepared_without_outliers(run, self.arm, others, tuple(self.sensors.values()))
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """Standard deviation of the compared torques, by channel, with the inertias at (p,) parameters `theta`."""
         if not isinstance(run, PreparedRun):
             return {}
-        return torque_noise(run, self.rigid_body_model_at(theta), self.arm.model, self.arm.joints)
+        arm, joints = self.arm.model, self.arm.joints
+        torques = {name: joints.index(joint) for name, joint in self.force_channels(run).items()}
+        found = torque_noise(run, self.rigid_body_model_at(theta), arm, joints, torques)
+        for sensor in self._sensors_at(theta):
+            found |= sensor.noise(run)
+        return found
 
     def rigid_body_model_at(self, theta: np.ndarray) -> pin.Model:
         """The rigid bodies with the changes of links and rotors at (p,) `theta`."""
@@ -237,8 +263,12 @@ class ArmModel(Model):
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Predict the measured torques of a run at (p,) parameters in the order of `names`."""
         parts, moving, given = [], {}, self._arguments(theta)
-        for name, predictor in self._predictors(run).items():
-            values, derivatives = predictor.predict(*given)
+        found: dict[str, tuple[np.ndarray, Mapping[Any, np.ndarray]]] = {
+            name: predictor.predict(*given) for name, predictor in self._predictors(run).items()
+        }
+        for sensor in self._sensors_at(theta):
+            found |= {name: sensor.predict(run, name) for name in sensor.channels(run)}
+        for name, (values, derivatives) in found.items():
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
             moving[name] = np.array([i for joint in derivatives for i in self._columns_of(joint)], dtype=int)
         return replace(prediction_from_channels(parts), moving=moving)
@@ -246,11 +276,24 @@ class ArmModel(Model):
     def predict_values(self, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
         """(n,) predicted torques by channel; see `predict`."""
         given = self._arguments(theta)
-        return {name: predictor.values(*given) for name, predictor in self._predictors(run).items()}
+        found = {name: predictor.values(*given) for name, predictor in self._predictors(run).items()}
+        for sensor in self._sensors_at(theta):
+            found |= {name: sensor.values(run, name) for name in sensor.channels(run)}
+        return found
+
+    def _sensors_at(self, theta: np.ndarray) -> list[SensorWithEffects]:
+        """The force/torque sensors at (p,) parameters."""
+        if not self.sensors:
+            return []
+        given = self._arguments(theta)
+        return [
+            SensorWithEffects(self.arm, sensor, self._readings[name], theta[self._columns_of(name)], *given)
+            for name, sensor in self.sensors.items()
+        ]
 
     def _predictors(self, run: Run) -> dict[str, JointTorquePredictor]:
-        channels = self.predicted_channels(run)
-        return {name: joint_torque_predictor(run, self.arm, run.channels[name], name) for name in channels}
+        channels = self.force_channels(run)
+        return {name: joint_torque_predictor(run, self.arm, name) for name in channels}
 
     def _arguments(
         self, theta: np.ndarray
@@ -268,16 +311,18 @@ class ArmModel(Model):
         derivatives = [self._by_theta(by_joint, len(stretch.time)) for _, by_joint in found]
         return np.column_stack([torques for torques, _ in found]), np.stack(derivatives, axis=1)
 
-    def _by_theta(self, derivatives: Mapping[int, np.ndarray], count: int) -> np.ndarray:
-        """(count, p) derivatives, from those by the parameters of each joint and of the base."""
+    def _by_theta(self, derivatives: Mapping[Any, np.ndarray], count: int) -> np.ndarray:
+        """(count, p) derivatives, from those by the parameters of each joint, of the base and of each sensor."""
         # Column by column: parameters on which nothing depends take no time.
         found = np.zeros((count, len(self.names)), order="F")
         for joint, columns in derivatives.items():
             found[:, self._columns_of(joint)] = columns
         return found
 
-    def _columns_of(self, joint: int) -> list[int]:
-        """Indices of the parameters of a joint, or of the base, in the model's vector."""
+    def _columns_of(self, joint: int | str) -> list[int]:
+        """Indices of the parameters of a joint, of the base, or of a sensor by its name, in the model's vector."""
+        if isinstance(joint, str):
+            return [self.names.index(f"{name}[{joint}]") for name in self._readings[joint].names]
         return self._base_columns if joint == BASE_INDEX else self._columns[joint]
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
@@ -315,7 +360,7 @@ class ArmModel(Model):
         base = None
         if self._base is not None:
             base = self._base, np.array(self.arm.model.gravity.linear), theta[self._base_columns]
-        return RigidBodyChanges(
+        return RigidBodyChanges.at(
             self._functions, [theta[columns] for columns in self._columns], self.arm.pseudo_inertia_factors, base
         )
 
@@ -335,6 +380,12 @@ class ArmModel(Model):
             torque_functions_with_effects([e for e in self.effects if joint in self.joints_having_effect(e.name)])
             for joint in self.arm.joints
         )
+
+    @cached_property
+    def _readings(self) -> Mapping[str, WrenchReading]:
+        """What each force/torque sensor reads with its effects, by its name."""
+        having = {e: self.joints_having_effect(e.name) for e in self.effects if e.acts_on == "wrench"}
+        return {name: wrench_reading([e for e, on in having.items() if name in on]) for name in self.sensors}
 
     @cached_property
     def _columns(self) -> tuple[list[int], ...]:
@@ -407,6 +458,7 @@ class Keys:
     joints: tuple[str, ...] | None = None
     tool: _Name | None = None
     drives: dict[str, Any] = field(default_factory=dict)
+    wrench: dict[str, Any] = field(default_factory=dict)
 
 
 KEYS = tuple(key.name for key in fields(Keys))
@@ -424,7 +476,7 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
     # The path of the URDF depends on the place of the model file; see `ArmModel.file_entries`.
-    rest = {key: value for key, value in description.items() if key not in ("urdf", "drives")}
+    rest = {key: value for key, value in description.items() if key not in ("urdf", "drives", "wrench")}
     urdf = None if keys.urdf is None else folder / keys.urdf
     model = arm_model(urdf, keys.robot, keys.joints, tool=keys.tool)
-    return model.with_drives(keys.drives), rest
+    return model.with_drives(keys.drives).with_sensors(keys.wrench), rest

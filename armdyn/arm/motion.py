@@ -240,14 +240,16 @@ def without_idle_torques(run: Run, joints: tuple[str, ...]) -> Run:
     return replace(run, channels={name: c for name, c in run.channels.items() if name not in idle}) if idle else run
 
 
-def torque_channels(run: Run, sliding: Mapping[str, bool], carried: Collection[str]) -> tuple[str, ...]:
-    """Channels with the torques of an arm's joints, without those of `carried` joints.
+def torque_channels(
+    run: Run, sliding: Mapping[str, bool], carried: Collection[str], beside: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Channels with the torques of an arm's joints, without those of `carried` joints, then those `beside` them.
 
     Raises:
-        InputError: the run has no such torque, or lacks a position, or one is in the unit of another kind of joint.
+        InputError: the run has no such channel, or lacks a position, or one is in the unit of another kind of joint.
     """
     asked = [joint for joint in sliding if joint not in carried]
-    channels = tuple(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels)
+    channels = (*(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels), *beside)
     where = run.source or run.name
     if not channels:
         law = law_of_commands(run)

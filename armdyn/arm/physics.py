@@ -10,7 +10,7 @@ import casadi as ca
 
 from armdyn.physics.definition import ZERO, Expression, SensorStage
 
-__all__ = ["Base", "DriveCommands", "Expression", "Joint", "Link", "Neighbour"]
+__all__ = ["Base", "DriveCommands", "Expression", "Joint", "Link", "Neighbour", "Wrench"]
 
 ONE: Expression = ca.SX(1)
 
@@ -42,6 +42,11 @@ class Link:
         The map acts in the coordinates in which the link's pseudo-inertia is the identity; see `armdyn.arm.rigid`.
         """
         return replace(self, shape=self.shape @ deformation)
+
+    def with_inertia(self, inertia: Expression) -> "Link":
+        """Add the inertia (3, 3), kg m^2, that fixed bodies have about their own centres."""
+        spread = ca.trace(inertia) / 2 * ca.SX.eye(3) - inertia
+        return replace(self, carried=self.carried + ca.diagcat(spread, 0))
 
     def with_point_mass(self, mass: Expression, position: Expression) -> "Link":
         """Fix a mass, kg, to the point (3,) m in the frame of the joint."""
@@ -151,3 +156,37 @@ class Joint(SensorStage):
     def with_offset(self, offset: Expression) -> "Joint":
         """Add an offset, N m, to the reading of the torque sensor, or to the torque by the drive's control law."""
         return replace(self, offset=self.offset + offset)
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """Stage of an arm: the wrench on a force/torque sensor, as the sensor reads it, in the axes of its frame.
+
+    Attributes:
+        time: time since the start of the run, s.
+        axes: (3, 3) rotation from the base's frame to that of the sensor.
+        position: (3,) position of the sensor in the base's frame, m.
+        force: (3,) force on the sensor, N.
+        torque: (3,) torque on the sensor about the origin of its frame, N m.
+        delay: delay of the reading, s.
+    """
+
+    time: Expression
+    axes: Expression
+    position: Expression
+    force: Expression
+    torque: Expression
+    delay: Expression = ZERO
+
+    def with_wrench(self, force: Expression, torque: Expression) -> "Wrench":
+        """Add a force (3,), N, and a torque (3,), N m, in the axes of the sensor."""
+        return replace(self, force=self.force + force, torque=self.torque + torque)
+
+    def mixed(self, matrix: Expression) -> "Wrench":
+        """Multiply force and torque, in this order, by a matrix (6, 6)."""
+        force, torque = ca.vertsplit(matrix @ ca.vertcat(self.force, self.torque), 3)
+        return replace(self, force=force, torque=torque)
+
+    def with_delay(self, time: Expression) -> "Wrench":
+        """Add `time`, s, which depends on parameters only, to the delay of the reading."""
+        return replace(self, delay=self.delay + time)

@@ -7,7 +7,7 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
 from armdyn.arm.composition import JointTorqueFunctions, PartlyLinearTorque
-from armdyn.arm.drive import DriveLowPass, TorqueRecording, drive_low_passes
+from armdyn.arm.drive import DriveLowPass, RecordedTorque, TorqueRecording, drive_low_passes
 from armdyn.arm.motion import MeasuredMotion, mostly_resting_joint_mask
 from armdyn.arm.prepared import (
     POSITION_NOISE_FREQUENCIES_HZ,
@@ -15,6 +15,7 @@ from armdyn.arm.prepared import (
     low_passed_and_thinned,
     motion_of_run,
     recorded_torques,
+    recorded_wrench,
     samples_inside_motion,
     samples_with_known_direction,
 )
@@ -25,12 +26,13 @@ from armdyn.arm.reduction import (
     SampleReduction,
     TorqueWithDerivatives,
 )
+from armdyn.arm.wrench.sensor import WrenchSensor, cut_at_sensor
 from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.readout import InterpolatingSampler, LowPassSampler, Sampler
-from armdyn.recording.channels import DriveReading
+from armdyn.recording.channels import WRENCH_CHANNELS, DriveReading, channel_kind
 from armdyn.recording.spikes import without_spikes
-from armdyn.run import Channel, Run
+from armdyn.run import Run
 
 
 class JointTorquePredictor:
@@ -99,7 +101,7 @@ class JointTorquePredictor:
         bodies: RigidBodyChanges,
     ) -> np.ndarray:
         """(N,) part of the reading by the rigid bodies, without lag and delay."""
-        torque = _of_bodies(reduced, self._carried_by(self._joint, bodies), bodies)
+        torque = torque_of_bodies(reduced, self._carried_by(self._joint, bodies), bodies)
         return functions[self._joint].sensor.gain(theta[self._joint]) * torque
 
     def _of_effects(
@@ -166,8 +168,8 @@ class JointTorquePredictor:
             widths[BASE_INDEX] = bodies.derivatives[BASE_INDEX].shape[1]
         total = TorqueWithDerivatives(len(rigid.described), widths)
         carried = self._carried_by(j, bodies)
-        total.value += _of_bodies(rigid, carried, bodies)
-        _add_derivatives_by_bodies(total, rigid, carried, bodies)
+        total.value += torque_of_bodies(rigid, carried, bodies)
+        add_derivatives_by_bodies(total, rigid, carried, bodies)
         self._add_terms(total, terms, theta, bodies, joints)
         total.block = own.sensor.amplify(total.block, theta[j])
         total.value = total.block[:, 0]
@@ -209,7 +211,7 @@ class JointTorquePredictor:
                 total.by(BASE_INDEX)[:] += through.gravity @ bodies.derivatives[BASE_INDEX]
 
 
-def _of_bodies(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges) -> np.ndarray:
+def torque_of_bodies(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges) -> np.ndarray:
     """(N,) torque of the rigid bodies of a joint that carries the links with effects `carried`."""
     torque = reduced.described.copy()
     for i in carried:
@@ -228,10 +230,10 @@ def _per_gravity(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyCh
     return columns
 
 
-def _add_derivatives_by_bodies(
+def add_derivatives_by_bodies(
     total: TorqueWithDerivatives, reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges
 ) -> None:
-    """Add the derivatives of `_of_bodies` by the parameters of links and of the base."""
+    """Add the derivatives of `torque_of_bodies` by the parameters of links and of the base."""
     for i in carried:
         total.by(i)[:] += reduced.link(i) @ bodies.derivatives[i]
         if bodies.gravity is not None and bodies.gravity.any():
@@ -265,16 +267,24 @@ def predict_at_states(
 
 
 @cached_with_first_argument
-def prepared_without_outliers(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
-    """The run with low-passed and thinned torques, without isolated outliers.
+def prepared_without_outliers(
+    run: Run, arm: Arm, beside: tuple[Run, ...], sensors: tuple[WrenchSensor, ...] = ()
+) -> PreparedRun:
+    """The run with low-passed and thinned torques and wrenches, without isolated outliers.
 
     Args:
         run: a recording.
         arm: the arm.
         beside: recordings from which the low-passes of the arm's drives are found; if empty, `run` alone.
+        sensors: force/torque sensors of the arm.
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)
+    wrenches = dict[str, RecordedTorque]()
+    for sensor in sensors:
+        cut = cut_at_sensor(arm, sensor)
+        wrenches |= recorded_wrench(clean, sensor.channels, cut.model, own.motion, cut.moved, cut.axes)
+    own = own._replace(torques={**own.torques, **wrenches})
     return low_passed_and_thinned(clean, arm.joints, own, *_shown_together(first, arm, tuple(others)))
 
 
@@ -292,35 +302,54 @@ def _shown_together(
 @cached_with_first_argument
 def _recorded(run: Run, arm: Arm) -> tuple[Run, TorqueRecording]:
     """A run without isolated outliers, and its torques and motion."""
-    names = (f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau"))
-    clean = without_spikes(run, [name for name in names if name in run.channels])
+    names = {f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau")}
+    clean = without_spikes(run, [n for n in run.channels if n in names or n.partition(".")[0] in WRENCH_CHANNELS])
     return clean, recorded_torques(clean, arm.model, arm.joints)
 
 
 @cached_with_first_argument
-def joint_torque_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> JointTorquePredictor:
+def joint_torque_predictor(run: Run, arm: Arm, name: str) -> JointTorquePredictor:
     """The predictor of the torque channel `name`, with the filter that was applied to the measured torque."""
     joint = arm.joints.index(name.removeprefix("tau."))
-    sampler: Sampler
-    motion, stretch = motion_of_run(run, arm.joints), _stretch(run, arm, name)
-    if run.recording is not run:
-        stamps, done = stretch.motion.time, run.preparations[name]
-        known = samples_with_known_direction(motion, joint, stamps, done.cutoff)
-        sampler = LowPassSampler(stamps, done.cutoff, channel.time, known, done.smoothed)
-    else:
-        sampler = InterpolatingSampler(channel.time, channel.time)
-    return JointTorquePredictor(stretch, sampler, joint, motion)
+    motion, stretch = motion_of_run(run, arm.joints), motion_samples(run, arm, name)
+    return JointTorquePredictor(stretch, sampler_of_channel(run, name, stretch, motion, joint), joint, motion)
+
+
+def sampler_of_channel(
+    run: Run, name: str, stretch: MotionSamples, motion: MeasuredMotion, joint: int | None
+) -> Sampler:
+    """The map from signals at the stamps of a channel to its samples, with the filter that was applied to it.
+
+    Args:
+        run: the run.
+        name: name of the channel.
+        stretch: the motion at the stamps.
+        motion: the motion at any time.
+        joint: index of the joint whose friction is a part of the channel; None for a wrench.
+    """
+    channel = run.channels[name]
+    if run.recording is run:
+        return InterpolatingSampler(channel.time, channel.time)
+    stamps, done = stretch.motion.time, run.preparations[name]
+    known = samples_with_known_direction(motion, joint, stamps, done.cutoff)
+    return LowPassSampler(stamps, done.cutoff, channel.time, known, done.smoothed)
+
+
+def stamps_shared_with(run: Run, name: str) -> str:
+    """The first measured channel of a recording that has the same stamps as the channel `name`."""
+    channels = run.recording.channels
+    compared = (other for other in channels if channel_kind(other).measured or other == name)
+    return next(o for o in compared if np.array_equal(channels[o].time, channels[name].time))
 
 
 @cached_with_first_argument
-def _stretch(run: Run, arm: Arm, name: str) -> MotionSamples:
+def motion_samples(run: Run, arm: Arm, name: str) -> MotionSamples:
     """The motion at the recorded stamps of a channel; channels with the same stamps share it."""
     recording = run.recording
     channel = recording.channels[name]
-    torques = (other for other in recording.channels if other.startswith("tau.") or other == name)
-    first = next(o for o in torques if np.array_equal(recording.channels[o].time, channel.time))
+    first = stamps_shared_with(run, name)
     if first != name:
-        return _stretch(run, arm, first)
+        return motion_samples(run, arm, first)
     motion = motion_of_run(run, arm.joints)
     time = channel.time if recording is run else channel.time[samples_inside_motion(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())

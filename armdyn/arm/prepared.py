@@ -92,19 +92,23 @@ def comparison_cutoff(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingC
     )
 
 
-def torque_spectra_of_position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
+def torque_spectra_of_position_noise(
+    model: pin.Model, motion: MeasuredMotion, moved: Sequence[int] | None = None
+) -> np.ndarray:
     """(nj, nf) spectra, (N m)^2/Hz, of torque by the noise of smoothed positions, at `POSITION_NOISE_FREQUENCIES_HZ`.
 
     A small error e of the positions changes the torque by M(q) e'' + dg/dq e; squared factors are averaged over the
-    run's postures.
+    run's postures. `moved` are the joints of the model that the motion moves, None for all; others stay at zero.
     """
-    data = model.createData()
-    squares = np.zeros((model.nv, model.nv, len(POSITION_NOISE_FREQUENCIES_HZ)))
-    for q in motion.at(np.linspace(motion.start, motion.end, INERTIA_AVERAGE_POSTURES)).q:
+    data, own = model.createData(), list(range(model.nv) if moved is None else moved)
+    squares = np.zeros((model.nv, len(own), len(POSITION_NOISE_FREQUENCIES_HZ)))
+    for posture in motion.at(np.linspace(motion.start, motion.end, INERTIA_AVERAGE_POSTURES)).q:
+        q = np.zeros(model.nq)
+        q[own] = posture
         mass = np.triu(pin.crba(model, data, q).reshape(model.nv, model.nv))
         stiffness = pin.computeGeneralizedGravityDerivatives(model, data, q).reshape(model.nv, model.nv)
         inertial = np.multiply.outer(mass + np.triu(mass, 1).T, (2.0 * np.pi * POSITION_NOISE_FREQUENCIES_HZ) ** 2)
-        squares += (stiffness[:, :, None] - inertial) ** 2 / INERTIA_AVERAGE_POSTURES
+        squares += (stiffness[:, own, None] - inertial[:, own]) ** 2 / INERTIA_AVERAGE_POSTURES
     choices = [j.choice for j in motion.joints]
     passed = [1.0 / (1.0 + (POSITION_NOISE_FREQUENCIES_HZ / c.cutoff) ** (2 * c.order)) ** 2 for c in choices]
     spectra = np.array([j.choice.noise**2 * j.interval for j in motion.joints])[:, None] * np.array(passed)
@@ -174,6 +178,36 @@ def recorded_torques(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Tor
     return TorqueRecording(torques, motion)
 
 
+def recorded_wrench(
+    run: Run,
+    channels: Sequence[str],
+    model: pin.Model,
+    motion: MeasuredMotion,
+    moved: Sequence[int],
+    axes: Sequence[int],
+) -> dict[str, RecordedTorque]:
+    """Recorded axes of a force/torque sensor, without those at the ends of the motion.
+
+    Args:
+        run: a recording.
+        channels: names of the six channels, of which the recording may lack some.
+        model: the arm, cut at the sensor; see `armdyn.arm.wrench.sensor`.
+        motion: the motion of the arm.
+        moved: joints of `model` that the motion moves.
+        axes: joints of `model` that stand for the six axes.
+
+    Raises:
+        InputError: a channel is constant or too short.
+    """
+    brought_in = torque_spectra_of_position_noise(model, motion, moved)[list(axes)]
+    found = {}
+    for name, spectrum in zip(channels, brought_in, strict=True):
+        if name in run.channels:
+            run.require_varying_channel(name)
+            found[name] = RecordedTorque(None, *_inside(run, name, motion), spectrum, np.zeros((0, 0)))
+    return found
+
+
 def low_passed_and_thinned(
     run: Run,
     joints: tuple[str, ...],
@@ -201,11 +235,13 @@ def low_passed_and_thinned(
         drive = drives.get(name, DriveLowPass(np.inf, choice.noise))
         smoothed = bool(np.isfinite(drive.cutoff))
         cutoff = min(cutoff, COMPARED_SHARE_OF_DRIVE_CUTOFF * drive.cutoff)
-        if isinstance(raw, DriveReading):
+        if j is not None and isinstance(raw, DriveReading):
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
         known = samples_with_known_direction(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
-        if len(time) < MIN_COMPARED_CHANNEL_SAMPLES and not stands[j]:  # it moves in other recordings only
+        if (
+            j is not None and len(time) < MIN_COMPARED_CHANNEL_SAMPLES and not stands[j]
+        ):  # it moves in other recordings only
             stands[j] = True
             at_rest.add(name)
             motion = motion.standing(stands)
@@ -223,13 +259,15 @@ def low_passed_and_thinned(
                 noise[name] = float(np.hypot(max(noise[name], left), raw.common_error_std))
         preparations[name] = Preparation(
             cutoff=cutoff,
-            position_cutoff=motion.joints[j].choice.cutoff,
+            position_cutoff=min(p.choice.cutoff for p in (motion.joints if j is None else [motion.joints[j]])),
             rate=float(1.0 / np.median(np.diff(time))),
             samples=len(time),
             recorded_rate=float((len(raw) - 1) / (raw.time[-1] - raw.time[0])),
             recorded=len(raw),
             left_out=float(np.mean(~known)),
-            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= MIN_CERTAIN_VELOCITY_SIGN)),
+            moving=1.0
+            if j is None
+            else float(np.mean(np.abs(motion.direction(j, stamps)) >= MIN_CERTAIN_VELOCITY_SIGN)),
             smoothed=drive.cutoff if smoothed else None,
         )
     for name in at_rest if at_rest != set(preparations) else ():
@@ -245,21 +283,30 @@ def low_passed_and_thinned(
     )  # fmt: skip
 
 
-def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints: tuple[str, ...]) -> dict[str, float]:
-    """Noise of a prepared run by torque channel, for an arm with other inertias than were described.
+def torque_noise(
+    run: PreparedRun,
+    arm: pin.Model,
+    described: pin.Model,
+    joints: tuple[str, ...],
+    channels: Mapping[str, int],
+    moved: Sequence[int] | None = None,
+) -> dict[str, float]:
+    """Noise of a prepared run by channel, for an arm with other inertias than were described.
 
     Args:
         run: a prepared run.
         arm: the present arm.
         described: the arm for which the run was prepared.
         joints: all joints of the arm, in its order.
+        channels: joint of both models whose torque each channel is.
+        moved: joints of both models that the recording moves, None for all.
     """
     motion = measured_motion(run.recording, joints)
-    before, after = (torque_spectra_of_position_noise(model, motion) for model in (described, arm))
+    before, after = (torque_spectra_of_position_noise(model, motion, moved) for model in (described, arm))
     found = {}
-    for name, done in run.preparations.items():
-        j = joints.index(name.removeprefix("tau."))
-        more = _below(done.cutoff, after[j]) - _below(done.cutoff, before[j])
+    for name, j in channels.items():
+        cutoff = run.preparations[name].cutoff
+        more = _below(cutoff, after[j]) - _below(cutoff, before[j])
         found[name] = float(np.sqrt(max(run.noise[name] ** 2 + more, 0.0)))
     return found
 
@@ -319,7 +366,9 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
     return inside.time, inside.value
 
 
-def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
+def samples_with_known_direction(
+    motion: MeasuredMotion, joint: int | None, stamps: np.ndarray, cutoff: float
+) -> np.ndarray:
     """(n,) bool, whether the direction of motion is known at each sample, or a joint that mostly rests is at rest.
 
     Where a joint reverses, its dry friction changes sign at an uncertain moment: one sample of a friction of 25 times
@@ -327,6 +376,8 @@ def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.
     out of the measured and of the predicted torque. At rest friction takes any value up to breakaway, so rests are left
     out as well, however long they are, except those of a joint that hardly moves in any recording.
     """
+    if joint is None:  # a wrench has no friction
+        return np.ones(len(stamps), dtype=bool)
     uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_VELOCITY_SIGN
     if not motion.joints[joint].mostly_rests:
         return ~uncertain

@@ -30,6 +30,11 @@ def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
     return result
 
 
+def inertial_parameters_of(J: np.ndarray) -> np.ndarray:
+    """(10,) inertial parameters of a (4, 4) pseudo-inertia; the inverse of `pseudo_inertia`."""
+    return np.array(ca.DM(inertial_parameters(ca.DM(J)))).ravel()
+
+
 def inertia_matrix(parameters: np.ndarray) -> np.ndarray:
     """(3, 3) inertia about the origin of (10,) inertial parameters, kg m^2."""
     xx, xy, yy, xz, yz, zz = parameters[4:]

@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from armdyn.effects import drive, gripper, joint, load, sensor, string
+from armdyn.effects import drive, gripper, joint, load, sensor, string, wrench
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 
 
 def _collect() -> Mapping[str, Effect]:
-    modules = (gripper, string, load, sensor, joint, drive)
+    modules = (gripper, string, load, sensor, joint, drive, wrench)
     found = (item for module in modules for item in vars(module).values() if isinstance(item, Effect))
     return MappingProxyType({item.name: item for item in found})
 

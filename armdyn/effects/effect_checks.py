@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.physics import Base, DriveCommands, Joint, Link, Neighbour
+from armdyn.arm.physics import Base, DriveCommands, Joint, Link, Neighbour, Wrench
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 from armdyn.parameter import Quantity, RecordedColumn
@@ -177,6 +177,11 @@ def _joint(*w: Expression) -> Joint:
     return Joint(time, q, v, a, direction, load, inner, link, on=on, told=DriveCommands(*told))
 
 
+def _wrench(*w: Expression) -> Wrench:
+    time, axes, place, force, torque = ca.vertsplit(ca.vertcat(*w), [0, 1, 10, 13, 16, 19])
+    return Wrench(time, ca.reshape(axes, 3, 3), place, force, torque)
+
+
 _AT_REST = [0.0] * 15
 _IN_MOTION = [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
 TRIAL_STAGES: Mapping[str, tuple[Callable[..., Any], list[float], list[float]]] = {
@@ -199,6 +204,11 @@ TRIAL_STAGES: Mapping[str, tuple[Callable[..., Any], list[float], list[float]]] 
     ),
     "joint": (_joint, _AT_REST, _IN_MOTION),
     "drive": (_joint, _AT_REST, _IN_MOTION),
+    "wrench": (
+        _wrench,
+        [0.0, *np.eye(3).ravel(), *np.zeros(3), 0.0, 0.0, -9.81, 0.0, 0.0, 0.0],
+        [0.7, 0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0, 0.3, 0.1, 0.6, 1.0, -2.0, -9.0, 0.3, 0.2, -0.1],
+    ),
     "base": (lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
 }
 """By name of the stage: the function that makes a stage from numbers, then its numbers at rest and in motion."""

@@ -206,6 +206,27 @@ def payload(
     return joint.with_link(joint.link.with_point_mass(mass, ca.vertcat(x, y, z)))
 
 
+@effect(
+    summary="The body that the last link carries is no point: it has an inertia about its own centre.",
+    source="Khalil, Gautier & Lemoine, Identification of the Payload Inertial Parameters of Industrial Manipulators, "
+    "ICRA 2007",
+    reach="last",
+    needs=("tx", "ty", "tz"),
+)
+def payload_inertia(
+    joint: Joint,
+    xx: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the x axis of the last joint's frame"),
+    yy: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the y axis of the last joint's frame"),
+    zz: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the z axis of the last joint's frame"),
+    xy: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
+    xz: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
+    yz: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
+) -> Joint:
+    """Pseudo-inertia J = J_link + S of the last link, S = tr(I)/2 - I with the inertia I about the body's centre."""
+    rows = (ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+    return joint.with_link(joint.link.with_inertia(ca.vertcat(*rows)))
+
+
 def _extent(stretch: Expression) -> Expression:
     """1 + s to first order, positive for every s; its square grows like 4 s, so a fit needs few steps."""
     return ca.sqrt(2 * stretch + ca.sqrt(1 + 4 * stretch**2))

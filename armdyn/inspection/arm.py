@@ -87,12 +87,12 @@ class SampledArmRun:
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the torque channels of the recording."""
-        return self.model.predicted_channels(self.run)
+        return tuple(self.model.force_channels(self.run))
 
     @cached_property
     def joint_indices(self) -> np.ndarray:
         """(J,) index of the joint of each torque channel."""
-        return np.array([self.model.arm.joints.index(c.removeprefix("tau.")) for c in self.channels])
+        return np.array([self.model.arm.joints.index(joint) for joint in self.model.force_channels(self.run).values()])
 
     @cached_property
     def motion(self) -> Motion:

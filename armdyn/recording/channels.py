@@ -52,6 +52,16 @@ JOINT_CHANNELS = {
     "voltage": ChannelKind(("V",)),
     "enabled": ChannelKind(("1",)),  # 0 where the drive was off
 }
+WRENCH_CHANNELS = {
+    "fx": ChannelKind(("N",), measured=True),  # what the tool does to the sensor, in the axes of the sensor's frame
+    "fy": ChannelKind(("N",), measured=True),
+    "fz": ChannelKind(("N",), measured=True),
+    "tx": ChannelKind(("N m",), measured=True),  # about the origin of the sensor's frame
+    "ty": ChannelKind(("N m",), measured=True),
+    "tz": ChannelKind(("N m",), measured=True),
+}
+NAMED_CHANNELS = {**JOINT_CHANNELS, **WRENCH_CHANNELS}
+"""Channels whose name ends in that of a joint or of a force/torque sensor, after a dot."""
 
 MAX_PLAUSIBLE_SIZE_BY_UNIT = {
     "s": 1e10,  # admits the seconds since 1970
@@ -79,7 +89,7 @@ MIN_COMPARED_CHANNEL_SAMPLES = 10
 def is_channel_name(name: str) -> bool:
     """Whether `name` is the name of a channel that recordings may contain."""
     quantity, dot, joint = name.partition(".")
-    return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
+    return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in NAMED_CHANNELS)
 
 
 def is_auxiliary(name: str) -> bool:
@@ -101,7 +111,7 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
         raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_CHANNEL_FORM}")
     if is_auxiliary(name):
         return ChannelKind(("1",))
-    return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
+    return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else NAMED_CHANNELS[quantity]
 
 
 def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
@@ -151,7 +161,7 @@ def unit_conversion(name: str, unit: str) -> Conversion:
 
 
 def _valid_names(joint: str) -> Iterable[str]:
-    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS)
+    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in NAMED_CHANNELS)
     return ("time", *PENDULUM_CHANNELS, *of_joints, f"{EXTRA_PREFIX}.{joint or '<name>'}")
 
 
@@ -287,8 +297,8 @@ def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
     """
     first: dict[str, tuple[str, str, int]] = {}
     for name, unit in channels:
-        quantity, dot, joint = name.partition(".")
-        if not dot or quantity == EXTRA_PREFIX or len(JOINT_CHANNELS[quantity].units) == 1:
+        quantity, _, joint = name.partition(".")
+        if len(JOINT_CHANNELS.get(quantity, ChannelKind(("",))).units) == 1:
             continue
         slides = JOINT_CHANNELS[quantity].units.index(unit)
         other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))

@@ -44,6 +44,15 @@ DriveOption = Annotated[
 ]
 
 
+WrenchOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--wrench",
+        help="Force/torque sensor, as NAME=LINK with the first link that it carries: ft=tool0; may be repeated.",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class NewModelOptions:
     """Arguments and options of `new`: the model file to write, and where the JSON output goes."""
@@ -92,17 +101,19 @@ def arm(
     joints: JointsOption = None,
     tool: ToolOption = None,
     drive: DriveOption = None,
+    wrench: WrenchOption = None,
 ) -> None:
     """Write the rigid-body model of an arm from a URDF or MJCF; by default the arm is the longest chain of joints."""
     from armdyn.arm.described import with_described_effects
     from armdyn.arm.drives import chosen_drives
     from armdyn.arm.model import arm_model
+    from armdyn.arm.wrench.sensor import chosen_sensors
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
     made = with_described_effects(arm_model(urdf or mjcf, robot, split_names(joints), tool=tool))
-    made = made.with_drives(chosen_drives(drive or (), made.joints))
+    made = made.with_drives(chosen_drives(drive or (), made.joints)).with_sensors(chosen_sensors(wrench or ()))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
     weightless = [

@@ -49,7 +49,7 @@ PAGE = (Path(__file__).parents[2] / "docs/stages.md").read_text()
 CLASSES = {
     "gripper": pendulum.Gripper, "string": pendulum.String, "load": pendulum.Load, "tension": pendulum.Tension,
     "sensor": pendulum.Sensor, "joint": arm.Joint, "link": arm.Link, "neighbour": arm.Neighbour, "base": arm.Base,
-    "told": arm.DriveCommands,
+    "told": arm.DriveCommands, "wrench": arm.Wrench,
 }  # fmt: skip
 
 

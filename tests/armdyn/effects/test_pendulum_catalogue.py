@@ -10,7 +10,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
-PENDULUM = [name for name, effect in CATALOGUE.items() if effect.acts_on not in ("joint", "drive")]
+PENDULUM = [name for name, effect in CATALOGUE.items() if effect.acts_on not in ("joint", "drive", "wrench")]
 AGREEMENT = dict.fromkeys(pendulum.REALISTIC, 2e-5) | {
     "gripper_lag": 1e-3,  # the lag starts from rest there, from a steady motion here
     "gripper_compliance": 1e-3,  # slow manifold against a light carriage that rings at first

@@ -1,0 +1,1 @@
+"""Force/torque sensors: the wrench of what hangs behind a frame of the arm."""

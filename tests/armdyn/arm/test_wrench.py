@@ -1,0 +1,162 @@
+"""The wrench on a force/torque sensor against MuJoCo's sensors, its derivatives, and its declaration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armdyn.arm.bodies import MotionSamples
+from armdyn.arm.motion import Motion
+from armdyn.arm.wrench.prediction import CutMotionSamples
+from armdyn.arm.wrench.sensor import chosen_sensors, cut_at_sensor
+from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.errors import InputError
+from armdyn.model_file import ModelFile, read_model, write_model_file
+from armdyn.run import Run
+from tests.derivatives import assert_jacobian
+from tests.worlds.mujoco_plant import Path
+from tests.worlds.tools import AXES, LINK, SENSOR, SLOW, Tool, description, faulty, measured, robot, sensed_model
+
+TOOL = Tool(1.3, np.array([0.02, -0.03, 0.12]), np.diag([0.01, 0.008, 0.004]) + 0.001)
+ON_SENSOR = [effect for effect in CATALOGUE.values() if effect.acts_on == "wrench"]
+FAULTS = {
+    "cable_pull": {"x": 3.0, "y": -2.0, "z": 1.0, "at_x": 0.02, "at_y": 0.1, "at_z": -0.05},
+    "wrench_rotation": {"roll": 0.2, "pitch": -0.1, "yaw": 0.3},
+    "wrench_crosstalk": {"fx_fz": 0.03, "ty_fz": 0.004},
+    "wrench_gain": dict(zip(AXES, (0.02, -0.03, 0.04, -0.05, 0.06, 0.03), strict=True)),
+    "wrench_offset": dict(zip(AXES, (1.0, -2.0, 3.0, 0.1, -0.2, 0.3), strict=True)),
+    "wrench_drift": dict(zip(AXES, (0.1, -0.2, 0.3, 0.01, -0.02, 0.03), strict=True)),
+}
+
+
+@pytest.fixture(scope="module")
+def moved():
+    time = np.arange(0.0, 6.0, 0.01)
+    return time, Path.drawn(np.random.default_rng(0), robot(), SLOW, 6.0).at(time)
+
+
+@pytest.fixture(scope="module")
+def recording(moved):
+    return measured(TOOL, *moved[1])
+
+
+def as_run(moved, torque, wrench):
+    time, (q, v, a) = moved
+    values = {"q": q, "v": v, "a": a, "tau": torque} | {f"{axis}.ft": wrench[:, i] for i, axis in enumerate(AXES)}
+    return Run.from_arrays(time, values, joints=robot().joint_names)
+
+
+def with_tool(model):
+    """The model with the tool as a payload, which MuJoCo's arm carries."""
+    values = {f"payload.{axis}": x for axis, x in zip("xyz", TOOL.centre, strict=True)} | {"payload.mass": TOOL.mass}
+    places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+    values |= {f"payload_inertia.{name}": TOOL.inertia[place] for name, place in places.items()}
+    model = model.with_effect(find("payload")).with_effect(find("payload_inertia"))
+    return model.with_values({f"{name}[{model.joints[-1]}]": value for name, value in values.items()})
+
+
+def test_wrench_of_a_described_tool_is_that_of_mujoco(moved, recording, tmp_path):
+    (tmp_path / "arm.urdf").write_text(description(TOOL), encoding="utf-8")
+    time, (q, v, a) = moved
+    model = sensed_model(tmp_path / "arm.urdf")
+    motion = MotionSamples(model.arm.model, Motion(time, q, v, a, np.sign(v)), time)
+    stretch = CutMotionSamples.of(cut_at_sensor(model.arm, model.sensors[SENSOR]), motion)
+    assert stretch.described[:, stretch.cut.axes] == pytest.approx(recording[1], abs=1e-7)
+    assert motion.described == pytest.approx(recording[0], abs=1e-7)
+
+
+def test_one_payload_makes_torques_and_wrench(moved, recording):
+    torque, wrench, _ = recording
+    model, run = with_tool(sensed_model()), as_run(moved, torque, wrench)
+    for name, predicted in model.predict_values(run, model.theta()).items():
+        error = (predicted - run.channels[name].value)[20:-20]
+        assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(run.channels[name].value), name
+
+
+def test_a_link_beside_the_sensor_makes_no_wrench(moved, recording):
+    model = sensed_model().with_effect(find("link_inertia:wrist_3_joint"))
+    sensitivities = model.predict(as_run(moved, *recording[:2]), model.theta())
+    assert not sensitivities.sensitivities[sensitivities.slices["fx.ft"]].any()
+
+
+def test_a_sensor_below_the_arm_carries_all_of_it(moved):
+    """Forces on the base are the weight and the inertial forces of all links: its sum is that of Newton's law."""
+    time, (q, v, a) = moved
+    model = sensed_model(link="base_link", xyz=[0, 0, 0], rpy=[0, 0, 0])
+    cut = cut_at_sensor(model.arm, model.sensors[SENSOR])
+    still = Motion(time[:1], q[:1], 0 * v[:1], 0 * a[:1], 0 * v[:1])
+    stretch = CutMotionSamples.of(cut, MotionSamples(model.arm.model, still, time[:1]))
+    weight = sum(inertia.mass for inertia in list(cut.model.inertias)[cut.tool + 1 :]) * 9.81
+    assert np.linalg.norm(stretch.described[0, list(cut.axes[:3])]) == pytest.approx(weight)
+    assert cut.host == -1
+
+
+@pytest.mark.parametrize("effect", FAULTS)
+def test_an_effect_reads_as_its_equation_says(effect, moved, recording):
+    torque, wrench, axes = recording
+    time = moved[0]
+    model = with_tool(sensed_model()).with_effect(find(effect))
+    model = model.with_values({f"{effect}.{name}[{SENSOR}]": value for name, value in FAULTS[effect].items()})
+    read = faulty(replace(TOOL, faults={effect: FAULTS[effect]}), time, wrench, axes)
+    run = as_run(moved, torque, read)
+    for name, predicted in model.predict_values(run, model.theta()).items():
+        error = (predicted - run.channels[name].value)[20:-20]
+        assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(run.channels[name].value), name
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+def test_derivatives_of_a_wrench_are_exact(prepared, moved, recording):
+    torque, wrench, _ = recording
+    model = with_tool(sensed_model()).with_effect(find("base_tilt")).with_effect(find("link_inertia:wrist_2_joint"))
+    for effect in ON_SENSOR:
+        model = model.with_effect(effect)
+    values = {f"{e}.{name}[{SENSOR}]": x for e, own in FAULTS.items() for name, x in own.items()}
+    model = model.with_values(values | {f"wrench_delay.time[{SENSOR}]": 0.013, "base_tilt.roll": 0.1})
+    run = as_run(moved, torque, wrench)
+    run = model.prepare_run(run) if prepared else run
+    rows = slice(model.predict(run, model.theta()).slices["fx.ft"].start, None)
+    found = model.predict(run, model.theta())
+
+    def wrenches(theta):
+        return np.concatenate([v for n, v in model.predict_values(run, theta).items() if n.endswith(".ft")])
+
+    assert found.values[rows] == pytest.approx(wrenches(model.theta()))
+    assert_jacobian(
+        wrenches,
+        model.theta(),
+        found.sensitivities[rows],
+        1e-4 * np.array([p.typical for p in model.parameters.values()]),
+        1e-5,
+    )
+
+
+def test_a_model_file_holds_its_sensors(tmp_path):
+    (tmp_path / "arm.urdf").write_text(description(TOOL), encoding="utf-8")
+    model = sensed_model(tmp_path / "arm.urdf").with_effect(find(f"wrench_offset:{SENSOR}"))
+    write_model_file(tmp_path / "m.toml", ModelFile(model, {}))
+    again = read_model(tmp_path / "m.toml")
+    assert again.sensors == model.sensors
+    assert again.names == model.names
+    assert str(again.parameters[f"wrench_offset.tx[{SENSOR}]"].unit) == "N m"
+
+
+@pytest.mark.parametrize(
+    "table", [{"link": "hand"}, {"link": LINK, "xyz": [1.0]}, {"link": LINK, "place": 1}], ids=["link", "xyz", "key"]
+)
+def test_a_wrong_sensor_is_refused(table, complains):
+    with complains(InputError):
+        sensed_model().with_sensors({SENSOR: table})
+
+
+@pytest.mark.parametrize("text", ["ft", "=tool0", "a b=tool0"])
+def test_an_option_of_another_form_is_refused(text, complains):
+    with complains(InputError):
+        chosen_sensors([text])
+
+
+def test_an_arm_with_a_wrench_alone_is_compared(moved, recording):
+    run = as_run(moved, *recording[:2])
+    alone = replace(run, channels={n: c for n, c in run.channels.items() if not n.startswith("tau.")})
+    model = sensed_model()
+    assert model.predicted_channels(model.prepare_run(alone)) == model.sensors[SENSOR].channels
+    assert model.force_channels(alone) == {}
