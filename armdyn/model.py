@@ -217,6 +217,10 @@ class Model(EffectModel, Displayable):
         """
         return frozenset()
 
+    def can_show(self, effect: Effect, channels: Collection[str]) -> bool:
+        """Whether predictions of recordings of these channels can depend on an effect."""
+        return effect.is_visible_in(channels)
+
     def with_estimated_channels(self, run: Run) -> Run:
         """A copy of a run with estimated channels, such as a joint torque from the position error of its servo."""
         return run

@@ -33,7 +33,7 @@ Row = dict[str, Any]
 SHARES = ("start", "reproduced", "named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
 JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint" and not effect.needs)
 """Effects of the catalogue for an arm."""
-PENDULUM_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+PENDULUM_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "wrench"))
 """Effects of the catalogue for a pendulum."""
 SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
 """Effects that together have the same torque and as many values as another effect, by that effect."""

@@ -1,7 +1,7 @@
 """The model of an arm: it predicts the joint torques of a run, with exact derivatives, for any set of effects."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -134,6 +134,16 @@ class ArmModel(Model):
             "servo_damping": not any(servo.control.holds_position for servo in drives),
         }
         return EFFECTS_IDENTIFIED_PER_DRIVE_KIND | {name for name, told in identified.items() if told}
+
+    def can_show(self, effect: Effect, channels: Collection[str]) -> bool:
+        """Whether an effect is visible in recorded channels; see `Model.can_show`.
+
+        A wrench shows loads, links and gravity, but nothing in a joint, which needs a torque.
+        """
+        in_joint = effect.acts_on in ("joint", "drive") and effect.reach != "base"
+        if self.sensors and in_joint and not any(name.startswith("tau.") for name in channels):
+            return torque_functions_with_effects([effect]).link is not None and effect.is_visible_in(channels)
+        return effect.is_visible_in(channels)
 
     def servo(self, joint: str) -> Servo | None:
         """The declared servo drive of a joint; None without one."""
@@ -385,7 +395,10 @@ class ArmModel(Model):
     def _readings(self) -> Mapping[str, WrenchReading]:
         """What each force/torque sensor reads with its effects, by its name."""
         having = {e: self.joints_having_effect(e.name) for e in self.effects if e.acts_on == "wrench"}
-        return {name: wrench_reading([e for e, on in having.items() if name in on]) for name in self.sensors}
+        return {
+            name: wrench_reading([e for e, on in having.items() if name in on], sensor.axes)
+            for name, sensor in self.sensors.items()
+        }
 
     @cached_property
     def _columns(self) -> tuple[list[int], ...]:

@@ -75,7 +75,7 @@ class Study(ABC):
         self.model = model = self.suited(model)
         # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
         self.recorded = frozenset(name for run in self.runs for name in run.all_channels)
-        shown = [effect for effect in catalogue if effect.is_visible_in(self.recorded)]
+        shown = [effect for effect in catalogue if model.can_show(effect, self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = self.with_whole_catalogue(model)
         self.problem = Problem(extended, self.runs, self.noise, self.settings)

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 from armdyn.errors import InputError, error_location
 from armdyn.quoting import name_list
-from armdyn.recording.channels import channel_kind, is_channel_name
+from armdyn.recording.channels import WRENCH_CHANNELS, channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.commands import COMMAND_OF, as_command, command_entries
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording
-from pipeline.imports.joint_claims import are_of_arm, joint_claims, labels_of_joints
+from pipeline.imports.joint_claims import are_of_arm, joint_claims, labels_of_joints, wrench_entries
 from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims, tracked_entries
@@ -56,8 +56,13 @@ def map_unambiguous_columns(
             "--guess, or write one and give it with --map"
         )
     notes: list[str] = []
+    if any(entry.quantity == "q" for entry in entries.values()):
+        beside = {name: column for name, column in foreign.columns.items() if name not in entries}
+        found = wrench_entries({name: split_column_header(name, column.unit) for name, column in beside.items()})
+        entries |= {name: entry for name, entry in found.items() if not entry.check}
     if joints is not None:
-        missing, own = _missing(entries, joints), dict.fromkeys(entry.joint for entry in entries.values())
+        joined = (entry.joint for entry in entries.values() if entry.quantity not in WRENCH_CHANNELS)
+        missing, own = _missing(entries, joints), dict.fromkeys(joined)
         if missing and not set(own) <= set(joints.names):
             guessed = guess_map([foreign], joints).entries
             found = {name: guessed[name] for name in entries if name in guessed}
@@ -149,7 +154,7 @@ def guess_map(
             continue
         if (entry := declared.get(name)) is None:
             labels[name] = split_column_header(name, found[0].unit)
-        elif complete or not entry.joint or entry.joint in known.beside:
+        elif complete or not entry.joint or entry.joint in known.beside or entry.quantity in WRENCH_CHANNELS:
             entries[name] = entry
         else:
             of_joints[name] = replace(
@@ -157,6 +162,8 @@ def guess_map(
             )
     of_joints = labels_of_joints(labels, known) | of_joints
     if known.arm or drives or are_of_arm(of_joints):
+        entries |= wrench_entries(labels)
+        of_joints = {name: label for name, label in of_joints.items() if name not in entries}
         claims = joint_claims(of_joints, known, first.texts)
     else:
         claims, known = pendulum_claims(labels), PENDULUM_PARTS

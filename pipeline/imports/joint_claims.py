@@ -1,18 +1,31 @@
-"""Claims of columns to channels of joints, by the words of their headers."""
+"""Claims of columns to channels of joints, and of force/torque sensors, by the words of their headers."""
 
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
+from armdyn.recording.channels import WRENCH_CHANNELS
 from pipeline.imports.claims import Claim
 from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, words_with_numbers_masked
-from pipeline.imports.words import IRRELEVANT_WORDS, ColumnHeaderParts, name_words, word_set
+from pipeline.imports.mapping import ColumnEntry
+from pipeline.imports.words import (
+    COMMAND_WORDS,
+    IRRELEVANT_WORDS,
+    OF_A_WRENCH,
+    WRENCH_AXIS_WORDS,
+    ColumnHeaderParts,
+    name_words,
+    word_set,
+)
 from urdf.infer import is_gripper_name
 
 LEROBOT_STATE = "observation.state"
 """LeRobot's name of the measured positions, in degrees, radians or shares of a joint's range."""
 PENDULUM_WORDS = word_set("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 """Words of headers of a pendulum's recording."""
+UR_NOTE = 'less the payload that the controller knows, in the axes of the base: [wrench.tcp] axes = "base"'
+"""What a UR's manual says of actual_TCP_force (RTDE guide, `Generalized forces in the TCP`)."""
+AXES = tuple(WRENCH_CHANNELS)
 
 
 def labels_of_joints(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints) -> dict[str, ColumnHeaderParts]:
@@ -89,3 +102,48 @@ def joint_claims(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints, te
             doubts = tuple(filter(None, (doubt, label.doubt)))
             claims.append(Claim(column, f"{quantity}.{joint}", joint, label, doubts))
     return claims
+
+
+def wrench_entries(labels: Mapping[str, ColumnHeaderParts]) -> dict[str, ColumnEntry]:
+    """Mapping entries of the columns of whole wrenches, by column; a sensor is called ``ft``, or ``tcp`` as of a UR.
+
+    Args:
+        labels: parsed headers by column.
+    """
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    for column, label in labels.items():
+        if (found := _axis_and_group(label.words)) is not None and not COMMAND_WORDS & set(label.words):
+            groups.setdefault(found[1], {}).setdefault(found[0], column)
+    entries, count = dict[str, ColumnEntry](), dict[str, int]()
+    for group, columns in groups.items():
+        numbered = {axis for axis in columns if axis.isdigit()}
+        if len(numbered) == len(AXES):
+            first = min(map(int, numbered))
+            columns = {AXES[int(axis) - first]: columns[axis] for axis in numbered if int(axis) - first < len(AXES)}
+        if not set(AXES) <= columns.keys():
+            continue
+        name = "tcp" if "tcp" in group else "ft"
+        count[name] = count.get(name, 0) + 1
+        name = name if count[name] == 1 else f"{name}{count[name]}"
+        for axis in AXES:
+            label = labels[columns[axis]]
+            certain = bool(label.unit or {*OF_A_WRENCH, "tcp"} & set(label.words))
+            entries[columns[axis]] = ColumnEntry(
+                f"{axis}.{name}", label.unit or WRENCH_CHANNELS[axis].units[0],
+                check="" if certain else f"in {WRENCH_CHANNELS[axis].units[0]}?",
+                why=UR_NOTE if name == "tcp" else "",
+            )  # fmt: skip
+    return entries
+
+
+def _axis_and_group(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]] | None:
+    """Axis, or its number, and the other words of a header; None for one that is no axis of a wrench."""
+    for i, word in enumerate(words):
+        before = words[i - 1] if i else ""
+        axis = word if len(word) > 1 else before + word if len(before) == 1 else f"{before} {word}"
+        if axis in WRENCH_AXIS_WORDS:
+            beside = words[:i] if len(word) > 1 else words[: i - 1]
+            return WRENCH_AXIS_WORDS[axis], (*beside, *words[i + 1 :])
+    if words and words[-1].isdigit() and (OF_A_WRENCH & set(words) or {"tcp", "force"} <= set(words)):
+        return words[-1], words[:-1]
+    return None

@@ -41,6 +41,16 @@ OTHER_QUANTITY_WORDS = word_set(
 """Words of a header for other quantities than a joint's motion and torque, or for values computed from a model."""
 CARTESIAN_WORDS = word_set("x y z rx ry rz qx qy qz qw roll pitch yaw")
 """Names of Cartesian coordinates in a header; a header with only such a name and a quantity belongs to no joint."""
+WRENCH_WORDS = {"f": "f force forces", "t": "t m torque torques moment moments"}
+WRENCH_AXIS_WORDS = {
+    f"{word}{' ' * (len(word) > 1)}{letter}": f"{kind}{letter}"
+    for kind, words in WRENCH_WORDS.items()
+    for word in words.split()
+    for letter in "xyz"
+}
+"""Axis of a wrench by the words that name it: ``fx``, ``mx`` and ``force x``."""
+OF_A_WRENCH = word_set("wrench ft")
+"""Words of a header with an axis of a wrench in N or N m, as ROS and UR define them."""
 IRRELEVANT_WORDS = word_set(
     "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
     "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "

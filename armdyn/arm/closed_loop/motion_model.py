@@ -25,6 +25,7 @@ from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
 from armdyn.arm.slots import PLAY_PARAMETER
+from armdyn.effects.effect import Effect
 from armdyn.model import Kind, Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Prior
 from armdyn.run import Channel, Run
@@ -81,7 +82,7 @@ class MotionModel(ArmModel):
                 upper=max(MAX_DELAY_SECONDS, delay), fitted=stated[name].delay is None,
             )  # fmt: skip
         parameters = MappingProxyType({**own, **model.parameters})
-        return cls(model.effects, parameters, model.arm, model.drives, background=model.background)
+        return cls(model.effects, parameters, model.arm, model.drives, model.sensors, background=model.background)
 
     def arm_at(self, theta: np.ndarray) -> ArmModel:
         """The arm with the values and drives at (p,) parameters `theta`; the last few are cached."""
@@ -107,7 +108,7 @@ class MotionModel(ArmModel):
             if servo.gain is not None
         }
         kept = {n: replace(p, value=values[n]) for n, p in self.parameters.items() if p.effect}
-        return ArmModel(self.effects, MappingProxyType(kept), self.arm, MappingProxyType(drives))
+        return ArmModel(self.effects, MappingProxyType(kept), self.arm, MappingProxyType(drives), self.sensors)
 
     def capability(self, kind: type[Kind]) -> Kind | None:
         """See `Model.capability`; as an `ArmModel` it is the arm with its values, which predicts torques."""
@@ -133,7 +134,11 @@ class MotionModel(ArmModel):
         small = self.background
         if small is not None:
             small = replace(small, named_only={n: value for n, value in small.named_only.items() if n in kept})
-        return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), background=small)
+        return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), self.sensors, background=small)
+
+    def can_show(self, effect: Effect, channels: Collection[str]) -> bool:
+        """Whether an effect is visible in a motion; see `Model.can_show`. What a sensor reads changes none."""
+        return effect.acts_on != "wrench" and effect.is_visible_in(channels)
 
     def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """The same model, so that all sets of effects share one compiled simulator, with fewer derivatives."""

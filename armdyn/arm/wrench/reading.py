@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.arm.composition import VectorisedExpression
 from armdyn.arm.physics import Wrench
-from armdyn.arm.wrench.sensor import WRENCH_AXES
+from armdyn.arm.wrench.sensor import WRENCH_AXES, WrenchAxes
 from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
@@ -36,17 +36,17 @@ class WrenchReading:
     recorded: tuple[RecordedColumn, ...]
 
 
-def wrench_reading(effects: Sequence[Effect]) -> WrenchReading:
-    """Apply effects to a sensor, in the given order.
+def wrench_reading(effects: Sequence[Effect], axes: WrenchAxes = WrenchAxes.SENSOR) -> WrenchReading:
+    """Apply effects to a sensor, in the given order, whose channels are along these axes.
 
     Raises:
         InputError: an effect lets the delay change with the motion.
     """
-    return _composed(tuple(e.on() for e in effects))
+    return _composed(tuple(e.on() for e in effects), axes)
 
 
 @lru_cache(maxsize=256)
-def _composed(effects: tuple[Effect, ...]) -> WrenchReading:
+def _composed(effects: tuple[Effect, ...], along: WrenchAxes) -> WrenchReading:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta, columns = ca.SX.sym("theta", len(names)), recorded_columns(effects)
     inputs = ca.SX.sym("w", sum(WRENCH_INPUT_SIZES) + len(columns))
@@ -62,6 +62,8 @@ def _composed(effects: tuple[Effect, ...]) -> WrenchReading:
         raise InputError(
             f"effects {', '.join(e.name for e in effects)}: the delay of a wrench can depend on parameters only"
         )
+    if along is WrenchAxes.BASE:
+        wrench = wrench.mixed(ca.diagcat(wrench.axes.T, wrench.axes.T))
     reading = ca.vertcat(wrench.force, wrench.torque)
     derivatives = ca.densify(ca.horzcat(reading, ca.jacobian(reading, theta), ca.jacobian(reading, true)))
     rows = tuple(VectorisedExpression(row.T, inputs, theta) for row in ca.vertsplit(derivatives))

@@ -6,6 +6,7 @@ Inverse dynamics, its derivatives by inertial parameters and by gravity then hol
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -25,6 +26,13 @@ from urdf.toml_tables import table_to_dataclass
 WRENCH_AXES = tuple(WRENCH_CHANNELS)
 
 
+class WrenchAxes(Enum):
+    """Axes along which the channels of a force/torque sensor are: those of its own frame, or of the arm's base."""
+
+    SENSOR = "sensor"
+    BASE = "base"
+
+
 @dataclass(frozen=True)
 class WrenchSensor:
     """A force/torque sensor: it carries a link with everything behind it.
@@ -36,12 +44,14 @@ class WrenchSensor:
         link: the first link that it carries.
         xyz: origin of the sensor's frame in the frame of the link, m.
         rpy: roll, pitch and yaw of the sensor's frame against that of the link, rad.
+        axes: axes along which its channels are.
     """
 
     name: str
     link: str
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+    axes: WrenchAxes = WrenchAxes.SENSOR
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -54,7 +64,8 @@ class WrenchSensor:
 
     def entries(self) -> dict[str, Any]:
         """Entries of the sensor's table in a model file."""
-        return {"link": self.link} | {k: list(v) for k in ("xyz", "rpy") if any(v := getattr(self, k))}
+        places = {key: list(place) for key in ("xyz", "rpy") if any(place := getattr(self, key))}
+        return {"link": self.link, **places} | ({"axes": self.axes.value} if self.axes is not WrenchAxes.SENSOR else {})
 
     @property
     def placement(self) -> pin.SE3:
@@ -67,6 +78,7 @@ class _Entry:
     link: str
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+    axes: WrenchAxes = WrenchAxes.SENSOR
 
 
 def read_wrench_sensors(table: Mapping[str, Any], arm: Arm) -> dict[str, WrenchSensor]:
@@ -88,7 +100,7 @@ def read_wrench_sensors(table: Mapping[str, Any], arm: Arm) -> dict[str, WrenchS
             for key, unit in (("xyz", "m"), ("rpy", "rad")):
                 if len(getattr(entry, key)) != len("xyz"):
                     raise InputError(f"{key}: write three numbers, in {unit}")
-            found[name] = WrenchSensor(name, entry.link, tuple(entry.xyz), tuple(entry.rpy))
+            found[name] = WrenchSensor(name, entry.link, tuple(entry.xyz), tuple(entry.rpy), entry.axes)
             cut_at_sensor(arm, found[name])
     return found
 

@@ -73,6 +73,15 @@ def test_one_payload_makes_torques_and_wrench(moved, recording):
         assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(run.channels[name].value), name
 
 
+def test_a_sensor_may_read_along_the_axes_of_the_base(moved, recording):
+    torque, wrench, axes = recording
+    turned = np.hstack([np.einsum("nij,nj->ni", axes, part) for part in (wrench[:, :3], wrench[:, 3:])])
+    model, run = with_tool(sensed_model(axes="base")), as_run(moved, torque, turned)
+    for name, predicted in model.predict_values(run, model.theta()).items():
+        error = (predicted - run.channels[name].value)[20:-20]
+        assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(run.channels[name].value) + 1e-3, name
+
+
 def test_a_link_beside_the_sensor_makes_no_wrench(moved, recording):
     model = sensed_model().with_effect(find("link_inertia:wrist_3_joint"))
     sensitivities = model.predict(as_run(moved, *recording[:2]), model.theta())
@@ -141,7 +150,9 @@ def test_a_model_file_holds_its_sensors(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "table", [{"link": "hand"}, {"link": LINK, "xyz": [1.0]}, {"link": LINK, "place": 1}], ids=["link", "xyz", "key"]
+    "table",
+    [{"link": "hand"}, {"link": LINK, "xyz": [1.0]}, {"link": LINK, "place": 1}, {"link": LINK, "axes": "tool"}],
+    ids=["link", "xyz", "key", "axes"],
 )
 def test_a_wrong_sensor_is_refused(table, complains):
     with complains(InputError):

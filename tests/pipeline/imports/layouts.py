@@ -156,6 +156,26 @@ def pendulum(**columns):
     ]
 
 
+def wrench(header, sensor, units="N N_m"):
+    """A column per axis of a force/torque sensor: by its number, its name, or its quantity and letter."""
+
+    def made(_):
+        names = [f"{kind}{letter}" for kind in "ft" for letter in "xyz"]
+        long = [f"{kind}.{letter}" for kind in ("force", "torque") for letter in "xyz"]
+        each = enumerate(zip(names, long, strict=True))
+        return [
+            Made(
+                header.format(i, i + 1, name.capitalize(), units.split()[i // 3], text),
+                3 * np.sin(TIME + i),
+                f"{name}.{sensor}",
+                "N" if i < 3 else "N m",
+            )
+            for i, (name, text) in each
+        ]
+
+    return made
+
+
 def turned(header):
     """A swing that is counted from the upright."""
     return lambda _: [Made(header, np.pi + 0.3 * np.cos(5 * TIME), "swing_angle", "rad")]
@@ -165,12 +185,13 @@ RTDE = all_of(
     many("target_q_{0}", None), many("target_qd_{0}", None), many("target_qdd_{0}", None),
     many("target_current_{0}", None), many("target_moment_{0}", None), many("actual_q_{0}", "q"),
     many("actual_qd_{0}", "v"), many("actual_current_{0}", "current"), many("joint_control_output_{0}", None),
-    many("actual_TCP_pose_{0}", None), many("actual_TCP_speed_{0}", None), many("actual_TCP_force_{0}", None),
+    many("actual_TCP_pose_{0}", None), many("actual_TCP_speed_{0}", None), wrench("actual_TCP_force_{0}", "tcp"),
     many("joint_temperatures_{0}", None), many("actual_joint_voltage_{0}", None),
     beside("robot_mode", "safety_mode", "speed_scaling", "actual_momentum", "actual_main_voltage", "actual_robot_current"),
     many("elbow_position_{0}", None, count=3), many("elbow_velocity_{0}", None, count=3),
     many("tool_accelerometer_{0}", None, count=3),
 )  # fmt: skip
+ATI = all_of(many("q{1}", "q"), wrench("{2} ({3})", "ft", "N Nm"))
 JOINT_STATE = "/joint_states/{n}/"
 STATE_NAMES = {f"field.name{i}": UR[j] for i, j in enumerate(ALPHABET)}
 
@@ -178,6 +199,9 @@ LAYOUTS = [
     Layout("ur_rtde's recorder", UR5, RTDE),
     Layout("UR's RTDE client, blanks between cells", UR5, all_of(many("actual_q_{0}", "q"), many("actual_qd_{0}", "v"), many("actual_current_as_torque_{0}", "tau"), many("target_moment_{0}", None)), separator=" "),
     Layout("UR5e, a script over RTDE", UR5, all_of(many("q{1}", "q"), many("qd{1}", "v"), beside("x", "y", "z", "R_x", "R_y", "R_z", "V_x", "V_y", "V_z", "omega_x", "omega_y", "omega_z"), many("actualI{1}", "current")), time="time"),
+    Layout("UR5e, raw wrench beside the joints", UR5, all_of(many("actual_q_{0}", "q"), wrench("ft_raw_wrench_{0}", "ft"))),
+    Layout("rosbag to CSV, joint states beside a wrench", UR5, all_of(many("position_{0}", "q"), wrench("wrench.{4}", "ft"))),
+    Layout("ATI's data acquisition beside a UR's joints", UR5, ATI),
     Layout("UR5e, targets as tq", UR5, all_of(many("q_{0}", "q"), many("qd_{0}", "v"), many("tq_{0}", None), many("tqd_{0}", None), many("tcp_{0}", None), many("tcps_{0}", None), many("tcpf_{0}", None)), time="pc_ts"),
     Layout("UR over the dashboard", UR5, all_of(many("target_acceleration_{0}", None), many("target_position_{0}", None), many("actual_position_{0}", "q"), many("target_torque_{0}", None), many("actual_velocity_{0}", "v"), many("motor_temp_{0}", None), many("external_torque_{0}", None), many("joint_voltage_{0}", None), many("current_window_max_{0}", None), many("actual_current_{0}", "current"), many("actual_pose_{0}", None)), time="robot_epoch"),
     Layout("UR, the maker's names of its joints", UR5, all_of(named("Base position (deg)|Shoulder position (deg)|Elbow position (deg)|Wrist 1 position (deg)|Wrist 2 position (deg)|Wrist 3 position (deg)", "q", "deg"), named("Base current (A)|Shoulder current (A)|Elbow current (A)|Wrist 1 current (A)|Wrist 2 current (A)|Wrist 3 current (A)", "current")), time="Time (s)"),
