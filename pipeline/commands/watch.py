@@ -134,8 +134,7 @@ def watch(
                     out.report(event, kept)
         out.end(watching, files)
         if shown is not None and ros is None and not ended.is_set():
-            out.note(f"{shown.address} stays until Ctrl-C")
-            shown.stay()
+            shown.stay(out.note)
     for written in (kept, out.file):
         if written is not None and written.failure is not None:
             raise InputError(f"the watch went on to its end, but {written.failure}")

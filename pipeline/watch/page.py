@@ -4,7 +4,7 @@ import json
 import sys
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -88,10 +88,11 @@ class LivePage(Closable):
 
         threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
-    def stay(self) -> None:
-        """Show that the source has ended, until a signal such as Ctrl-C arrives."""
+    def stay(self, say: Callable[[str], None]) -> None:
+        """Show that the source has ended, until a signal such as Ctrl-C arrives; `say` is called once that is so."""
         self._ended, stopped = True, threading.Event()
         with deferred_signals(lambda _: stopped.set()):
+            say(f"{self.address} stays until Ctrl-C")
             while not stopped.wait(SIGNAL_CHECK_SECONDS):
                 pass
 
