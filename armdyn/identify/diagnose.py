@@ -7,17 +7,17 @@ from functools import partial
 from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.explained_share import ChannelScale
+from armdyn.identify.explained_share import ChannelScale, percent_text
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.residual.block import blocks_by_channel, chi2_z_value
-from armdyn.identify.residual.character import ResidualCharacter, characterise
+from armdyn.identify.residual.character import ResidualCharacter, characterise, residual_sentence
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.ranking import RankedEffect
 from armdyn.identify.selection.search import Search, repair_step, search
-from armdyn.identify.sentence import RepairResidual, Verdict, repair_sentences
+from armdyn.identify.sentence import RepairResidual, Verdict, at_most_named, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import candidate_table, missing_force_columns, prediction_curves
 from armdyn.identify.uncertainty import model_error_dominates
@@ -39,6 +39,7 @@ class Diagnosis(Displayable):
         residual_character: description of the residual where no effect of the catalogue explains it; else None.
         search: the steps of the search.
         missing_force: the force that the model as given lacks, and what remains of it with the effects of `search`.
+        remarks: sentences on the law of the missing force, on the residual and on outliers of the recordings.
     """
 
     verdict: Verdict
@@ -50,6 +51,7 @@ class Diagnosis(Displayable):
     residual_character: ResidualCharacter | None
     search: Search
     missing_force: tuple[ForceCurve, ...] = ()
+    remarks: str = ""
 
     def document(self, summaries: Mapping[str, str] | None = None) -> Document:
         """Build the tables: effects that may be missing with their evidence, then the quality of the model as given.
@@ -91,7 +93,7 @@ class Diagnosis(Displayable):
             f"{name} cannot be identified in these runs: {', '.join(imitators)} has the same influence."
             for name, imitators in self.unidentified_effects.items()
         )
-        return " ".join((text, *unseen))
+        return " ".join((text, *unseen, self.remarks)).strip()
 
 
 @one_thread
@@ -119,7 +121,8 @@ def diagnose(study: Study, progress: ProgressCallback | None = None) -> Diagnosi
     law = force_law_sentence(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,
-        sentence=law + said + outlier_sentence(study.runs),
+        sentence=said,
+        remarks=(law + residual_sentence(unknown) + outlier_sentence(study.runs)).strip(),
         comparison=comparison(study, start.fit, start.tests),
         ranked_effects=found.ranked_effects,
         unidentified_effects=unseen,
@@ -155,7 +158,7 @@ def diagnosis_sentence(study: Study, found: Search, unknown: ResidualCharacter |
     scale = ChannelScale.of(found.last.fit.blocks)
     further = found.further_effect.name_in_sentence if found.further_effect is not None else ""
     left = RepairResidual(
-        found.last.tests.fails, unknown.sentence if unknown is not None else "", further_effect=further
+        found.last.tests.fails, unknown.headline if unknown is not None else "", further_effect=further
     )
     return repair_sentences(steps, study.holdout_kinds[0], scale, left)
 
@@ -218,13 +221,13 @@ def _sentence(
             return f"{Verdict.EXPLAINED.value[:-1]}, and the noise is coloured ({chi2})."
         return f"{Verdict.EXPLAINED.value[:-1]} ({chi2})."
     if verdict is Verdict.UNKNOWN_EFFECT:
-        known = unknown.sentence if unknown is not None else ""
+        known = unknown.headline if unknown is not None else ""
         text = f"{verdict.value[:-1]} ({chi2})" + (f": {known}" if known else "")
         if len(found.steps) > 1:
-            text += f"; {_names(found)} would explain {100 * share:.0f} % of it"
+            text += f"; {_names(found)} would explain {percent_text(share)} of the misfit"
         return text + "."
     if verdict is Verdict.CANNOT_TELL_APART:
-        added, tied = _added(found), ", ".join(t.name_in_sentence for t in ties)
+        added, tied = _added(found), ", ".join(at_most_named([t.name_in_sentence for t in ties]))
         if len(added) == 1:
             tied = f"Something is missing, and these runs cannot tell which: {added[0].name_in_sentence}, {tied}"
         else:

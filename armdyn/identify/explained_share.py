@@ -17,9 +17,6 @@ import numpy as np
 
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel
 
-MIN_COMPARED_ERROR_TO_NOISE_RATIO = 2.0
-"""Ratio of error to noise above which a channel is compared with others for how little of its error is explained."""
-
 
 @dataclass(frozen=True)
 class RepairStep:
@@ -107,22 +104,6 @@ def explained_error_share(before: Mapping[str, float], after: Mapping[str, float
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0
     return 1.0 - last / first
-
-
-def least_explained_channel(
-    before: Mapping[str, float], after: Mapping[str, float], scale: ChannelScale
-) -> tuple[str, float] | None:
-    """The channel whose error is explained least, and the share explained; None where there is a single channel.
-
-    Errors are root mean squares by channel; channels whose error was already at the noise are left out.
-    """
-    seen = [
-        channel
-        for channel in before
-        if channel in after and before[channel] > MIN_COMPARED_ERROR_TO_NOISE_RATIO * scale.noise[channel]
-    ]
-    shares = {c: explained_error_share({c: before[c]}, {c: after[c]}, scale) for c in seen}
-    return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None
 
 
 def _above_noise(errors: Mapping[str, float], scale: ChannelScale) -> float:

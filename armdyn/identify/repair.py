@@ -17,7 +17,7 @@ from armdyn.identify.explained_share import RepairStep, explained_share
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.residual.character import ResidualCharacter, characterise
+from armdyn.identify.residual.character import ResidualCharacter, characterise, residual_sentence
 from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
@@ -63,7 +63,7 @@ class Repair(Displayable):
         explained: share of the squared error that the repair explains; `identify.explained` defines it.
         steps: fits and effects of each step of `path`.
         missing_force: curves of the force that the model as given and the repaired one lack.
-        remarks: sentences on the law of the missing force and on outliers of the recordings.
+        remarks: sentences on the law of the missing force, on the residual and on outliers of the recordings.
     """
 
     verdict: Verdict
@@ -187,7 +187,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     links = changed_links_of_fit(study, last.fit)
     left = RepairResidual(
         exceeds_noise=verdict is not Verdict.EXPLAINED,
-        description=unknown.sentence if unknown is not None else "",
+        description=unknown.headline if unknown is not None else "",
         searched=searched,
         further_effect=found.further_effect.name_in_sentence if found.further_effect is not None else "",
         warnings=[link.warning for link in links if link.warning],
@@ -198,7 +198,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     return Repair(
         verdict=verdict,
         sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
-        remarks=(law + outlier_sentence(study.runs)).strip(),
+        remarks=(law + residual_sentence(unknown) + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,

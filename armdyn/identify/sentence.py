@@ -13,7 +13,6 @@ from armdyn.identify.explained_share import (
     ChannelScale,
     RepairStep,
     explained_share,
-    least_explained_channel,
     percent_text,
 )
 from armdyn.identify.holdout import HoldoutKind
@@ -36,10 +35,10 @@ class Verdict(Enum):
 
 
 HOLDOUT_KIND_TEXT = {
-    HoldoutKind.EXAM: "on the exam, which took part in nothing,",
-    HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
+    HoldoutKind.EXAM: "on the exam",
+    HoldoutKind.HELD_OUT: "on the held-out runs, which helped to choose,",
     HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
-    HoldoutKind.TRAINING: "on the run that it was fitted to",
+    HoldoutKind.TRAINING: "on the run that was fitted",
 }
 MIN_NOTICEABLE_ERROR_CHANGE_SHARE = 0.01
 """Smallest relative change of an error that a sentence calls a change."""
@@ -47,9 +46,6 @@ MAX_NAMED_JOINTS = 3
 """Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
 MAX_NAMED_EFFECTS = 3
 """Largest number of effects that a sentence names; of further effects only the number is given."""
-MIN_EXPLAINED_SHARE_DEFICIT = 0.2
-"""A channel is reported separately if the share of its squared error that is explained is smaller by this much than the
-share for all channels."""
 MAX_ERROR_TO_NOISE_CALLED_NOISE = 1.1
 """Ratio of error to noise up to which a sentence calls an error noise."""
 
@@ -60,10 +56,11 @@ class RepairResidual:
 
     Attributes:
         exceeds_noise: whether the residual is more than noise.
-        description: description of the residual, without a full stop; may be empty.
+        description: short description of the residual, without a full stop; may be empty.
         searched: whether the catalogue was searched for more effects.
         further_effect: name of an effect that would explain a little more of the error; empty where there is none.
-        warnings: sentences that a reader must know, such as that a link would have a mass of 241 kg.
+        warnings: sentences that a reader must know, the first of which is told, such as that a link would have a mass
+            of 241 kg.
     """
 
     exceeds_noise: bool
@@ -84,7 +81,7 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Cha
     """
     first, last = steps[0], steps[-1]
     before, after = (total_errors(step.independent_errors(scale), scale.units) for step in (first, last))
-    return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
+    return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps, scale, after, left)}"
 
 
 def total_errors(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
@@ -173,31 +170,32 @@ def _found(
     further = len(added) - MAX_NAMED_EFFECTS
     rest = [f"{further} more effect{'s' if further > 1 else ''}"] if further > 0 else []
     several = len(added) > 1
-    names = {name for step in steps for name in step.added}
-    ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
     share = explained_share(steps[0], steps[-1], scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
     text = f"{join_names([one.text for one in added if one.headline] + rest)} {verb} {is_missing}" if added else ""
-    if ties and added:
-        text += f" (these runs cannot tell {join_names(ties, 'or')} from {'them' if several else 'it'})"
     if held:
         text += f", and {held} was added" if added else f"{held[:1].upper()}{held[1:]} was added"
-    them = "they explain" if several or (held and added) else "it explains"
     if helps:
-        text += f": {them} {percent_text(share)} of the misfit"
-        if several and 0.5 < added[0].share < share:
-            text += f", {added[0].effect} alone {percent_text(added[0].share)}"
-        worst = least_explained_channel(steps[0].independent_errors(scale), steps[-1].independent_errors(scale), scale)
-        if worst is not None and worst[1] < share - MIN_EXPLAINED_SHARE_DEFICIT:
-            of = worst[0].partition(".")[2] or worst[0]
-            text += f" but only {percent_text(max(worst[1], 0.0))} of that of {of}"
-    return f"{text}; the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
+        text += (
+            f": {'they explain' if several or (held and added) else 'it explains'} {percent_text(share)} of the misfit"
+        )
+    return f"{text}{', and' if helps else ';'} the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
 
 
-def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:
-    warned = "".join(f"; but {warning}" for warning in left.warnings)
+def _ties(steps: Sequence[RepairStep]) -> str:
+    """Half a sentence on effects that explain the runs as well as an added one; empty without such effects."""
+    names = {name for step in steps for name in step.added}
+    ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
+    if not ties:
+        return ""
+    it = "it" if len(names) == 1 else "one of them"
+    return f"; these runs cannot tell {join_names(at_most_named(ties), 'or')} from {it}"
+
+
+def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:
+    last, ending = steps[-1], _ties(steps) + "".join(f"; but {warning}" for warning in left.warnings[:1])
     noise = total_errors({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
     size = (
@@ -207,7 +205,7 @@ def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], lef
     )
     if not left.exceeds_noise:
         far = ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE
-        return f"{size} {'shows no structure that armdyn looks for' if far else 'is noise'}{warned}."
+        return f"{size} {'shows no structure that armdyn looks for' if far else 'is noise'}{ending}."
     text = f"{size} {'is more than noise' if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE else 'is not white noise'}"
     text += f" ({left.description})" if left.description else ""
     if not left.searched:
@@ -216,7 +214,7 @@ def _left(last: RepairStep, scale: ChannelScale, after: Mapping[str, float], lef
         text += f"; {left.further_effect} would explain a little of it, too little to be named"
     else:
         text += ", and nothing in the catalogue explains it"
-    return f"{text}{warned}."
+    return f"{text}{ending}."
 
 
 def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
@@ -246,6 +244,12 @@ def _on(name: str, joints: Sequence[str]) -> str:
 def _number(value: float, digits: int = 3) -> str:
     """Format a number without an exponent, as long as that is easier to read."""
     return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def at_most_named(names: Sequence[str]) -> list[str]:
+    """The first `MAX_NAMED_EFFECTS` names, and in place of the others a text such as ``"2 more"``."""
+    more = len(names) - MAX_NAMED_EFFECTS
+    return [*names[:MAX_NAMED_EFFECTS], *([f"{more} more"] if more > 0 else [])]
 
 
 def join_names(names: Sequence[str], word: str = "and") -> str:

@@ -87,6 +87,12 @@ class ResidualCharacter:
         return bool(self.terms or self.peaks)
 
     @property
+    def headline(self) -> str:
+        """The probable cause, and the signal on which the residual depends most, in few words."""
+        cause = [] if self.process_error is None else [probable_cause_text(self.process_error)]
+        return "; ".join([*cause, *(f"it depends on {term.expression}" for term in self.terms[:1])])
+
+    @property
     def sentence(self) -> str:
         """The description of the residual in one sentence, for a reader."""
         parts = []
@@ -98,6 +104,12 @@ class ResidualCharacter:
         if self.peaks:
             parts.append("strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
         return "; ".join(parts)
+
+
+def residual_sentence(character: ResidualCharacter | None) -> str:
+    """Sentence on what is left after a fit, followed by a blank; empty where that is noise."""
+    said = character.sentence if character is not None else ""
+    return f"What is left: {said}. " if said else ""
 
 
 def probable_cause_text(process_error: float) -> str:
