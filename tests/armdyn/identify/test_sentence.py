@@ -30,7 +30,6 @@ LAST = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload", "torque_delay", "torque_ga
 EXAM = [
     step({"tau.a": 30.0}, exam={"tau.a": 20.0}), step({"tau.a": 3.0}, ["gravity_spring"], ["b"], exam={"tau.a": 10.0}),
 ]  # fmt: skip
-AT_NOISE, HALF = step({"tau.a": 0.5, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
 TIED = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
 REPAIRS = {
     "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.LEAVE_ONE_OUT, ARM, Rest(True, "it depends on v.b")),
@@ -45,8 +44,6 @@ REPAIRS = {
     "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, Rest(True)),
     "several effects": ([GIVEN, SPRING, LAST], HELD_OUT, ARM, NOISE),
     "many effects": ([GIVEN, step(SPRING.rmse, [f"effect_{i}" for i in range(6)])], HELD_OUT, ARM, NOISE),
-    "a joint with little explained": ([step({"tau.a": 1.0, "tau.b": 40.0}), HALF], HELD_OUT, ARM, NOISE),
-    "a joint at the noise": ([AT_NOISE, HALF], HELD_OUT, ARM, NOISE),
     "ties and warnings": (TIED, HELD_OUT, CELL, Rest(False, warnings=["the link of b weighs 241 kg in the model"])),
     "nothing": ([GIVEN], HoldoutKind.TRAINING, ARM, NOISE),
 }
