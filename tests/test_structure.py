@@ -140,3 +140,49 @@ def test_linear_systems_are_solved_in_the_kernel():
         and not file.relative_to(ROOT).as_posix().startswith(apart)
     })  # fmt: skip
     assert found.total() <= MOST_SOLVES, found.most_common(10)
+
+
+SOLVES_IN_ROUNDS = {
+    "armdyn/arm/drive.py": "frictions that follow the load of the regression before",
+    "armdyn/identify/selection/sums.py": "latent unknowns of a linearisation, in proportion to their driver",
+    "armdyn/identify/state_space/grey_box.py": "a filter whose noise, motion and glitches change with its values",
+    "armdyn/identify/state_space/grey_run.py": "pieces that are divided",
+    "armdyn/inspection/arm.py": "weights from the residual of the round before",
+    "armdyn/inspection/evidence.py": "sizes and noise of most evidence",
+    "armdyn/watch/onset.py": "weights from the residual of the round before",
+    "armdyn/watch/variances.py": "weights from the variances of the round before",
+}
+"""Files with a loop of their own that solves a system in each round, and what changes from round to round."""
+OPTIMISES = {
+    "armdyn/arm/drive_gain/drive_scale.py": "one value: a delay or a saturating error",
+    "armdyn/experiments/search.py": "motions within limits",
+    "armdyn/inspection/physics.py": "the clock of a channel, by evidence without derivatives",
+    "pipeline/imports/pendulum.py": "the circle of a load in a video",
+}
+"""Files that use a minimiser of scipy, and what for."""
+NO_STATISTICS = ("armdyn/estimation/", "armdyn/physics/", "armdyn/arm/memory.py", "armdyn/pendulum/", "armdyn/control/")
+"""Where a loop is the kernel's own, or integrates equations of motion."""
+
+
+SOLVERS = {
+    "solve_bounded", "solve_positive", "least_squares", "inverse_positive", "pseudo_inverse", "pseudo_inverses",
+    "solve", "lstsq",
+}  # fmt: skip
+
+
+def solves(node):
+    """Whether a loop over a number of rounds, or until something happens, contains a solution of a linear system."""
+    over = node.iter.func if isinstance(node, ast.For) and isinstance(node.iter, ast.Call) else None
+    calls = (call.func for call in ast.walk(node) if isinstance(call, ast.Call))
+    names = {getattr(called, "attr", getattr(called, "id", "")) for called in calls}
+    return (getattr(over, "id", "") == "range" or isinstance(node, ast.While)) and not names.isdisjoint(SOLVERS)
+
+
+def test_nonlinear_fits_descend_by_the_kernels_loop():
+    """A new fit is a `Cost` of `armdyn.estimation.descent`, not a loop of its own beside it."""
+    names = [(file, file.relative_to(ROOT).as_posix()) for file in FILES]
+    loops = {name for file, name in names if name.startswith("armdyn/") and not name.startswith(NO_STATISTICS)
+             and any(map(solves, ast.walk(ast.parse(file.read_text(encoding="utf-8")))))}  # fmt: skip
+    minimiser = re.compile(r"^from scipy.optimize import .*(minimize|least_squares)", re.MULTILINE)
+    assert loops == SOLVES_IN_ROUNDS.keys()
+    assert {name for file, name in names if minimiser.search(file.read_text(encoding="utf-8"))} == OPTIMISES.keys()

@@ -20,7 +20,7 @@ from armdyn.arm.composition import (
     gravity_change_by_effects,
     torque_functions_with_effects,
 )
-from armdyn.arm.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
+from armdyn.arm.drive_gain.drive_scale import drives_with_identified_gains, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.links import LinkInertiaChange, link_inertia_changes
 from armdyn.arm.motion import motion_channels, torque_channels, without_idle_torques

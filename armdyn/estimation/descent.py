@@ -6,13 +6,16 @@ by Levenberg-Marquardt (Nocedal & Wright, Numerical Optimization, §10.3). A ste
 by a share of the decrease that its linear model predicts.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.expansion import Expansion
+from armdyn.estimation.solve import pseudo_inverses
 
 GROSS_ERROR_TO_NOISE_VARIANCE = 20.0
 """Squared error per sample, over the noise variance, above which an error is gross: derivatives then do not lead to a
@@ -23,6 +26,8 @@ SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease of the cost that a step must reach to be accepted (Armijo's rule)."""
 MAX_DAMPING = 1e9
 """Damping above which no step is tried."""
+STEP_SHARE_AFTER_FAILURE = 0.25
+"""Share of a step of one of many problems that is tried after the whole step has failed."""
 
 
 class Outcome(Enum):
@@ -34,7 +39,10 @@ class Outcome(Enum):
 
 
 class Cost(Protocol):
-    """A cost that `descend` can minimise: (p,) lower and upper bounds, its value, and its expansion at a point."""
+    """A cost that `descend` can minimise: (p,) lower and upper bounds, its value, and its expansion at a point.
+
+    The bounds of the next step are those after an expansion.
+    """
 
     lower: np.ndarray
     upper: np.ndarray
@@ -89,6 +97,8 @@ class DescentSettings:
         least_gain: it has converged where a step has lowered the cost by less than this. If it is given, the cost is
             not expanded again after the last step.
         most_tries: largest number of steps, each damped more than the one before, that are tried from one point.
+        uphill: whether any step is accepted after which the cost is finite. Full Gauss-Newton steps solve an equation
+            with a product of two unknowns soon, on a way along which the cost rises; descending steps creep.
         damping: how the damping of steps changes.
     """
 
@@ -96,6 +106,7 @@ class DescentSettings:
     tolerance: float = 1e-2
     least_gain: float = 0.0
     most_tries: int = 1000
+    uphill: bool = False
     damping: Damping = Damping()
 
 
@@ -142,7 +153,7 @@ def descend(
             trial = np.clip(values + step, cost.lower, cost.upper)
             left = cost.value(trial, at.cost)
             evaluations += 1
-            if sufficient_decrease(at, left, trial - values):
+            if sufficient_decrease(at, left, trial - values) or (settings.uphill and np.isfinite(left)):
                 break
             damping = settings.damping.failed(damping)
             step, _ = at.step(*room, damping)
@@ -152,7 +163,7 @@ def descend(
         else:
             return DescentResult(values, at, evaluations, Outcome.STALLED)
         gained, values = at.cost - left, trial
-        if gained < settings.least_gain:
+        if abs(gained) < settings.least_gain:
             return DescentResult(values, at, evaluations, Outcome.CONVERGED)
         if steps_left == 0 and settings.least_gain > 0.0:
             break
@@ -169,3 +180,47 @@ def sufficient_decrease(before: Expansion, left: float, step: np.ndarray) -> boo
     """Whether the cost fell by at least `SUFFICIENT_DECREASE` of what the gradient predicts (Armijo's rule)."""
     promised = -float(before.gradient @ step)
     return bool(np.isfinite(left) and before.cost - left >= SUFFICIENT_DECREASE * max(promised, 0.0))
+
+
+class ManyDescents(NamedTuple):
+    """Minima of J problems.
+
+    Attributes:
+        values: (J, n) values.
+        equations: sums there, one unit for each problem.
+        linearised_last: whether the last linearisation is that at the values of all problems.
+    """
+
+    values: np.ndarray
+    equations: NormalEquations
+    linearised_last: bool
+
+
+def descend_each(
+    linearise: Callable[[np.ndarray], NormalEquations], start: np.ndarray, most_steps: int
+) -> ManyDescents:
+    """Minimise the squared errors of many independent problems at once, by Gauss-Newton steps of each.
+
+    A problem keeps its values where a step does not lower its error, and tries a quarter of the step next.
+
+    Args:
+        linearise: returns the equations at (J, n) values, one unit for each problem, with the n values first among the
+            unknowns; a squared error that is not finite is none that a step may lead to.
+        start: (J, n) start values.
+        most_steps: number of steps.
+    """
+    J, n = start.shape
+    values, sums = start, linearise(start)
+    step, better = _best_steps(sums, n), np.ones(J, dtype=bool)
+    for _ in range(most_steps):
+        after = linearise(values + step)
+        better = after.square < sums.square
+        values = np.where(better[:, None], values + step, values)
+        sums = NormalEquations.stacked([sums, after]).only(np.arange(J) + J * better)
+        step = np.where(better[:, None], _best_steps(after, n), STEP_SHARE_AFTER_FAILURE * step)
+    return ManyDescents(values, sums, bool(better.all()))
+
+
+def _best_steps(sums: NormalEquations, n: int) -> np.ndarray:
+    """(J, n) steps to the best values of each problem, by its linearisation."""
+    return np.asarray((pseudo_inverses(sums.gram[:, :n, :n]) @ sums.slope[:, :n, None])[:, :, 0])

@@ -4,6 +4,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from armdyn.estimation.solve import solve_bounded
+
 
 class Expansion(Protocol):
     """An expansion of a cost of p unknowns."""
@@ -65,6 +67,26 @@ class QuadraticExpansion(NamedTuple):
         except np.linalg.LinAlgError:
             solution = np.linalg.lstsq(scaled, reduced, rcond=1e-12)[0]
         step[free] = solution / scale
+        return step, float(np.sqrt(max(step @ self.hessian @ step, 0.0)))
+
+
+class BoundedExpansion(NamedTuple):
+    """Expansion as `QuadraticExpansion`, whose minimum is that within the bounds.
+
+    Attributes:
+        cost: J at the point.
+        gradient: (p,) first derivatives of J.
+        hessian: (p, p) Gauss-Newton approximation, positive definite.
+    """
+
+    cost: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+
+    def step(self, lower: np.ndarray, upper: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+        """The step of `Expansion`."""
+        A = self.hessian + damping * np.diag(np.diag(self.hessian))
+        step = solve_bounded(A, -self.gradient, lower, upper).x
         return step, float(np.sqrt(max(step @ self.hessian @ step, 0.0)))
 
 

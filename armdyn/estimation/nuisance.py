@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.estimation.solve import inverse_positive, solve_bounded
+from armdyn.estimation.expansion import BoundedExpansion
+from armdyn.estimation.solve import inverse_positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +84,7 @@ class ArrowheadExpansion:
         u, (w, _, s) = len(self.hessian), self.eliminated.inverse.shape
         own, nuisance = -self.gradient[:u], -self.gradient[u:].reshape(w, s)
         own = own - np.einsum("wus,ws->u", self.eliminated.follow, nuisance)
-        A = self.hessian + damping * np.diag(np.diag(self.hessian))
-        step = solve_bounded(A, own, lower[:u], upper[:u]).x
+        step, size = BoundedExpansion(self.cost, -own, self.hessian).step(lower[:u], upper[:u], damping)
         left = nuisance - np.einsum("wus,u->ws", self.eliminated.between, step)
         moved = np.einsum("wst,wt->ws", self.eliminated.inverse, left)
-        return np.concatenate([step, moved.ravel()]), float(np.sqrt(max(step @ self.hessian @ step, 0.0)))
+        return np.concatenate([step, moved.ravel()]), size

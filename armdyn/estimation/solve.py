@@ -69,6 +69,17 @@ def pseudo_inverse(A: np.ndarray, rcond: float = 1e-15) -> np.ndarray:
     return np.asarray(np.linalg.pinv(A, rcond, hermitian=True))
 
 
+def pseudo_inverses(matrices: np.ndarray, negligible: float = 1e-15) -> np.ndarray:
+    """Pseudo-inverses of (..., n, m) matrices; zeros for a matrix with an entry that is not finite.
+
+    Args:
+        matrices: the matrices.
+        negligible: singular values below this share of the largest count as zero.
+    """
+    finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
+    return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0), negligible))
+
+
 def least_squares(X: np.ndarray, y: np.ndarray, rcond: float | None = None) -> np.ndarray:
     """(p, ...) shortest of the solutions b of min |X b - y|, without singular values below a share `rcond`."""
     return np.asarray(np.linalg.lstsq(X, y, rcond)[0])

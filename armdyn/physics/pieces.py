@@ -12,6 +12,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from armdyn.estimation.solve import pseudo_inverses
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.shooting import piece_simulator, simulate_pieces
 from armdyn.physics.simulate import System
@@ -224,7 +225,7 @@ class MotionPieces:
         for _ in range(INVERSION_STEPS):
             found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.input_count, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.start_value_count).transpose(1, 0, 2)
-            starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
+            starts = starts + (pseudo_inverses(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, InputPath]:
@@ -287,7 +288,7 @@ class MotionPieces:
             )
         N, n = len(given), join.by_theta.shape[1]
         value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
-        back = pseudo_inverse(join.transition, LOST_SHARE)
+        back = pseudo_inverses(join.transition, LOST_SHARE)
         own, of_physics = self._physical(wanted)
         kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
         signal = signal[:, kept] if read is None else signal
@@ -346,17 +347,6 @@ class _Join:
             "Ni,Niq->Nq", before, self.by_theta[last]
         )
         return value, by_state, more
-
-
-def pseudo_inverse(matrices: np.ndarray, negligible: float = 1e-15) -> np.ndarray:
-    """Pseudo-inverses of (..., n, m) matrices; zeros for a matrix with an entry that is not finite.
-
-    Args:
-        matrices: the matrices.
-        negligible: singular values below this share of the largest count as zero.
-    """
-    finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
-    return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0), negligible))
 
 
 @lru_cache(maxsize=64)

@@ -7,14 +7,16 @@ derivatives X by s, Y by the parameters, and the noise W, the prediction at the 
     Y - X (X' W X)^+ X' W Y     (variable projection: Kaufman, BIT 15, 1975).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from armdyn.estimation.descent import descend_each
 from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.solve import pseudo_inverses
 from armdyn.model import Prediction, prediction_from_channels
-from armdyn.physics.pieces import LinearisedRun, MotionPieces, pseudo_inverse
+from armdyn.physics.pieces import LinearisedRun, MotionPieces
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.noise import NoiseByChannel, noise_std_from_differences
 from armdyn.run import Run
@@ -34,33 +36,24 @@ def predict_in_pieces(model: SimulatedModel, run: Run, theta: np.ndarray, length
         theta: (p,) parameters in the order of the model's names.
         length: length of a piece, s.
     """
-    pieces = MotionPieces(model, run, length)
-    states = measured_states(pieces, theta)
-    n = states.shape[1]
-    found = pieces.linearise(theta, states)
-    sums = _sums(found, len(states))
-    step = _best_step(sums, n)
-    for _ in range(STATE_STEPS):
-        there = pieces.linearise(theta, states + step)
-        after = _sums(there, len(states))
-        better = after.square < sums.square
-        found = there if better.all() else found
-        states = np.where(better[:, None], states + step, states)
-        sums = NormalEquations.stacked([sums, after]).only(np.arange(len(states)) + len(states) * better)
-        step = np.where(better[:, None], _best_step(after, n), 0.25 * step)
-    if found is not there:
-        found = pieces.linearise(theta, states)
-    by_theta = -pseudo_inverse(sums.gram[:, :n, :n]) @ sums.gram[:, :n, n:]
+    pieces, found = MotionPieces(model, run, length), list[LinearisedRun]()
+
+    def linearise(states: np.ndarray) -> NormalEquations:
+        found[:] = [pieces.linearise(theta, states)]
+        noise = {c: noise_std_from_differences(s.time, s.measured) or 1.0 for c, s in found[0].samples.items()}
+        return piece_equations(found[0], noise, len(states))
+
+    begun = measured_states(pieces, theta)
+    best, n = descend_each(linearise, begun, STATE_STEPS), begun.shape[1]
+    if not best.linearised_last:
+        linearise(best.values)
+    gram = best.equations.gram
+    by_theta = -pseudo_inverses(gram[:, :n, :n]) @ gram[:, :n, n:]
     parts = []
-    for channel, s in found.samples.items():
+    for channel, s in found[0].samples.items():
         slopes = s.by_theta + np.einsum("Ni,Nip->Np", s.by_state, by_theta[s.piece])
         parts.append((channel, s.time, s.predicted, slopes))
     return prediction_from_channels(parts)
-
-
-def _best_step(sums: NormalEquations, n: int) -> np.ndarray:
-    """(J, n) steps of the states to their best values, by linearisation."""
-    return np.asarray((pseudo_inverse(sums.gram[:, :n, :n]) @ sums.slope[:, :n, None])[:, :, 0])
 
 
 def measured_states(pieces: MotionPieces, theta: np.ndarray) -> np.ndarray:
@@ -111,7 +104,7 @@ def error_growth_rate(model: SimulatedModel, run: Run, theta: np.ndarray) -> flo
     found = pieces.linearise(theta, measured_states(pieces, theta), np.zeros(0, dtype=int))
     _, by_start = pieces.start_values(theta, measured_states(pieces, theta))
     size = by_start * np.array([model.parameters[name].typical for name in model.start_names])
-    steps = pseudo_inverse(size) @ found.transition @ size
+    steps = pseudo_inverses(size) @ found.transition @ size
     if not np.isfinite(steps).all():
         return None
     product, logarithm = np.eye(steps.shape[1]), 0.0
@@ -122,14 +115,19 @@ def error_growth_rate(model: SimulatedModel, run: Run, theta: np.ndarray) -> flo
     return logarithm / (float(run.channels[pieces.channels[0]].time[-1]) - float(pieces.starts[0]))
 
 
-def _sums(found: LinearisedRun, count: int) -> NormalEquations:
-    """Equations of the state and the parameters in each of J pieces; a piece that diverges has an infinite error."""
+def piece_equations(found: LinearisedRun, noise: Mapping[str, float], count: int) -> NormalEquations:
+    """Equations of the state and the parameters in each piece; a piece that diverges has an infinite error.
+
+    Args:
+        found: the linearised run.
+        noise: standard deviation of a sample by channel, in the channel's unit.
+        count: number of pieces.
+    """
     parts = [
         NormalEquations.of_groups(
-            np.hstack([s.by_state, s.by_theta]), s.measured - s.predicted,
-            noise_std_from_differences(s.time, s.measured) or 1.0, s.piece, count,
+            np.hstack([s.by_state, s.by_theta]), s.measured - s.predicted, noise[channel], s.piece, count
         )
-        for s in found.samples.values()
-    ]  # fmt: skip
+        for channel, s in found.samples.items()
+    ]
     total = NormalEquations.stacked(parts).grouped(np.tile(np.arange(count), len(parts)), count)
     return replace(total, square=np.nan_to_num(total.square, nan=np.inf))

@@ -21,7 +21,7 @@ from armdyn.arm.closed_loop.rollout import (
     simulation_windows,
     start_sides,
 )
-from armdyn.arm.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
+from armdyn.arm.drive_gain.drive_scale import MAX_IDENTIFIED_GAIN_RELATIVE_STD
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.model import ArmModel
 from armdyn.arm.slots import PLAY_PARAMETER

@@ -2,23 +2,28 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc
 
+from armdyn.estimation.descent import descend_each
 from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, whitening_filters
+from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import blocks_by_channel
-from armdyn.physics.pieces import MotionPieces, pseudo_inverse
+from armdyn.physics.pieces import MotionPieces
+from armdyn.physics.restarts import piece_equations
 from armdyn.physics.simulated import as_model_with_motion
 from armdyn.recording.channels import is_auxiliary
+from armdyn.run import Run
 
 MAX_RESIDUAL_TERMS = 3
 """Largest number of terms that describe a residual."""
 RESIDUAL_SEGMENT_SECONDS = 1.5
 """Length of a segment, s, in which a fitted start state absorbs missing dynamics but no sensor error."""
-START_STATE_STEPS = 4
+START_STATE_STEPS = 3
 """Number of Gauss-Newton steps for the start state of a segment, in which predictions are nearly linear."""
 MIN_ERROR_TO_NOISE_VARIANCE = 1.05
 """Squared error per sample, over the noise variance, below which the kind of the missing effect is not estimated."""
@@ -143,25 +148,24 @@ def process_error_share(fit: Fit) -> float | None:
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
         theta, pieces = problem.theta(i, fit.values), MotionPieces(model, run, RESIDUAL_SEGMENT_SECONDS)
-        states, none = pieces.rolled_out_states(theta), np.zeros(0, dtype=int)
-        J, n = states.shape
-        best, count = np.full(J, np.inf), np.zeros(J)
-        for _ in range(START_STATE_STEPS):
-            samples_by_channel = pieces.linearise(theta, states, none).samples
-            parts = [
-                NormalEquations.of_groups(s.by_state, s.measured - s.predicted, problem.noise[run.name, c], s.piece, J)
-                for c, s in samples_by_channel.items()
-            ]
-            sums = NormalEquations.stacked(parts).grouped(np.tile(np.arange(J), len(parts)), J)
-            best, count = np.fmin(best, sums.square), sums.count
-            states = states + (pseudo_inverse(sums.gram) @ sums.slope[:, :, None])[:, :, 0]
-        told = count > n
-        left += float(best[told].sum())
-        samples += float((count[told] - n).sum())
+        begun = pieces.rolled_out_states(theta)
+        linearise = partial(_equations_of_states, problem, run, pieces, theta)
+        best, n = descend_each(linearise, begun, START_STATE_STEPS).equations, begun.shape[1]
+        told = best.count > n
+        left += float(best.square[told].sum())
+        samples += float((best.count[told] - n).sum())
     excess = fit.chi2 - fit.samples
     if excess <= 0.0:
         return None
     return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
+
+
+def _equations_of_states(
+    problem: Problem, run: Run, pieces: MotionPieces, theta: np.ndarray, states: np.ndarray
+) -> NormalEquations:
+    """Equations of (J, n) states in which the pieces of a run begin."""
+    noise = {channel: problem.noise[run.name, channel] for channel in pieces.channels}
+    return piece_equations(pieces.linearise(theta, states, np.zeros(0, dtype=int)), noise, len(states))
 
 
 def matching_pursuit_terms(fit: Fit, filters: Mapping[str, WhiteningFilter]) -> tuple[ResidualTerm, ...]:

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.estimation.solve import pseudo_inverses
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
 from armdyn.identify.state_space.grey_box import GreyBox, LinearisationPoint
 from armdyn.identify.state_space.noise_evidence import evaluate_all_kicks
 from armdyn.identify.state_space.output_error import EffectSetOptimiser
-from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import as_model_with_motion, as_simulated_model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
@@ -154,7 +154,7 @@ def _kicked(box: GreyBox, point: LinearisationPoint, index: int) -> list[Missing
     _, kicks = around.smooth(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.start_values(theta, states)
     lasting = np.diff(run.pieces.starts)
-    pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
+    pushed = (pseudo_inverses(by_start) @ kicks[:, :, None])[:, :, 0]
     time, motion = run.pieces.starts[1:], motion[1:]
     found = []
     for k, joint in model.speed_states.items():

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.estimation.solve import pseudo_inverses
 from armdyn.identify.fit import independent_columns
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_run import PIECE_SWING_PERIODS, GreyBoxRun, LinearisedRun, RunNoise, scale_noise
@@ -21,7 +22,6 @@ from armdyn.identify.state_space.noise_evidence import (
     evaluate_nearby_noises,
     evaluate_one_noise,
 )
-from armdyn.physics.pieces import pseudo_inverse
 
 MAX_INNOVATION_GROWTH = 1.5
 """Largest factor by which the squared innovations may grow in one step; they grow a little as the kicks change too."""
@@ -280,7 +280,7 @@ class GreyBox:
             starts = [model.names.index(name) for name in model.start_names]
             for _ in range(3):
                 state, by_start, _ = run.pieces.start_state(theta)
-                theta[starts] += pseudo_inverse(by_start) @ (states[0] - state)
+                theta[starts] += pseudo_inverses(by_start) @ (states[0] - state)
             columns = run.unknowns[starts]
             values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])
         return values

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.estimation.equations import NormalEquations
+from armdyn.estimation.solve import pseudo_inverses
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     ColouredNoise,
@@ -19,7 +20,7 @@ from armdyn.identify.state_space.innovations import (
     smooth_run,
 )
 from armdyn.physics.pieces import LinearisedRun as LinearisedPieces
-from armdyn.physics.pieces import MotionPieces, pseudo_inverse
+from armdyn.physics.pieces import MotionPieces
 from armdyn.physics.simulated import as_simulated_model
 from armdyn.recording.gaps import run_until
 from armdyn.recording.noise import smallest_noise_std
@@ -102,7 +103,7 @@ class GreyBoxRun:
             found = self.pieces.linearise(theta, states, np.zeros(0, dtype=int))
             _, by_start = self.pieces.start_values(theta, states)
             size = by_start * self._typical
-            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
+            grown = np.abs(pseudo_inverses(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
             if not self.pieces.split_marked_pieces(~(grown < MAX_ERROR_GROWTH)):
                 return states
 

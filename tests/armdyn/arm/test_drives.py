@@ -8,7 +8,7 @@ import pytest
 from worlds.servo_arm import generate
 
 from armdyn.arm.closed_loop.rollout import encoder_step, simulated_positions, simulation_windows
-from armdyn.arm.drive_scale import drives_with_identified_gains
+from armdyn.arm.drive_gain.drive_scale import drives_with_identified_gains
 from armdyn.arm.drives import chosen_drives, read_drives
 from armdyn.arm.known_drives import KNOWN_DRIVES
 from armdyn.arm.model import ArmModel

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from armdyn.estimation.descent import DescentSettings, Outcome, descend
+from armdyn.estimation.descent import DescentSettings, Outcome, descend, descend_each
+from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.estimation.nuisance import ArrowheadExpansion, eliminate_nuisance
 from armdyn.identify.motion.motion_fit import robust_sum
@@ -63,6 +64,46 @@ def test_it_ends_after_a_step_that_gains_little_without_another_expansion():
     assert early.expanded < cost.expanded
     assert early.value(found.values, np.inf) - whole.expansion.cost < 0.1
     assert found.expansion.cost - early.value(found.values, np.inf) < 0.1
+
+
+def test_many_problems_descend_at_once_each_as_if_it_were_alone():
+    time, rng = np.linspace(0.0, 2.0, 30), np.random.default_rng(7)
+    rates = rng.uniform(0.5, 3.0, 6)
+    measured = np.exp(-np.outer(rates, time)) + 1e-3 * rng.standard_normal((6, 30))
+
+    def linearise(values):
+        size, rate = values[:, :1], values[:, 1:]
+        decay = np.exp(-rate * time)
+        X = np.stack([decay, -size * time * decay], axis=2)
+        return NormalEquations.of_units(X, measured - size * decay, np.full((len(values), 30), 1e-3))
+
+    start = np.tile([0.3, 6.0], (6, 1))  # from so far that whole steps do not lower every error
+    found = descend_each(linearise, start, 40)
+    for values, samples, square in zip(found.values, measured, found.equations.square, strict=True):
+        alone = least_squares(lambda v, y=samples: (y - v[0] * np.exp(-v[1] * time)) / 1e-3, [1.0, 1.0], xtol=1e-12)
+        assert values == pytest.approx(alone.x, rel=1e-5)
+        assert square == pytest.approx(2.0 * alone.cost, rel=1e-8)
+
+
+def test_steps_may_go_uphill_where_that_is_asked_for():
+    class Product(Decay):
+        """The first unknown times the second is 1, the second is 100: a bent valley."""
+
+        def residual(self, values):
+            return np.array([[1e3 * (values[0] * values[1] - 1.0), values[1] - 100.0, 0.0]])
+
+        def expand(self, values):
+            J = np.array([[1e3 * values[1], 1e3 * values[0], 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+            J, r = np.vstack([J, np.diag([0.0, 1.0, 1.0])]), np.append(self.residual(values)[0], [0.0, *values[1:]])
+            return QuadraticExpansion(0.5 * float(r @ r), J.T @ r, J.T @ J)
+
+    start = np.array([1.0, 1.0, 0.0])
+    straight, creeping = (
+        descend(Product(eliminated=False), start, DescentSettings(10, 1e-6, uphill=uphill)) for uphill in (True, False)
+    )
+    assert straight.outcome is Outcome.CONVERGED
+    assert straight.values == pytest.approx([1.0 / 50.0, 50.0, 0.0], rel=1e-4)
+    assert creeping.outcome is Outcome.OUT_OF_STEPS
 
 
 def test_it_tries_no_more_steps_than_allowed():

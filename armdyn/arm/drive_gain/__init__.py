@@ -1,0 +1,1 @@
+"""Gains, delays and saturation of servo drives, identified from recordings."""
