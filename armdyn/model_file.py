@@ -107,7 +107,13 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
-    table = read_toml(path, f": make one with 'armdyn new pendulum {path}' or 'armdyn new --base FILE.py {path}'")
+    if path.suffix.lower() in (".csv", ".mcap") and path.is_file():
+        raise InputError(f"{path}: is a recording; the model's file comes first: M.toml {path.name}")
+    table = read_toml(
+        path,
+        f": make one with 'armdyn new arm {path} --urdf ROBOT.urdf', 'armdyn new pendulum {path}' or "
+        f"'armdyn new --base FILE.py {path}'",
+    )
     with error_location(path):
         return _parsed(table, path.parent, tuple(extra))
 

@@ -252,12 +252,16 @@ def torque_channels(
     channels = (*(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels), *beside)
     where = run.source or run.name
     if not channels:
+        others = [name.removeprefix("tau.") for name in run.channels if name.startswith("tau.")]
         law = law_of_commands(run)
-        advice = f" or, as it holds commands, make the model with --drive servo:{law}=all" if law else ""
-        raise InputError(
-            f"{where}: holds no torque of {', '.join(asked)}, so there is nothing to compare: record 'tau.<joint>'"
-            + advice
-        )
+        advice = "record 'tau.<joint>'"
+        advice += f" or, as it holds commands, make the model with --drive servo:{law}=all" if law else ""
+        if others:
+            advice = (
+                f"it holds those of {', '.join(others)}: import its log again, with --urdf or --robot, so that joints "
+                "are called as the robot's"
+            )
+        raise InputError(f"{where}: holds no torque of {', '.join(asked)}, so there is nothing to compare: {advice}")
     for joint, slides in sliding.items():
         unit = _position(run, joint).unit
         if (unit == "m") != slides:

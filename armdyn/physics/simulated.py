@@ -162,7 +162,9 @@ class SimulatedModel(Model):
         outputs = self.system.outputs
         channels = tuple(name for name in outputs if name in run.channels)
         if not channels:
-            raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
+            raise InputError(
+                f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare: it has {run.summary}"
+            )
         return channels
 
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:

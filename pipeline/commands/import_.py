@@ -244,8 +244,7 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
-    compare = f"then: {shell_quoted_command('compare', 'M.toml', *written[:3])}"
-    compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
+    repair = f"then: {shell_quoted_command('repair', 'M.toml', *written)} --output repaired.toml --report repair.html"
     if runs[0].joints:
         law = law_of_commands(runs[0])
         known = bool(drives) and all(drive.partition("=")[0] in KNOWN_DRIVES for drive in drives)
@@ -255,10 +254,10 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         if drive:
             typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")
         silent = not drive and not any(name.startswith("tau.") for name in runs[0].channels)
-        typer.echo("no torque was recorded: only what is measured can be compared" if silent else compare)
+        typer.echo("no torque was recorded: only what is measured can be compared" if silent else repair)
     else:
         typer.echo(f"next: armdyn new {'pendulum' if runs[0].channels else '--base FILE.py'} M.toml")
-        typer.echo(compare)
+        typer.echo(repair)
 
 
 def _answer(found: "list[ImportedRun]", written: list[Path]) -> dict[str, object]:

@@ -111,7 +111,10 @@ def arm(
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
-        raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
+        from urdf import known_robots
+
+        known = ", ".join(known_robots())
+        raise InputError(f"an arm needs one of --urdf ROBOT.urdf, --mjcf ROBOT.xml, and --robot with one of {known}")
     made = with_described_effects(arm_model(urdf or mjcf, robot, split_names(joints), tool=tool))
     made = made.with_drives(chosen_drives(drive or (), made.joints)).with_sensors(chosen_sensors(wrench or ()))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
@@ -158,7 +161,7 @@ def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
-        typer.echo(f"next: {shell_quoted_command('compare', path)} RUN... --report compare.html")
+        typer.echo(f"next: {shell_quoted_command('repair', path)} RUN... --output repaired.toml --report repair.html")
 
 
 def _check_replaced(target: NewModelOptions) -> None:

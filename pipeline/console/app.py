@@ -159,7 +159,7 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return _say("interrupted", 130)
     if isinstance(error, TyperException):
-        return _say(error.format_message(), 2)
+        return _say(error.format_message().rstrip(".?") + _usage(error), 2)
     if isinstance(error, TaskFailedError):
         return _say(str(error), 1)
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
@@ -172,6 +172,26 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
     if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is gone
         return _say(f"{printable_excerpt(str(error.filename))}: {error.strerror}: choose another file or place", 2)
     return _say(report_unexpected_error(error), 3)
+
+
+def _usage(error: TyperException) -> str:
+    """What to type instead, for a mistake in arguments and options; empty where that is unknown."""
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return ""
+    command = " ".join(["armdyn", *context.command_path.removeprefix(context.find_root().command_path).split()])
+    subcommands = [name for name, each in getattr(context.command, "commands", {}).items() if not each.hidden]
+    if subcommands:
+        return f"; '{command} --help' lists all" if command == "armdyn" else f"; choose from {', '.join(subcommands)}"
+    words = command
+    for each in context.command.params:
+        value = "FILE" if each.name == "output" else each.name.upper()
+        if each.param_type_name == "argument":
+            words += f" {(each.metavar or value).strip('{}')}"
+        elif each.required:
+            words += f" {each.opts[0]} {value}"
+    more = f"'{command} --help' lists its options"
+    return f"; {more}" if words == command else f"; type '{words}', {more}"
 
 
 def _is_urdf_error(error: BaseException) -> bool:
