@@ -30,13 +30,32 @@ const armdynFigures = ({ template, dark: darker }) => {
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
   };
   const shown = new Map();
+  const settled = new Map();
   const draw = (place, { data, layout }) => {
     const first = !shown.has(place);
     shown.set(place, { data, layout });
     const whole = { uirevision: "kept", ...fitted(painted(layout)), template: painted(template), autosize: true };
+    const { top, y } = settled.get(place) ?? {};
+    if (top) [whole.margin, whole.legend] = [{ ...whole.margin, t: top }, { ...whole.legend, y }];
     const done = Plotly.react(place, painted(data), whole, config);
+    if (first) {
+      place.on("plotly_afterplot", () => settle(place));
+      settle(place);
+    }
     if (first && layout.meta?.time_axis) place.on("plotly_relayout", (change) => zoomed(place, change));
     return done;
+  };
+  // A legend stands above the curves, however many rows it has, and below the tool bar where that is in its way.
+  const settle = (place) => {
+    const [legend, bar] = [".legend", ".modebar"].map((part) => place.querySelector(part)?.getBoundingClientRect());
+    if (!legend?.height) return;
+    const frame = place.getBoundingClientRect();
+    const below = bar?.width && legend.right > bar.left ? bar.bottom - frame.top + 2 : 0;
+    const wanted = { top: Math.max(template.layout.margin.t, below + legend.height + 8), y: 1 - below / frame.height };
+    const { margin, legend: now } = place._fullLayout;
+    if (Math.abs(wanted.top - margin.t) < 2 && Math.abs(wanted.y - now.y) < 0.01) return;
+    settled.set(place, wanted);
+    Plotly.relayout(place, { "margin.t": wanted.top, "legend.y": wanted.y });
   };
   const redraw = () => shown.forEach((figure, place) => { if (place.offsetParent) draw(place, figure); else shown.delete(place); });
 

@@ -138,7 +138,8 @@ const armdynOverlay = (place, data, draw) => {
       data.totals = totals;
       show();
     },
-    choose: ({ channel, step, run }) => {
+    choose: ({ channel: asked, step, run }) => {
+      const channel = asked in data.channels ? asked : undefined;
       if (channel) now.channel = channel;
       for (const [name, value, count] of [["step", step, data.steps.length], ["run", run, runs.length]]) {
         if (value === undefined || value === null || !(Number(value) < count)) continue;

@@ -26,11 +26,25 @@
     if (place.offsetParent && !shown.has(place)) draw(place, figure);
   });
 
-  // Tabs: one choice for the whole page, kept in its address with the step and the run.
+  // Tabs: one choice for all sections that know it, kept in the page's address with the step and the run. The missing force of
+  // a base of one's own has tabs for its states, which are no channels.
   const choice = new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
+  const groups = new Map();
+  document.querySelectorAll("[data-tab], [data-of]").forEach((part) => {
+    const place = part.closest("section") ?? document.body;
+    groups.set(place, [...(groups.get(place) ?? []), part]);
+  });
+  const tabOf = (part) => part.dataset.tab ?? part.dataset.of;
+  const undecided = new Set(groups.keys());
   const choose = (tab) => {
-    document.querySelectorAll("[data-tab]").forEach((button) => { button.checked = button.dataset.tab === tab; });
-    document.querySelectorAll("[data-of]").forEach((part) => { part.hidden = part.dataset.of !== tab; });
+    groups.forEach((parts, place) => {
+      if (!parts.some((part) => tabOf(part) === tab)) return;
+      undecided.delete(place);
+      parts.forEach((part) => {
+        if (part.dataset.tab !== undefined) part.checked = tabOf(part) === tab;
+        else part.hidden = tabOf(part) !== tab;
+      });
+    });
     overlays.forEach((overlay) => overlay.choose({ channel: tab }));
     drawFigures();
   };
@@ -38,10 +52,13 @@
     if (target.dataset.tab !== undefined) choose(target.dataset.tab);
   });
   if (choice.size) overlays.forEach((overlay) => overlay.choose({ step: choice.get("step"), run: choice.get("run") }));
-  const tabs = [...new Set([...document.querySelectorAll("[data-tab]")].map((button) => button.dataset.tab))];
+  const tabs = [...document.querySelectorAll("[data-tab]")].map(tabOf);
   const worst = document.querySelector("#the-missing-force [data-tab]")?.dataset.tab;
-  const first = tabs.includes(choice.get("tab")) ? choice.get("tab") : worst ?? widgets[0]?.start.channel ?? tabs[0];
+  const start = widgets[0]?.start.channel;
+  const first = tabs.includes(choice.get("tab")) ? choice.get("tab") : worst ?? start ?? tabs[0];
+  if (start !== undefined && !(first in widgets[0].channels)) choose(start);
   choose(first);
+  groups.forEach((parts, place) => { if (undecided.has(place)) choose(tabOf(parts[0])); });
 
   document.getElementById("look").addEventListener("click", () => { root.dataset.look = dark() ? "light" : "dark"; redraw(); });
   document.querySelectorAll("details").forEach((part) => part.addEventListener("toggle", drawFigures));
