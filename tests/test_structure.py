@@ -16,7 +16,7 @@ KIND_OF_MODEL = re.compile(
     r"isinstance\([^)]*(Arm|Pendulum|Physics|Simulated)Model\b|\.base (==|!=|in) |model\.linear\b"
 )
 MOST_KINDS, MOST_FILES, MOST_SHARED_NAMES = 5, 25, 10
-MOST_EFFECTS_BY_NAME, MOST_SOLVES = 60, 7
+MOST_EFFECTS_BY_NAME, MOST_SOLVES = 60, 5
 """Names of effects outside their own folder, and solutions of linear systems outside the kernel."""
 """Questions after the kind of a model, files of a folder, public classes whose name another one has."""
 

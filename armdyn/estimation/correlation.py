@@ -1,8 +1,12 @@
 """Autocorrelation of residuals: how many independent samples there are among correlated ones."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+
+INDEPENDENT_STRETCH_SECONDS = 2.0
+"""Length of a stretch of a robot's motion, s, whose errors are independent of the next one's: servos react far faster,
+and so do friction and momentum residuals."""
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
@@ -19,6 +23,26 @@ def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
     return products
 
 
+def autocorrelations(
+    residuals: Sequence[np.ndarray], most_lags: int | None = None, least: float = 0.0, stride: int = 1
+) -> Iterator[tuple[int, float]]:
+    """Lags, in samples, and the autocorrelation at each, up to the first that is not above `least`.
+
+    Args:
+        residuals: stretches (n,) of the residual; no product spans two stretches.
+        most_lags: largest lag, which is left out; None means that of the longest stretch.
+        least: autocorrelation that ends them: those of few samples are never exactly zero.
+        stride: interval between the lags.
+    """
+    power = sum(float(residual @ residual) for residual in residuals)
+    longest = max(len(residual) for residual in residuals) - 1
+    for lag in range(stride, longest if most_lags is None else min(most_lags, longest), stride):
+        share = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag) / power if power else 0.0
+        if share <= least:
+            return
+        yield lag, share
+
+
 def correlation_time(
     residuals: Sequence[np.ndarray], most_lags: int | None = None, least: float = 0.0, stride: int = 1
 ) -> float:
@@ -31,17 +55,7 @@ def correlation_time(
     Args:
         residuals: stretches (n,) of the residual.
         most_lags: largest number of lags that count; None means all.
-        least: autocorrelation that ends the sum: those of few samples are never exactly zero.
+        least: autocorrelation that ends the sum.
         stride: interval between the lags that are evaluated; each represents its neighbours.
     """
-    power = sum(float(residual @ residual) for residual in residuals)
-    if power == 0.0:
-        return 1.0
-    longest = max(len(residual) for residual in residuals) - 1
-    total = 1.0
-    for lag in range(stride, longest if most_lags is None else min(most_lags, longest), stride):
-        share = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag) / power
-        if share <= least:
-            break
-        total += 2.0 * stride * share
-    return total
+    return sum((2.0 * stride * share for _, share in autocorrelations(residuals, most_lags, least, stride)), start=1.0)

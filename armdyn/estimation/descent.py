@@ -17,9 +17,6 @@ from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.expansion import Expansion
 from armdyn.estimation.solve import pseudo_inverses
 
-GROSS_ERROR_TO_NOISE_VARIANCE = 20.0
-"""Squared error per sample, over the noise variance, above which an error is gross: derivatives then do not lead to a
-distant minimum."""
 MAX_STALLED_STEPS = 2
 """Number of steps in a row with hardly any decrease of a gross error, after which a minimisation stops."""
 SUFFICIENT_DECREASE = 1e-4
@@ -99,6 +96,8 @@ class DescentSettings:
         most_tries: largest number of steps, each damped more than the one before, that are tried from one point.
         uphill: whether any step is accepted after which the cost is finite. Full Gauss-Newton steps solve an equation
             with a product of two unknowns soon, on a way along which the cost rises; descending steps creep.
+        gross_chi2: squared error per sample, over the noise variance, above which an error is gross: derivatives then
+            do not lead to a distant minimum.
         damping: how the damping of steps changes.
     """
 
@@ -107,6 +106,7 @@ class DescentSettings:
     least_gain: float = 0.0
     most_tries: int = 1000
     uphill: bool = False
+    gross_chi2: float = np.inf
     damping: Damping = Damping()
 
 
@@ -167,7 +167,7 @@ def descend(
             return DescentResult(values, at, evaluations, Outcome.CONVERGED)
         if steps_left == 0 and settings.least_gain > 0.0:
             break
-        gross = 2.0 * left > GROSS_ERROR_TO_NOISE_VARIANCE * samples > 0.0
+        gross = 2.0 * left > settings.gross_chi2 * samples > 0.0
         creeping = creeping + 1 if gross and gained < left / samples else 0
         at = cost.expand(values)
         if creeping == MAX_STALLED_STEPS:

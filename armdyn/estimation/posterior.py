@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.estimation.solve import inverse_positive, log_det, solve_bounded, solve_positive
 
@@ -95,6 +96,19 @@ class Posterior:
     def squared_error_change(self) -> float:
         """Change of the squared error in units of the noise, with the distance from the prior means."""
         return float(self.prior._squares(self.information, self.slope, self.change))
+
+
+def posterior_covariance(information: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """(P, P) covariance of unknowns without bounds, of which samples and priors together determine every one.
+
+    Args:
+        information: (P, P) information of the samples on them.
+        width: (P,) standard deviations of their priors; infinite where there is no prior.
+    """
+    matrix = information + np.diag(width**-2.0)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor = cho_factor(matrix * np.outer(scale, scale))
+    return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
 def freedom_nats(information: np.ndarray, typical: np.ndarray) -> np.ndarray:

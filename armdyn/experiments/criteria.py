@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
+from armdyn.estimation.posterior import posterior_covariance
 from armdyn.estimation.solve import marginal_information
 
 ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
@@ -20,19 +20,6 @@ InformationCriterion: TypeAlias = Callable[[np.ndarray], ValueAndGradient]
 """A function of a (P, P) information matrix that is to be minimised."""
 NEGLIGIBLE_CHI2_RISE = 1e-4
 """Rise of chi2 that counts as zero; it keeps the criterion finite for effects that a motion does not distinguish."""
-
-
-def posterior_covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Covariance K (P, P) of the unknowns after a motion.
-
-    Args:
-        information: (P, P) Fisher information F.
-        prior: (P,) prior standard deviations; infinite where there is no prior.
-    """
-    matrix = information + np.diag(prior**-2.0)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor = cho_factor(matrix * np.outer(scale, scale))
-    return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
 def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> ValueAndGradient:

@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from armdyn.errors import InputError
+from armdyn.estimation.covariance import free_covariance
 from armdyn.estimation.descent import DescentResult, Outcome, descend
 from armdyn.estimation.expansion import not_held_by_bound
 from armdyn.identify.noise import variance_inflation
@@ -90,9 +91,7 @@ def estimate(
 
 
 def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
-    """Compute the (p, p) covariance of estimated parameters: the inverse of the Fisher information (Cramér-Rao bound).
-
-    Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, §3.7.
+    """Compute the (p, p) covariance of estimated parameters: the inverse of the Fisher information.
 
     Args:
         names: names of the parameters, for the error message.
@@ -110,7 +109,7 @@ def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.nd
     if values[0] < 1e-14 * values[-1]:
         tangled = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.1]
         raise InputError(f"these runs cannot tell {' from '.join(tangled)}: fix one of them or give a richer motion")
-    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+    return free_covariance(information, np.ones(len(names), dtype=bool), negligible=0.0)
 
 
 class Estimator(Generic[ModelT]):

@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.estimation.covariance import embedded, free_covariance
 from armdyn.estimation.descent import Outcome
-from armdyn.estimation.solve import inverse_positive
+from armdyn.estimation.expansion import not_held_by_bound
 from armdyn.identify.problem import Problem
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, sample_count
 from armdyn.recording.gaps import run_until
@@ -74,11 +75,9 @@ class Fit:
             S = block.sensitivities[:, own]
             hessian += share * S.T @ S
             downhill += share * S.T @ block.residual
-        lowest, highest = (self.values <= problem.lower)[own], (self.values >= problem.upper)[own]
-        inside = ~(lowest & (downhill < 0) | highest & (downhill > 0))
-        covariance = np.zeros((len(self.free), len(self.free)))
-        covariance[np.ix_(own[inside], own[inside])] = inverse_positive(hessian[np.ix_(inside, inside)])
-        return covariance
+        room = (problem.lower - self.values)[own], (problem.upper - self.values)[own]
+        inside = not_held_by_bound(*room, -downhill)
+        return embedded(free_covariance(hessian, inside), own, len(self.free))
 
     @property
     def samples(self) -> int:

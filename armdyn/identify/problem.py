@@ -318,7 +318,8 @@ class Problem:
             The result, with (P,) values of all unknowns.
         """
         part = CostOfFreeUnknowns(self, free, start)
-        found = descend(part, start[free], DescentSettings(most_steps, tolerance), samples=self.samples)
+        how = DescentSettings(most_steps, tolerance, gross_chi2=self.settings.noise.gross_chi2)
+        found = descend(part, start[free], how, samples=self.samples)
         return found._replace(values=part.all_values(found.values))
 
 

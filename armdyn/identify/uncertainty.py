@@ -25,7 +25,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.estimation.solve import pseudo_inverse
+from armdyn.estimation.covariance import embedded, free_covariance, sandwich_covariance
+from armdyn.estimation.expansion import not_held_by_bound
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
@@ -33,6 +34,8 @@ from armdyn.identify.study import Study
 
 REDUCED_PRIOR_WEIGHT = 1e-4
 """Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
+NEGLIGIBLE_INFORMATION_SHARE = 1e-13
+"""Share of the largest information below which a direction of the unknowns is only rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,16 +122,12 @@ def _covariance(
         beside += S.T @ s
     if not (np.isfinite(bread).all() and np.isfinite(beside).all()):
         return np.full((len(fit.free), len(fit.free)), np.nan)
-    lowest, highest = (fit.values <= problem.lower)[free], (fit.values >= problem.upper)[free]
-    held = bounded & (lowest & (gradient < 0) | highest & (gradient > 0))
-    here, (bread, meat) = free[~held], (matrix[np.ix_(~held, ~held)] for matrix in (bread, meat))
-    scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
-    scales = np.outer(scale, scale)
-    inverse = pseudo_inverse(bread / scales, 1e-13) / scales
-    covariance = np.zeros((len(fit.free), len(fit.free)))
-    covariance[np.ix_(here, here)] = inverse @ meat @ inverse
+    room = (problem.lower - fit.values)[free], (problem.upper - fit.values)[free]
+    inside = not_held_by_bound(*room, -gradient) if bounded else np.ones(len(free), dtype=bool)
+    inverse = free_covariance(bread, inside, NEGLIGIBLE_INFORMATION_SHARE)
+    covariance = embedded(sandwich_covariance(inverse, meat), free, len(fit.free))
     moved = np.zeros((len(fit.free), len(considered)))
-    moved[here], moved[considered] = -inverse @ beside[~held], np.eye(len(considered))
+    moved[free], moved[considered] = -inverse @ beside, np.eye(len(considered))
     return covariance + moved / problem.prior_weight[considered] ** 2 @ moved.T
 
 

@@ -12,6 +12,7 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
+from armdyn.estimation.posterior import wald_distance
 from armdyn.estimation.solve import solve_positive
 from armdyn.identify.fit import Fit, fit
 from armdyn.identify.selection.candidate import Candidate
@@ -181,7 +182,7 @@ def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candi
     known = np.diag(covariance) > 0.0
     if not known.any():
         return False  # a bound holds it
-    square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
+    square = wald_distance(away, covariance) ** 2
     limit = chdtri(int(known.sum()), study.settings.search.zero_probability)
     if square >= limit:
         return False

@@ -10,6 +10,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.estimation.correlation import INDEPENDENT_STRETCH_SECONDS
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.random_effects import RandomEffects
 from armdyn.recording.channels import Channel, FloatArray
@@ -50,8 +51,6 @@ from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
 JointSample = tuple[float, FloatArray, FloatArray]
 """Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
-INDEPENDENT_STRETCH_SECONDS = 2.0
-"""Time after which a model's errors are independent, s; only the largest of each stretch counts."""
 MIN_FAULT_FREE_SECONDS = 15.0
 """Least length of the fault-free recordings, s: seven stretches."""
 CROSS_VALIDATION_FOLDS = 4
@@ -191,6 +190,7 @@ def statistics_of_recordings(
             ratio = np.abs(error) / level.std(at)
             ratios += [np.where(at.near, 0.0, ratio), np.where(at.near, ratio, 0.0)]
             level.update(error, at, interval)
+        # Only the largest error of each stretch counts.
         if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * len(ratios))
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]

@@ -7,8 +7,8 @@ import numpy as np
 
 import urdf
 from armdyn.errors import TaskFailedError
+from armdyn.estimation.posterior import posterior_covariance
 from armdyn.experiments.arm import ArmProblem
-from armdyn.experiments.criteria import posterior_covariance
 from armdyn.experiments.goal import MotionGoal
 from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.search import (

@@ -12,8 +12,9 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.readings import drive_error, is_read_from_commands
 from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY, inverse_dynamics, torque_regressor
 from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.covariance import free_covariance
 from armdyn.estimation.equations import NormalEquations
-from armdyn.estimation.solve import BoundedSolution, inverse_positive, solve_bounded
+from armdyn.estimation.solve import BoundedSolution, solve_bounded
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.run import Run
 
@@ -146,9 +147,7 @@ def ridge(A: np.ndarray) -> np.ndarray:
 def variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Diagonal of the inverse of the `free` part of an information matrix; infinite elsewhere."""
     use = free & (np.diag(A) > 0.0)
-    found = np.full(len(A), np.inf)
-    found[use] = np.diag(inverse_positive(A[np.ix_(use, use)]))
-    return found
+    return np.where(use, np.diag(free_covariance(A, use)), np.inf)
 
 
 @cached_with_first_argument

@@ -30,10 +30,11 @@ from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.slots import slots_of
-from armdyn.estimation.correlation import correlation_time
+from armdyn.estimation.correlation import INDEPENDENT_STRETCH_SECONDS, correlation_time
+from armdyn.estimation.covariance import free_covariance, sandwich_covariance
 from armdyn.estimation.descent import Damping, DescentSettings, descend
 from armdyn.estimation.nuisance import ArrowheadExpansion, eliminate_nuisance
-from armdyn.estimation.solve import pseudo_inverse
+from armdyn.estimation.solve import marginal_information
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
@@ -52,12 +53,12 @@ MOTION_DAMPING = Damping(first=1e-6, least=1e-9, negligible=5e-9, after_failure=
 move by up to 0.08 standard deviations, and their likelihoods by -0.002 to 0.02 nats."""
 RIDGE_PER_TYPICAL_SIZE = 1e-12
 """Curvature, in inverse squared typical sizes, that keeps values which the motion does not show."""
+NEGLIGIBLE_CURVATURE_SHARE = 1e-15
+"""Share of the largest curvature below which a direction of the values is only rounding."""
 SLOPE_STEP_SECONDS = 0.004
 """Usual step of the integration of derivatives, s; they need less accuracy than the motion itself."""
 WINDOW_START_PRIOR_STD_FACTOR = 3.0
 """Prior standard deviation of a window's start state, in standard deviations of the smoothed measured motion."""
-INDEPENDENT_ERROR_STRETCH_SECONDS = 2.0
-"""Length of a stretch of a recording, s, whose errors are independent of the next one's: servos react far faster."""
 CLOSED_LOOP_ROBUST_ERROR_RATIO, OPEN_LOOP_ROBUST_ERROR_RATIO = 0.5, 20.0
 """Ratio of an error to the median error above which it counts with its size, not its square (in closed and open loop):
 after a collision a simulation of a whole recording diverges; the short windows of an open loop do not. Errors up to an
@@ -337,20 +338,21 @@ class _MotionCost:
         pulls = np.einsum("unj,nj->un", left.slopes, self._share * errors)
         begun = -np.einsum("wus,ws->uw", left.follow, weights.start * starts)
         times = [w.time - w.begin for w in self._windows]
-        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_ERROR_STRETCH_SECONDS, prepend=-1.0))
+        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_STRETCH_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
-        sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])[free] * typical[free, None]
-        scaled = (left.hessian + np.diag(weights.prior)) * np.outer(typical, typical)
-        inverse = pseudo_inverse(scaled[np.ix_(free, free)])
-        found, count = np.zeros(u), sums.shape[1]
-        middle = sums @ sums.T * count / max(count - 1, 1) + np.diag(weights.score_variance[free] * typical[free] ** 2)
-        found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
+        sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])
+        count, information = sums.shape[1], left.hessian + np.diag(weights.prior)
+        inverse = free_covariance(information, free, NEGLIGIBLE_CURVATURE_SHARE)
+        scores = sums @ sums.T * count / max(count - 1, 1) + np.diag(weights.score_variance)
+        found = np.sqrt(np.diag(sandwich_covariance(inverse, scores)))
         for i, unknown in enumerate(self._unknowns):
             gain = self._model.drives[unknown.name].gain if unknown.of == "gain" else None
             if gain is not None and gain.std is not None and free[i]:  # no surer than what the gain is told with
-                others = free & (np.arange(u) != i)
-                follow = pseudo_inverse(scaled[np.ix_(others, others)]) @ scaled[others, i]
-                found[others] = np.hypot(found[others], follow * typical[others] * gain.std / gain.value / typical[i])
+                others = np.flatnonzero(free & (np.arange(u) != i))
+                scaled = information * np.outer(typical, typical)
+                _, follow = marginal_information(scaled, np.array([i]), others)
+                follow = follow[:, 0] * typical[others] / typical[i]
+                found[others] = np.hypot(found[others], follow * gain.std / gain.value)
         return found
 
     def _derivatives(self, values: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

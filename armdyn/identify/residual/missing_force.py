@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.estimation.correlation import autocorrelations
 from armdyn.estimation.solve import pseudo_inverses
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Problem, transfer_mask, transfer_values
@@ -273,11 +274,7 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
     mean = np.bincount(place, value) / count
     rest = value - mean[place]
     together = count.astype(np.float64)
-    power = float(rest @ rest)
-    for lag in range(1, len(rest)):
-        r = float(rest[lag:] @ rest[:-lag]) / power if power else 0.0
-        if r <= 0.0:
-            break
+    for lag, r in autocorrelations([rest]):
         same = place[lag:][place[lag:] == place[:-lag]]
         together += 2.0 * r * np.bincount(same, minlength=len(count))
     independent = np.maximum(count**2 / together, 2.0)

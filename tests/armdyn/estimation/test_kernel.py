@@ -7,6 +7,8 @@ from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
+from armdyn.estimation.correlation import autocorrelations, correlation_time
+from armdyn.estimation.covariance import free_covariance, sandwich_covariance
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats, wald_distance
 from armdyn.estimation.random_effects import RandomEffects
@@ -211,3 +213,46 @@ def test_random_effects_say_how_the_slopes_of_other_units_scatter():
     square = np.einsum("up,upq,uq->u", away, np.linalg.inv(expected), away).reshape(units, 2) / 2.0
     np.testing.assert_allclose(square.mean(axis=0), 1.0, atol=4.0 / np.sqrt(units))
     np.testing.assert_allclose(found.noise, alike, rtol=0.5)
+
+
+@given(SEEDS)
+@settings(deadline=None, max_examples=30)
+def test_covariances_are_those_of_the_free_unknowns_in_any_units(seed):
+    X, _, sums = drawn(seed)
+    rows, _ = whole(X, [np.zeros(len(x)) for x in X])
+    information = sums.gram.sum(axis=0)
+    free = np.array([True, False, True, True])
+    true = np.zeros((UNKNOWNS, UNKNOWNS))
+    true[np.ix_(free, free)] = np.linalg.inv(rows[:, free].T @ rows[:, free])
+    close(free_covariance(information, free), true)
+    size = 10.0 ** np.random.default_rng(seed).uniform(-4, 4, UNKNOWNS)
+    for negligible in (None, 1e-13):
+        close(free_covariance(information * np.outer(size, size), free, negligible) * np.outer(size, size), true)
+    inverse = free_covariance(information, free)
+    close(sandwich_covariance(inverse, 4.0 * information), 4.0 * inverse)
+
+
+def test_a_sandwich_is_the_scatter_of_fits_whose_errors_are_not_as_assumed():
+    rng = np.random.default_rng(11)
+    X = np.column_stack([np.ones(40), np.linspace(-1.0, 1.0, 40)])
+    std = np.where(X[:, 1] > 0.0, 3.0, 0.5)
+    fits = np.linalg.lstsq(X, std[:, None] * rng.standard_normal((40, 20000)), rcond=None)[0]
+    found = sandwich_covariance(free_covariance(X.T @ X, np.ones(2, dtype=bool)), X.T @ (std[:, None] ** 2 * X))
+    np.testing.assert_allclose(found, np.cov(fits), rtol=0.05, atol=1e-3)
+
+
+def test_an_unknown_that_nothing_tells_is_very_uncertain_unless_that_is_called_known():
+    information, free = np.array([[1.0, 1.0], [1.0, 1.0]]), np.ones(2, dtype=bool)
+    assert free_covariance(information, free)[0, 0] > 1e10
+    close(free_covariance(information, free, 1e-13), np.full((2, 2), 0.25))
+
+
+def test_the_correlation_time_of_an_autoregression_is_its_closed_form():
+    rng, x = np.random.default_rng(2), np.zeros(200_000)
+    noise = rng.standard_normal(len(x))
+    for k in range(1, len(x)):
+        x[k] = 0.8 * x[k - 1] + noise[k]
+    assert abs(correlation_time([x]) - 1.8 / 0.2) < 0.9
+    assert [lag for lag, _ in autocorrelations([x], 30, 0.5)] == [1, 2, 3]
+    assert correlation_time([noise]) < 1.1
+    assert list(autocorrelations([np.zeros(5)])) == []

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from armdyn.estimation.posterior import posterior_covariance
 from armdyn.experiments.arm import ArmProblem
 from armdyn.experiments.columns import random_joint_states
-from armdyn.experiments.criteria import posterior_covariance
 from armdyn.experiments.goal import goal_to_determine
 from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.search import AugmentedLagrangian, optimise_motion, random_motion
