@@ -6,7 +6,7 @@ respect to every parameter are evaluated together, and a fit selects its columns
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -16,8 +16,8 @@ from armdyn.estimation.descent import DescentResult, DescentSettings, descend
 from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.identify.residual.block import ResidualBlock, chi2_sum
 from armdyn.identify.settings import DEFAULT_SETTINGS, Settings
+from armdyn.identify.unknowns import unknowns_of
 from armdyn.model import Model
-from armdyn.parameter import Parameter, Prior
 from armdyn.recording.noise import NoiseByChannel
 from armdyn.run import Run
 
@@ -31,25 +31,6 @@ runs: a stretch of motion determines a length ten times better, and a stretch at
 EFFECT_PRIOR_STD_TYPICAL_SIZES = 10.0
 """Standard deviation, in typical sizes, of the wide prior of an effect's parameter about its null value: a parameter
 that few samples determine stays small, and a mass of typical size 1 kg can still become 95 kg."""
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One unknown of a least-squares problem: a parameter that all runs share, or a parameter of one run.
-
-    Attributes:
-        name: such as ``"length"``, or ``"initial_angle[a.csv]"`` for one run.
-        parameter: the parameter, with its bounds and prior.
-        index: position of the parameter in the model's parameter vector.
-        run: position of the run to which it belongs; None if all runs share it.
-    """
-
-    name: str
-    parameter: Parameter
-    index: int
-    run: int | None
-
-
 GUESS_PRIOR_STD_TYPICAL_SIZES = 3.0
 """Standard deviation of a first guess, in typical sizes. The guess acts as a weak prior: it keeps values that the runs
 do not identify in the range where the equations are valid, and hardly changes the others."""
@@ -68,7 +49,7 @@ class Problem:
 
     Attributes:
         jumps: likeliest value by unknown, for effects whose only value has no influence at null; see
-            `armdyn.identify.state_space.places`.
+            `armdyn.identify.state_space.threshold_search`.
     """
 
     def __init__(
@@ -77,22 +58,7 @@ class Problem:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise, self.settings = model, tuple(runs), noise, settings
-        differing = {name for name in model.names if len({run.known.get(name) for run in runs}) > 1}
-        columns: list[Unknown] = []
-        for index, parameter in enumerate(model.parameters.values()):
-            if parameter.scope == "shared" and parameter.name not in differing:
-                columns.append(Unknown(parameter.name, _informed(parameter, runs[0]), index, None))
-        for i, run in enumerate(runs):
-            guess = model.guess_start_state(run)
-            for index, parameter in enumerate(model.parameters.values()):
-                if parameter.scope == "shared" and parameter.name not in differing:
-                    continue
-                own = replace(parameter, scope="per_run")
-                if parameter.name in guess and parameter.fitted:
-                    own = own.with_value(float(np.clip(guess[parameter.name], own.lower, own.upper)))
-                name = parameter.name if len(runs) == 1 else f"{parameter.name}[{run.name}]"
-                columns.append(Unknown(name, _informed(own, run), index, i))
-        self.columns = tuple(columns)
+        self.columns = columns = unknowns_of(model, runs)
         parameters = [c.parameter for c in columns]
         self.lower = np.array([p.lower for p in parameters])
         self.upper = np.array([p.upper for p in parameters])
@@ -395,18 +361,3 @@ class CostOfFreeUnknowns:
             finite = np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))
             self._last = key, at if finite else QuadraticExpansion.diverged(len(values))
         return self._last[1]
-
-
-def _informed(parameter: Parameter, run: Run) -> Parameter:
-    """The parameter with the value that was measured by hand for this run."""
-    known = run.known.get(parameter.name)
-    if known is None:
-        return parameter
-    if not parameter.lower <= known.value <= parameter.upper:
-        raise InputError(
-            f"{run.name}: known {parameter.name} = {known.value:g} {known.unit} is outside its physical range "
-            f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}: measure it again"
-        )
-    if known.std is None:
-        return replace(parameter, value=known.value, fitted=False, prior=None)
-    return replace(parameter, value=known.value, prior=Prior(known.value, known.std))
