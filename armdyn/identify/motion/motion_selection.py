@@ -18,7 +18,7 @@ from armdyn.identify.motion.motion_study import USUAL_FRICTIONS, MotionStudy
 from armdyn.identify.selection.arm_selection import LinearPath, best_path, empty_effects, without_empty_effects
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
-from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, singles_and_groups
+from armdyn.identify.selection.select_effects import eliminate, group_joints_by_effect, larger_sets, smaller_sets
 
 GEARED = ("joint_viscous_friction", "joint_load_friction", "rotor_inertia")
 EVERY_USUAL = (*USUAL_FRICTIONS, "joint_load_friction", "rotor_inertia", "back_emf", "payload")
@@ -70,7 +70,7 @@ def _without_chance_effects(found: LinearPath) -> LinearPath:
     """The path without effects that a catalogue shows by chance, or that are not worth their freedom in evidence."""
     least = float(norm.isf(found.study.settings.search.chance_level / 2.0 / max(len(found.scorer.searched_effects), 1)))
     found = without_empty_effects(found, least)
-    while parts := [(c,) for c in found.chosen_set.effects if c not in found.scorer.given]:
+    while parts := [(c,) for c in found.scorer.removable(found.chosen_set)]:
         gone = found.scorer.promising_removals(found.chosen_set, parts)[0]
         other = found.with_effects([c for c in found.chosen_set.effects if c not in gone]).relinearised()
         scale = other.scorer
@@ -158,13 +158,7 @@ def _settled(found: LinearPath) -> LinearPath:
 def _changed(found: LinearPath, tried: set[Candidate], say: ProgressCallback) -> Iterator[LinearPath]:
     """Fitted paths to sets with fewer effects or more, those that are foretold to be the best first."""
     scorer, now = found.scorer, found.chosen_set
-    free = [c for c in now.effects if c not in scorer.given]
-    removals = scorer.promising_removals(now, singles_and_groups(free))
-    fewer = [scorer.evaluate([c for c in now.effects if c not in part]) for part in removals]
-    left = [c for c in scorer.searched_effects if c not in now.effects]
-    options = singles_and_groups(left)
-    likely = np.argsort(-scorer.approximate_addition_scores(now, options))[:SCORED_ADDITIONS]
-    more = [scorer.evaluate((*now.effects, *options[i])) for i in likely]
+    fewer, more = smaller_sets(scorer, now), larger_sets(scorer, now, SCORED_ADDITIONS)
     best = max([*fewer, *more], key=lambda one: one.score)
     promising = [eliminate(scorer, best), best, max(fewer, key=lambda one: one.score, default=now)]
     for one in dict.fromkeys(one for one in promising if one.score > now.score):
@@ -197,7 +191,7 @@ def _with_load_instead_of_springs(
     model, now = found.study.problem.model, found.chosen_set
     alike = {effect.name for effect in model.effects if _is_like_a_load(effect)}
     springs = [c for c in now.effects if c.effect in alike and c not in found.scorer.given]
-    loads = [c for c in found.scorer.searched_effects if model.changes_link(c.names) and c not in now.effects]
+    loads = [c for c in found.scorer.addable(now) if model.changes_link(c.names)]
     for load in [c for c in loads if c not in tried] if springs else ():
         tried.add(load)
         say(f"fitting the motion with {load.label} in place of {', '.join(c.label for c in springs)}")

@@ -122,7 +122,7 @@ def rank_effects(
     """
     nothing = scorer.evaluate(scorer.given)
     found = [scorer.evaluate((*scorer.given, *first))] if first else []
-    plausible_effects = [c for c in scorer.searched_effects if c not in scorer.given]
+    plausible_effects = scorer.addable(nothing)
     for name in dict.fromkeys(c.effect for c in plausible_effects):
         if not first or name != first[0].effect:
             found.append(_alone(scorer, [c for c in plausible_effects if c.effect == name], nothing))
@@ -132,7 +132,7 @@ def rank_effects(
     names = [name_tied_effect(c, first) for c in tied]
     described = []
     for one in (*leading, *rest)[: scorer.max_ranked_effects]:
-        mine = group_by_effect([c for c in one.effects if c not in scorer.given])[0]
+        mine = group_by_effect(scorer.removable(one))[0]
         others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
         described.append(_described(scorer, one, mine, nothing, tuple(dict.fromkeys(others))))
     return tuple(described)

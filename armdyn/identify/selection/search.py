@@ -129,7 +129,7 @@ def _searched(steps: Sequence[SearchStep], scorer: EffectSetScorer, at_end: Effe
 
 def _further(scorer: EffectSetScorer, effects: Sequence[Candidate]) -> Candidate | None:
     now = scorer.optimise(effects)
-    options = (scorer.evaluate((*now.effects, c)) for c in scorer.searched_effects if c not in now.effects)
+    options = (scorer.evaluate((*now.effects, c)) for c in scorer.addable(now))
     best = max(options, key=lambda one: one.score, default=now)
     return next((c for c in best.effects if c not in now.effects), None) if best.score > now.score else None
 

@@ -52,13 +52,22 @@ def eliminate(scorer: EffectSetScorer, now: EffectSetScore) -> EffectSetScore:
         now: the set.
     """
     while True:
-        free = [c for c in now.effects if c not in scorer.given]
-        promising = scorer.promising_removals(now, singles_and_groups(free))
-        fewer = (scorer.evaluate([c for c in now.effects if c not in part]) for part in promising)
+        fewer = smaller_sets(scorer, now)
         best = max(fewer, key=_score, default=now)
         if best is now or best.score < now.score:
             return now
         now = best
+
+
+def smaller_sets(scorer: EffectSetScorer, now: EffectSetScore) -> list[EffectSetScore]:
+    """Sets without one effect, on one joint or on all, that may be better than a set."""
+    parts = scorer.promising_removals(now, singles_and_groups(scorer.removable(now)))
+    return [scorer.without(now, part) for part in parts]
+
+
+def larger_sets(scorer: LinearScorer, now: EffectSetScore, count: int) -> list[EffectSetScore]:
+    """The `count` sets with one more effect, on one joint or on all, that promise most."""
+    return _promising(scorer, now, list(_additions(scorer, now)), count)
 
 
 def group_joints_by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
@@ -76,13 +85,12 @@ def _score(one: EffectSetScore) -> float:
 
 
 def _additions(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
-    yield from (((), come) for come in singles_and_groups([c for c in scorer.searched_effects if c not in now.effects]))
+    yield from (((), come) for come in singles_and_groups(scorer.addable(now)))
 
 
 def _exchanges(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
-    free = [c for c in now.effects if c not in scorer.given]
-    left = [c for c in scorer.searched_effects if c not in now.effects]
-    yield from ((gone, come) for gone in singles_and_groups(free) for come in singles_and_groups(left))
+    coming = singles_and_groups(scorer.addable(now))
+    yield from ((gone, come) for gone in singles_and_groups(scorer.removable(now)) for come in coming)
 
 
 def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
@@ -91,22 +99,25 @@ def _pairs(scorer: LinearScorer, now: EffectSetScore) -> Iterator[Change]:
     A gain and a friction that grows with the load hide each other: neither improves the score without the other one
     where a spring and a rotor imitate part of both.
     """
+    removable, addable = scorer.removable(now), scorer.addable(now)
     for joint in dict.fromkeys(c.joints for c in scorer.searched_effects if c.joints):
-        own = [c for c in scorer.searched_effects if c.joints == joint]
-        there = [c for c in own if c in now.effects and c not in scorer.given]
+        there = [c for c in scorer.searched_effects if c.joints == joint and c in removable]
+        coming = [c for c in addable if c.joints == joint]
         for gone in [(), *((c,) for c in there), *combinations(there, 2)]:
-            yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
+            yield from ((gone, pair) for pair in combinations(coming, 2))
 
 
-def _promising(scorer: LinearScorer, now: EffectSetScore, changes: Sequence[Change]) -> list[EffectSetScore]:
-    """Sets after the changes with the largest predicted scores, the best first."""
+def _promising(
+    scorer: LinearScorer, now: EffectSetScore, changes: Sequence[Change], count: int = SCORED_CHANGES_PER_KIND
+) -> list[EffectSetScore]:
+    """Sets after the `count` changes with the largest predicted scores, the best first."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:
         by_gone.setdefault(gone, []).append(come)
     found: list[tuple[float, tuple[Candidate, ...]]] = []
     for gone, options in by_gone.items():
-        rest = scorer.evaluate([c for c in now.effects if c not in gone])
+        rest = scorer.without(now, gone)
         scores = scorer.approximate_addition_scores(rest, options).tolist()
         found += [(score, (*rest.effects, *come)) for score, come in zip(scores, options, strict=True)]
-    likely = sorted(found, key=lambda one: -one[0])[:SCORED_CHANGES_PER_KIND]
+    likely = sorted(found, key=lambda one: -one[0])[:count]
     return sorted((scorer.evaluate(effects) for _, effects in likely), key=_score, reverse=True)

@@ -7,7 +7,7 @@ their sizes (MacKay, Neural Computation 4, 1992), and the likelihood of the pred
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import lgamma, log
 from typing import ClassVar
@@ -178,3 +178,15 @@ class EffectSetScorer(ABC):
     def searched_effects(self) -> tuple[Candidate, ...]:
         """Candidates from which a search chooses."""
         return self.candidates
+
+    def removable(self, now: EffectSetScore) -> list[Candidate]:
+        """Effects that a search may remove from a set."""
+        return [c for c in now.effects if c not in self.given]
+
+    def addable(self, now: EffectSetScore) -> list[Candidate]:
+        """Effects that a search may add to a set."""
+        return [c for c in self.searched_effects if c not in now.effects]
+
+    def without(self, now: EffectSetScore, part: Collection[Candidate]) -> EffectSetScore:
+        """A set without a part of it."""
+        return self.evaluate([c for c in now.effects if c not in part])
