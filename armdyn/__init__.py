@@ -21,7 +21,20 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect, effect
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.front import add, compare, diagnose, discover, fit, inspect, load, predict, repair, save, simulate
+    from armdyn.front import (
+        add,
+        compare,
+        diagnose,
+        discover,
+        fit,
+        inspect,
+        load,
+        predict,
+        repair,
+        residual,
+        save,
+        simulate,
+    )
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
@@ -42,6 +55,7 @@ _MODULES = {
     "diagnose": "armdyn.front",
     "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
     "load": "armdyn.front", "save": "armdyn.front", "predict": "armdyn.front", "simulate": "armdyn.front",
+    "residual": "armdyn.front",
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
     "arm": "armdyn.arm", "effects": "armdyn.effects", "pendulum": "armdyn.pendulum",
@@ -51,7 +65,7 @@ __all__ = [
     "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
     "add", "arm", "check", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
     "import_log", "inspect", "load", "load_effects", "next_experiment", "pendulum", "predict", "quantity", "read_model",
-    "read_run", "repair", "save", "simulate",
+    "read_run", "repair", "residual", "save", "simulate",
 ]  # fmt: skip
 _own = lazy_getattr(__name__, _MODULES)
 

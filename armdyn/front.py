@@ -69,6 +69,29 @@ def predict(model: AnyModel, run: Run | str | Path) -> Run:
     return Run(f"{read.name} predicted", channels)
 
 
+def residual(model: AnyModel, run: Run | str | Path) -> Run:
+    """What the model, with its values as they are, leaves of what a recording measured: measured less predicted.
+
+    Of a force/torque sensor it is the compensated wrench: what acts on the tool besides its weight and its inertia.
+
+    Args:
+        model: the model, or its file.
+        run: the recording, or its file.
+
+    Returns:
+        The channels that the model predicts, without their prediction, at the time stamps of the recording.
+
+    Raises:
+        InputError: as `predict`.
+    """
+    known, read = _model_and_run(model, run)
+    left = {
+        name: Channel(c.time, read.channels[name].value - c.value, c.unit)
+        for name, c in predict(known, read).channels.items()
+    }
+    return Run(f"{read.name} residual", left)
+
+
 def simulate(model: AnyModel, run: Run | str | Path) -> Run:
     """Simulate the motion of a recording from its first state, by the model with its values as they are.
 

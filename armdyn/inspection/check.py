@@ -17,6 +17,7 @@ CheckKind: TypeAlias = Literal[
     "gravity_direction", "scale", "gap", "glitch", "counts_lost", "saturated", "frozen", "repeated_samples", "rate",
     "noise_misstated", "no_motion", "implausible_model", "samples_dropped", "second_publisher", "joint_left_out",
     "unusable", "wrapped", "filtered", "sign_missing", "without_gravity", "unanswered_check", "sticking",
+    "wrench_sign", "wrench_frame", "wrench_zeroed",
 ]  # fmt: skip
 MODEL_PLACEHOLDER = "M.toml"
 """Placeholder for the path of the model file in proposed command lines."""

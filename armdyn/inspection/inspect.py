@@ -37,6 +37,7 @@ from armdyn.inspection.signals import (
 )
 from armdyn.inspection.swing import SampledSwingRun, pendulum_mistakes
 from armdyn.inspection.together import SampledArmRuns, SampledRuns
+from armdyn.inspection.wrench import wrench_checks
 from armdyn.model import Model
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
@@ -147,6 +148,9 @@ def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...
     for first in range(0, len(sampled), MAX_RECORDINGS_COMPARED_TOGETHER):
         together = SampledArmRuns(tuple(sampled[first : first + MAX_RECORDINGS_COMPARED_TOGETHER]))
         yield from physics.mistake_checks(together, arm_mistakes)
+    for run in runs:
+        if model.sensors and _has_all(run, model):
+            yield from wrench_checks(model, run)
 
 
 def _has_all(run: Run, model: ArmModel) -> bool:

@@ -5,17 +5,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import armdyn
 from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.motion import Motion
 from armdyn.arm.wrench.prediction import CutMotionSamples
 from armdyn.arm.wrench.sensor import chosen_sensors, cut_at_sensor
+from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
+from armdyn.identify.sentence import Verdict
 from armdyn.model_file import ModelFile, read_model, write_model_file
 from armdyn.run import Run
 from tests.derivatives import assert_jacobian
 from tests.worlds.mujoco_plant import Path
-from tests.worlds.tools import AXES, LINK, SENSOR, SLOW, Tool, description, faulty, measured, robot, sensed_model
+from tests.worlds.tools import (
+    AXES,
+    LINK,
+    SENSOR,
+    SLOW,
+    Tool,
+    description,
+    drawn,
+    faulty,
+    measured,
+    recorded,
+    robot,
+    sensed_model,
+)
 
 TOOL = Tool(1.3, np.array([0.02, -0.03, 0.12]), np.diag([0.01, 0.008, 0.004]) + 0.001)
 ON_SENSOR = [effect for effect in CATALOGUE.values() if effect.acts_on == "wrench"]
@@ -31,8 +47,8 @@ FAULTS = {
 
 @pytest.fixture(scope="module")
 def moved():
-    time = np.arange(0.0, 6.0, 0.01)
-    return time, Path.drawn(np.random.default_rng(0), robot(), SLOW, 6.0).at(time)
+    time = np.arange(0.0, 4.0, 0.01)
+    return time, Path.drawn(np.random.default_rng(0), robot(), SLOW, 4.0).at(time)
 
 
 @pytest.fixture(scope="module")
@@ -171,3 +187,32 @@ def test_an_arm_with_a_wrench_alone_is_compared(moved, recording):
     model = sensed_model()
     assert model.predicted_channels(model.prepare_run(alone)) == model.sensors[SENSOR].channels
     assert model.force_channels(alone) == {}
+
+
+@pytest.mark.parametrize("seed", [9], ids=["offset and drift"])
+def test_a_repair_names_the_faults_of_a_sensor_and_finds_the_tool(seed):
+    tool, model = drawn(seed), sensed_model()
+    runs = [recorded(tool, 10 * seed + k, seconds=10.0, rate=50.0) for k in range(2)]
+    found = CheckedStudy.of(model, runs[:1], runs[1:]).repair().model
+    assert {effect.name for effect in found.named_effects} - {"payload_inertia"} == {"payload", *tool.faults}
+    mass, *centre = (found.value(f"payload.{name}[{model.joints[-1]}]") for name in ("mass", "x", "y", "z"))
+    assert mass == pytest.approx(tool.mass, rel=0.01)
+    assert centre == pytest.approx(tool.centre, abs=2e-3)
+
+
+def test_a_sound_sensor_lacks_nothing(tmp_path):
+    tool = replace(drawn(0), faults={})
+    (tmp_path / "arm.urdf").write_text(description(tool), encoding="utf-8")
+    runs = [recorded(tool, k, seconds=10.0, rate=50.0) for k in range(2)]
+    found = CheckedStudy.of(sensed_model(tmp_path / "arm.urdf"), runs[:1], runs[1:]).repair()
+    assert found.verdict is Verdict.EXPLAINED
+    assert not found.model.named_effects
+
+
+def test_a_compensated_wrench_is_what_acts_on_the_tool_besides(moved, recording):
+    torque, wrench, _ = recording
+    pushed = 5.0 * (np.abs(moved[0] - 2.0) < 0.5)
+    touched = wrench + np.outer(pushed, np.eye(6)[2])
+    left = armdyn.residual(with_tool(sensed_model()), as_run(moved, torque, touched))
+    assert left.channels["fz.ft"].value[20:-20] == pytest.approx(pushed[20:-20], abs=0.05)
+    assert left.channels["fx.ft"].value[20:-20] == pytest.approx(0.0, abs=0.05)
