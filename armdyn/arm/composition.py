@@ -212,7 +212,7 @@ class JointTorqueFunctions:
 
 def depends_on_past(effect: Effect) -> bool:
     """Whether an effect of an arm makes a torque, or its reading, depend on the past."""
-    return effect.reach != "base" and torque_functions_with_effects([effect]).depends_on_past
+    return effect.in_joint and torque_functions_with_effects([effect]).depends_on_past
 
 
 def torque_functions_with_effects(effects: Sequence[Effect]) -> JointTorqueFunctions:

@@ -140,8 +140,7 @@ class ArmModel(Model):
 
         A wrench shows loads, links and gravity, but nothing in a joint, which needs a torque.
         """
-        in_joint = effect.acts_on in ("joint", "drive") and effect.reach != "base"
-        if self.sensors and in_joint and not any(name.startswith("tau.") for name in channels):
+        if self.sensors and effect.in_joint and not any(name.startswith("tau.") for name in channels):
             return torque_functions_with_effects([effect]).link is not None and effect.is_visible_in(channels)
         return effect.is_visible_in(channels)
 

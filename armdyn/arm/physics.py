@@ -43,10 +43,9 @@ class Link:
         """
         return replace(self, shape=self.shape @ deformation)
 
-    def with_inertia(self, inertia: Expression) -> "Link":
-        """Add the inertia (3, 3), kg m^2, that fixed bodies have about their own centres."""
-        spread = ca.trace(inertia) / 2 * ca.SX.eye(3) - inertia
-        return replace(self, carried=self.carried + ca.diagcat(spread, 0))
+    def with_second_moments(self, moments: Expression) -> "Link":
+        """Add the second moments (3, 3), kg m^2, that the mass of fixed bodies has about their own centres."""
+        return replace(self, carried=self.carried + ca.diagcat(moments, 0))
 
     def with_point_mass(self, mass: Expression, position: Expression) -> "Link":
         """Fix a mass, kg, to the point (3,) m in the frame of the joint."""

@@ -32,6 +32,8 @@ DRIVE_DAMPING, VELOCITY_COMMAND = "drive damping", "velocity command"
 """A drive's torque per velocity and per commanded velocity."""
 PAST_COMMANDS, VOLTAGE = "what was before", "the supply voltage"
 """What a drive's torque may depend on that no slot holds."""
+WRENCH_READING = "what a force/torque sensor reads"
+"""What no joint has."""
 PLAY_PARAMETER = "backlash.play"
 """Parameter of a joint: its link's way to either side of the drive's position, rad or m."""
 CHECKED_POINTS, TOLERANCE, MAX_DEPTH = 5, 1e-9, 9
@@ -78,7 +80,7 @@ class EffectSlots:
 def slots_of(effect: Effect) -> EffectSlots:
     """The slots of an effect on an arm, or why it has none."""
     if effect.acts_on not in ("joint", "drive"):
-        return EffectSlots(frozenset(), "another stage")
+        return EffectSlots(frozenset(), WRENCH_READING if effect.acts_on == "wrench" else "another stage")
     if effect.reach == "base":
         return EffectSlots(frozenset({GRAVITY}))
     if [f"{effect.name}.{short}" for short in effect.quantities] == [PLAY_PARAMETER]:  # no torque changes

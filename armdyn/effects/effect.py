@@ -49,6 +49,11 @@ class Effect:
         """The effect's equation: the first line of its function's docstring; without a docstring, its summary."""
         return (self.function.__doc__ or self.summary).strip().split("\n")[0].rstrip(".")
 
+    @property
+    def in_joint(self) -> bool:
+        """Whether it acts on joints of an arm or on their drives, and not on its base or a sensor that it carries."""
+        return self.acts_on in ("joint", "drive") and self.reach != "base"
+
     def is_visible_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show the effect: an angle cannot show a load cell's lag."""
         return not self.missing_channels(channels)

@@ -208,23 +208,22 @@ def payload(
 
 @effect(
     summary="The body that the last link carries is no point: it has an inertia about its own centre.",
-    source="Khalil, Gautier & Lemoine, Identification of the Payload Inertial Parameters of Industrial Manipulators, "
-    "ICRA 2007",
+    source="second moments of mass in the pseudo-inertia: Wensing, Kim & Slotine, IEEE RA-L 3, 2018",
     reach="last",
     needs=("tx", "ty", "tz"),
 )
 def payload_inertia(
     joint: Joint,
-    xx: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the x axis of the last joint's frame"),
-    yy: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the y axis of the last joint's frame"),
-    zz: Expression = quantity("kg m^2", typical=0.01, lower=0.0, summary="about the z axis of the last joint's frame"),
-    xy: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
-    xz: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
-    yz: Expression = quantity("kg m^2", typical=0.01, summary="product of inertia"),
+    xx: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean x^2 about its centre, times its mass"),
+    yy: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean y^2 about its centre, times its mass"),
+    zz: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean z^2 about its centre, times its mass"),
+    xy: Expression = quantity("kg m^2", typical=0.001, summary="mean x y about its centre, times its mass"),
+    xz: Expression = quantity("kg m^2", typical=0.001, summary="mean x z about its centre, times its mass"),
+    yz: Expression = quantity("kg m^2", typical=0.001, summary="mean y z about its centre, times its mass"),
 ) -> Joint:
-    """Pseudo-inertia J = J_link + S of the last link, S = tr(I)/2 - I with the inertia I about the body's centre."""
+    """Pseudo-inertia J = J_link + S of the last link, with the second moments S of the body: I = tr(S) - S."""
     rows = (ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
-    return joint.with_link(joint.link.with_inertia(ca.vertcat(*rows)))
+    return joint.with_link(joint.link.with_second_moments(ca.vertcat(*rows)))
 
 
 def _extent(stretch: Expression) -> Expression:

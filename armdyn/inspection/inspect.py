@@ -141,9 +141,7 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
 
 def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...]) -> Iterator[Check]:
     """Findings from comparing recordings with an arm's model, all together; empty where that is not possible."""
-    missing = MissingEffects(
-        model, tuple(e for e in effects if e.acts_on in ("joint", "drive") and e.acts_on in model.stages)
-    )
+    missing = MissingEffects(model, tuple(e for e in effects if e.acts_on in model.stages and e.acts_on != "wrench"))
     sampled = [SampledArmRun(missing, run) for run in runs if _has_all(run, model) and model.force_channels(run)]
     for first in range(0, len(sampled), MAX_RECORDINGS_COMPARED_TOGETHER):
         together = SampledArmRuns(tuple(sampled[first : first + MAX_RECORDINGS_COMPARED_TOGETHER]))

@@ -45,9 +45,7 @@ class MissingEffects:
     @cached_property
     def own(self) -> ArmModel:
         """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only_effects(
-            [e.name for e in self.model.effects if e.acts_on != "wrench" and not depends_on_past(e)]
-        )
+        return self.model.with_only_effects([e.name for e in self.model.effects if not depends_on_past(e)])
 
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, EffectSizes]:

@@ -18,6 +18,7 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.wrench.prediction import CutMotionSamples
 from armdyn.arm.wrench.sensor import WRENCH_AXES, WrenchAxes, WrenchSensor, cut_at_sensor
+from armdyn.estimation.solve import least_squares
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.kinematics import local_averages
@@ -143,7 +144,7 @@ def _residual_shares(stretch: CutMotionSamples, readings: Sequence[np.ndarray]) 
     with_tool = np.hstack([by_tool.reshape(len(drifting), -1), drifting]) * scale
     drifting *= scale
     gaps = np.array([((y - beyond) / sizes).ravel() for y in readings]).T
-    found, alone = (np.linalg.lstsq(columns, gaps, rcond=1e-8)[0] for columns in (with_tool, drifting))
+    found, alone = (least_squares(columns, gaps, 1e-8) for columns in (with_tool, drifting))
     left = np.where(found[0] < 0.0, gaps - drifting @ alone, gaps - with_tool @ found)
     return np.asarray(np.mean(left.T.reshape(len(readings), -1, 2, 3) ** 2, axis=(1, 3)))
 
@@ -183,7 +184,7 @@ def _steps(sampled: SampledWrench) -> Iterator[Check]:
     columns = np.diff(tool, axis=0).reshape(gap.size, -1)
     kept = np.ones(gap.size, dtype=bool)
     for _ in range(2):  # the second time without the step
-        found, *_ = np.linalg.lstsq(columns[kept], gap.ravel()[kept], rcond=1e-8)
+        found = least_squares(columns[kept], gap.ravel()[kept], 1e-8)
         left = gap - (columns @ found).reshape(gap.shape)
         spread = 1.4826 * np.median(np.abs(left), axis=0)
         kept = np.all(np.abs(left) < 5.0 * spread, axis=1).repeat(len(spread))

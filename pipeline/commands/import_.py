@@ -253,7 +253,7 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice), *drive)}")
         if drive:
             typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")
-        silent = not drive and not any(name.startswith("tau.") for name in runs[0].channels)
+        silent = not drive and not runs[0].predictable_channels
         typer.echo("no torque was recorded: only what is measured can be compared" if silent else repair)
     else:
         typer.echo(f"next: armdyn new {'pendulum' if runs[0].channels else '--base FILE.py'} M.toml")

@@ -88,7 +88,7 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
     held = {
         effect.name
         for effect in model.effects
-        if effect.name in named or effect.reach == "base" or not torque_functions_with_effects([effect]).remembers
+        if effect.name in named or not effect.in_joint or not torque_functions_with_effects([effect]).remembers
     }
     kept = model.with_only_effects(held)
     motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}

@@ -69,7 +69,7 @@ def export_deviation(file: ModelFile, held: Collection[str]) -> ExportDeviation 
     if model is None:
         return None
     entries = [entry for entry in file.history if "contribution" in entry]
-    present = {effect.name for effect in model.named_effects}
+    present = {effect.name for effect in model.named_effects if effect.acts_on != "wrench"}
     error: dict[str, float] = {}
     for entry in entries:
         added = entry["added"] if isinstance(entry["added"], list) else [entry["added"]]

@@ -27,6 +27,7 @@ from armdyn.arm.slots import (
     STIFFNESS,
     TORQUE,
     VOLTAGE,
+    WRENCH_READING,
     slots_of,
 )
 from armdyn.effects.effect import Effect
@@ -44,6 +45,7 @@ INEXPRESSIBLE_REASONS = {
     OFFSET: "belongs to the drive's command, not to the arm",
     COMMAND_DELAY: "shift the commands by it",
     READING_DELAY: "belongs to the torque sensor, not to the arm",
+    WRENCH_READING: "belongs to the force/torque sensor, not to the arm",
     PAST_COMMANDS: "needs what was before",
     VOLTAGE: "the gain is that of the usual voltage",
 }

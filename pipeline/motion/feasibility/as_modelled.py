@@ -83,7 +83,7 @@ class ModelledArm:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of effects on torques that depend on what was before, which the torque of an instant lacks."""
-        return tuple(e.name for e in self.model.effects if _acts(e) and e.reach != "base" and depends_on_past(e))
+        return tuple(e.name for e in self.model.effects if _acts(e) and depends_on_past(e))
 
     @property
     def limit(self) -> Array:
@@ -143,8 +143,8 @@ class ModelledArm:
 
 def _acts(effect: Effect) -> bool:
     """Whether an effect changes a drive's torque, and not only what is read of it."""
-    if effect.reach == "base":
-        return True
+    if not effect.in_joint:
+        return effect.reach == "base"
     after = composed_joint((effect.on(),)).after
     changed = ca.vertcat(after.torque, after.inner_torque, ca.vec(after.link.pseudo_inertia))
     return bool(ca.depends_on(changed, composed_joint((effect.on(),)).theta))

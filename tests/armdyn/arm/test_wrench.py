@@ -66,7 +66,8 @@ def with_tool(model):
     """The model with the tool as a payload, which MuJoCo's arm carries."""
     values = {f"payload.{axis}": x for axis, x in zip("xyz", TOOL.centre, strict=True)} | {"payload.mass": TOOL.mass}
     places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-    values |= {f"payload_inertia.{name}": TOOL.inertia[place] for name, place in places.items()}
+    second = np.trace(TOOL.inertia) / 2 * np.eye(3) - TOOL.inertia
+    values |= {f"payload_inertia.{name}": second[place] for name, place in places.items()}
     model = model.with_effect(find("payload")).with_effect(find("payload_inertia"))
     return model.with_values({f"{name}[{model.joints[-1]}]": value for name, value in values.items()})
 

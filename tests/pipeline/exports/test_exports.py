@@ -81,7 +81,7 @@ def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
         assert float(dynamics.get("friction")) > 0.0
         assert back.arm.slides[i] == model.arm.slides[i]
     rigid = inverse_dynamics_function(back)
-    links_alone = model.with_only_effects(["link_inertia", "payload", "base_tilt"])
+    links_alone = model.with_only_effects(["link_inertia", "payload", "payload_inertia", "base_tilt"])
     given = states(model, 50)
     found = [np.array(rigid(*state))[:, 0] for state in zip(*given, strict=True)]
     np.testing.assert_allclose(found, by_formulas(links_alone, *given), atol=1e-9)
