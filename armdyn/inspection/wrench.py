@@ -22,6 +22,7 @@ from armdyn.estimation.solve import least_squares
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.kinematics import local_averages
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD
 from armdyn.run import Run
 
 WRENCH_MOMENTS = 240
@@ -34,9 +35,10 @@ MODEL_ERROR_SHARE = 0.1
 CERTAIN_NATS, MAX_RESIDUAL_SHARE, MIN_GAIN = 20.0, 0.35, 2.0
 """Log odds over the recording as it is from which a correction is a mistake; largest residual after it, as a share of
 what changes in the wrench; and how many times smaller than before it has to be."""
-STEP_SECONDS, STEP_SIZES, STEP_AXES, LASTING_SHARE = 0.1, 10.0, 3, 0.5
-"""Time, s, between averages whose difference shows a step; least size of a step in the deviations of other differences,
-and least number of axes with one; least share of it that is still there half a second later."""
+STEP_SECONDS, OUTLYING_SIZES, STEP_SIZES, STEP_AXES, LASTING_SHARE = 0.1, 5.0, 10.0, 3, 0.5
+"""Time, s, between averages whose difference shows a step; size from which on the fit of the tool leaves a difference
+out, and least size of a step, in the usual ones; least number of axes with a step, and least share of it that is still
+there half a second later."""
 ZEROED_SHARE = 0.15
 """Least reading during a step, as a share of the step, of a sensor that was zeroed."""
 
@@ -182,12 +184,16 @@ def _steps(sampled: SampledWrench) -> Iterator[Check]:
     tool = np.stack([stretch.by_inertia[axis][:, 0] for axis in stretch.cut.axes], axis=1)
     gap = np.diff(y - stretch.described[:, list(stretch.cut.axes)], axis=0)
     columns = np.diff(tool, axis=0).reshape(gap.size, -1)
-    kept = np.ones(gap.size, dtype=bool)
-    for _ in range(2):  # the second time without the step
-        found = least_squares(columns[kept], gap.ravel()[kept], 1e-8)
+
+    def left_of(kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 6) what a tool that fits the (n,) `kept` differences leaves of all, and its usual size (6,)."""
+        rows = kept.repeat(len(WRENCH_AXES))
+        found = least_squares(columns[rows], gap.ravel()[rows], 1e-8)
         left = gap - (columns @ found).reshape(gap.shape)
-        spread = 1.4826 * np.median(np.abs(left), axis=0)
-        kept = np.all(np.abs(left) < 5.0 * spread, axis=1).repeat(len(spread))
+        return left, np.median(np.abs(left), axis=0) / ABS_NORMAL_MEDIAN_OVER_STD
+
+    rough, size = left_of(np.ones(len(gap), dtype=bool))
+    left, spread = left_of(np.all(np.abs(rough) < OUTLYING_SIZES * size, axis=1))
     both = left[1:] + left[:-1]  # a step between two averages, or within one
     at = int(np.argmax(np.sum(np.minimum(np.abs(both / spread), 100.0), axis=1)))
     large = np.abs(both[at]) > STEP_SIZES * spread
