@@ -23,7 +23,8 @@ OVERLAPS = """(() => {
       if (over(legend, box(part))) found.push(`${chart.id}: legend and ${part.getAttribute("class")}`);
     });
     chart.querySelectorAll(".plot").forEach((part) => {
-      if (over(legend, box(part.closest("g.subplot")?.querySelector(".gridlayer")))) found.push(`${chart.id}: legend and grid`);
+      const grid = box(part.closest("g.subplot")?.querySelector(".gridlayer"));
+      if (over(legend, grid)) found.push(`${chart.id}: legend and grid`);
     });
     const scrolls = /auto|scroll/.test(getComputedStyle(chart.parentElement).overflowX);
     if (!scrolls && box(chart).right > innerWidth + 1) found.push(`${chart.id}: wider than the screen`);
