@@ -37,7 +37,7 @@ def import_log(
         mapping: TOML file that says which column is which channel; ``armdyn import FILE --guess`` proposes one. By
             default the columns' names must be unambiguous.
         urdf: description of the robot, whose names of joints are used.
-        commands: a second file, of what the joints were told, with stamps of its own.
+        commands: a second file, with the commands of the joints and stamps of its own.
         drives: servos whose raw registers the columns are, such as ``"sts3215=all"``.
         rate: rows per second of a table without stamps [Hz].
 

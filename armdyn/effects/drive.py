@@ -29,7 +29,7 @@ def servo_gain(
     acts_on="drive",
     summary="A position servo gives a torque in proportion to the error of the commanded velocity.",
     source="proportional-derivative control: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §8.5.1; of one "
-    "that is told no velocity it is joint_viscous_friction",
+    "without a velocity command it is joint_viscous_friction",
     needs=("v_cmd",),
 )
 def servo_damping(

@@ -90,7 +90,7 @@ def rivals_of_study(
     rivals = rivals_of_diagnosis(study, found) or rival_values_of_worst_parameter(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:
-        said = f"{found.sentence} Nothing is left to be told apart, and all values are known well."
+        said = f"{found.sentence} No effects remain to be distinguished, and all values are known well."
         if found.verdict.key == "unknown_effect":
             said = f"{found.sentence} No experiment can be designed for an effect that no model describes."
     return found.verdict.key, said, rivals

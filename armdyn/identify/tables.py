@@ -41,7 +41,7 @@ def parameter_table(found: Mapping[str, Parameter]) -> Table:
 
 
 def _std(parameter: Parameter) -> float | str | None:
-    return "not told" if parameter.fitted and parameter.std is None else parameter.std
+    return "not known" if parameter.fitted and parameter.std is None else parameter.std
 
 
 def channel_table(found: Mapping[str, Any], caption: str) -> Table:
@@ -151,7 +151,7 @@ def step_table(
         ),
     ]
     if any(step.tied_with for step in path):
-        columns.append(Column("cannot be told from", [step.tied_with for step in path]))
+        columns.append(Column("indistinguishable from", [step.tied_with for step in path]))
     caption = "; ".join(judge.value for judge in holdout_kinds)
     if len(given.rmse) > len(units):
         caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
@@ -190,7 +190,7 @@ def candidate_table(
         Column("its values", values, dropped_when_narrow=True),
         Column("delta_bic", [s.delta_bic for s in found], ".1f", title="ΔBIC"),
         Column("p_value", [s.p_value for s in found], ".1e", title="p of chance"),
-        Column("tied_with", [", ".join(s.tied_with) for s in found], title="cannot be told from"),
+        Column("tied_with", [", ".join(s.tied_with) for s in found], title="indistinguishable from"),
     ]
     caption = (
         f"Error: root mean square over the fitted runs, {error_text(given, scale)} as given"
@@ -331,8 +331,8 @@ def motion_section(found: Sequence["SimulatedPositionError"]) -> Section:
         Column("encoder", [of[0].resolution or None for of in rows.values()], title="encoder's step"),
     ]
     text = (
-        f"The model is simulated by what drove the joints in the {ROLE_WORDS[role]} runs, not told where they went; "
-        "the error of its positions:"
+        f"The model is simulated with the recorded commands or torques of the {ROLE_WORDS[role]} runs, without their "
+        "positions; the error of its positions:"
     )
     if any(rms is None for rms, _ in errors):
         text = text.removesuffix(":") + "; – where a joint is carried off by more than a turn:"

@@ -53,7 +53,7 @@ class ImportOptions:
         typer.Option(
             "--commands",
             metavar="FILE",
-            help="What the joints were told, in a file of its own with its own stamps; a command holds until the next.",
+            help="Commands of the joints, in a file of its own with its own stamps; a command holds until the next.",
         ),
     ] = None
     rate: Annotated[

@@ -114,13 +114,13 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
         found.append(
             ExportedFunction(
                 drive_command_function(kept),
-                "What the drives are told, or read, while they give these torques: with their gains and offsets.",
+                "The drives' commands, or readings, while they give these torques: with their gains and offsets.",
                 motion,
                 {"command": f"torques to command, {unit}"},
             )
         )
     if model.drives:
-        told = {"q_cmd": "positions that the joints are told", "v_cmd": "velocities that they are told, per s"}
+        told = {"q_cmd": "commanded positions", "v_cmd": "commanded velocities, per s"}
         found.append(
             ExportedFunction(
                 servo_torque_function(kept),

@@ -76,7 +76,7 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     add_start(root, model, parts)
     for name, servo in model.drives.items():
         notes += [f"supply of {name}: its gain is that at {servo.supply:g} V"] if servo.supply is not None else []
-        notes += [f"rate of {name}: limit what it is told to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
+        notes += [f"rate of {name}: limit its command to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
 

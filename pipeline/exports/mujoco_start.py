@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 START = "start"
 """Name of the keyframe."""
 START_COMMENT = """ mujoco.mj_resetDataKeyframe(model, data, 0) begins at rest at 0. To begin at another posture, set
-qpos and ctrl, then tell the delayed drives what they were told before, which mj_resetData takes as 0:
+qpos and ctrl, then give the delayed drives their earlier commands, which mj_resetData takes as 0:
 for i in range(model.nu):
     if n := model.actuator_history[i, 0]:
         mujoco.mj_initCtrlHistory(model, data, i, None, numpy.full(n, data.ctrl[i]))

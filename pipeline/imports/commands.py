@@ -53,7 +53,7 @@ def command_entries(
             continue
         unit = claim.label.unit or position.unit + ("/s" if quantity == "v" else "")
         same = position if quantity == "q" else ColumnEntry("", sign=position.sign, gear_ratio=position.gear_ratio)
-        why = "what the joint was told" + (", in its position's unit" if not claim.label.unit else "")
+        why = "the joint's command" + (", in its position's unit" if not claim.label.unit else "")
         doubts = position.check.split("; ") if quantity == "q" and not claim.label.unit else []
         found[claim.column] = replace(
             same, channel=channel, unit=unit, check=joined_doubts([*doubts, *claim.doubts]), why=why
@@ -107,8 +107,8 @@ def with_commands(
         first, last = float(commands.time[0]), float(commands.time[-1])
         if last < begin or first > end:
             raise InputError(
-                f"{channel} was told from {first:.6g} to {last:.6g} s, and what was measured is from {begin:.6g} to "
-                f"{end:.6g} s: stamp both with one clock, or state the difference with 'late' in a mapping"
+                f"{channel} was commanded from {first:.6g} to {last:.6g} s, and what was measured is from {begin:.6g} "
+                f"to {end:.6g} s: stamp both with one clock, or state the difference with 'late' in a mapping"
             )
         inside = commands.time <= end
         inside[: max(np.searchsorted(commands.time, begin, side="right") - 1, 0)] = False

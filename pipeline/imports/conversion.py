@@ -145,7 +145,7 @@ def run_from_recording(
     elif commands is not None and mapping.commands is None:
         problems.append("the mapping has no [commands] for the columns of --commands FILE: let --guess propose both")
     elif channels and all(name.partition(".")[0] in COMMAND_OF.values() for name in channels):
-        problems.append("holds only what joints were told: give it as --commands FILE, beside the measurements")
+        problems.append("holds only commands: give it as --commands FILE, together with the measurements")
     if commands is not None and mapping.commands is not None:
         notes += [*commands.notes, *mapping.commands.notes]
         said: list[str] = []

@@ -50,7 +50,7 @@ class Register:
 
 
 _TURN, _MIDDLE = (1.0 / 4096.0,), "-180 deg"
-_LIMIT_DOUBT = "the speed that was asked for, or a limit of it?"
+_LIMIT_DOUBT = "the commanded speed, or a limit of it?"
 _LOAD_DOUBT = "the drive's own estimate of its output"
 
 

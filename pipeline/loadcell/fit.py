@@ -253,7 +253,7 @@ def _require_order(plateaus: Sequence[WeightMeasurement]) -> None:
     for a, b in steps:
         if abs(b.mean - a.mean) < MIN_WEIGHT_STEP_STANDARD_DEVIATIONS * max(a.noise, b.noise):
             raise TaskFailedError(
-                f"{a.weight.text} and {b.weight.text} cannot be told apart in the noise: take weights farther apart"
+                f"{a.weight.text} and {b.weight.text} cannot be distinguished in the noise: take weights farther apart"
             )
 
 

@@ -46,7 +46,9 @@ class CommandRefusalReason(Enum):
     VELOCITY = "a joint would be faster than its limit: slow the motion down"
     ACCELERATION = "a joint would accelerate more than its limit: smooth the motion"
     JERK = "a joint would jerk more than its limit: smooth the motion"
-    TRACKING = "the arm is not where it was told to be: something holds it, it is not enabled, or it starts elsewhere"
+    TRACKING = (
+        "the arm is not where it was commanded to be: something holds it, it is not enabled, or it starts elsewhere"
+    )
     ELSEWHERE = "a motion would begin away from where the arm is: move it there first"
     GAP = "the commands paused while the arm moved: check the load of this computer"
     OFF_THE_LINE = "the reference leaves the line that the table covers: move the target inwards"

@@ -149,8 +149,8 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
             f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar_cell_html(left, share, judged=False)}"
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
         )
-    remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(answer['remedies']))}.</p>"
-    head = "<tr><th>alone beside the model</th><th>remaining error</th><th></th></tr>"
+    remedies = f"<p class='caption'>What would distinguish them: {escape('; '.join(answer['remedies']))}.</p>"
+    head = "<tr><th>added alone</th><th>remaining error</th><th></th></tr>"
     table = f"<table><thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>"
     return f"{said}<div class='table'>{table}</div>{remedies if answer['remedies'] else ''}"
 

@@ -86,7 +86,11 @@ class BrowserTab:
         self._ticked, self._values, self._open = (), {}, None
         self._stop_search()
         self._call("panel", "files", panels.files_panel(self._model, self._runs, self._said))
-        self._call("panel", "ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
+        self._call(
+            "panel",
+            "ranking",
+            "<p class='caption'>A search ranks every effect that could be added to the ticked ones.</p>",
+        )
         self._call("panel", "effects", "")
         self._call("panel", "proposal", "")
         self._call("say", "")

@@ -82,8 +82,8 @@ const armdynOverlay = (place, data, draw) => {
       mode: "lines", line: { width: 0 }, fill: "toself", fillcolor: "rgba(0, 114, 178, 0.18)", hoverinfo: "skip",
     });
     const below = { yaxis: "y2", showlegend: false };
-    if (after) traces.push({ x: time, y: given, name: "left as given", ...below, ...line("#E69F00", 1) });
-    traces.push({ x: time, y: chosen, name: "left", ...below, ...line("#0072B2", 1.2) });
+    if (after) traces.push({ x: time, y: given, name: "residual as given", ...below, ...line("#E69F00", 1) });
+    traces.push({ x: time, y: chosen, name: "residual", ...below, ...line("#0072B2", 1.2) });
     const from = curve.recorded ? values(curve.recorded[0]) : time;
     const layout = {
       height: 460, meta: { time_axis: true }, uirevision: `${curve.run} ${curve.kind}`,
