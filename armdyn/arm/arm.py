@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -40,11 +41,13 @@ class Arm:
         robot: the robot of a URDF, reduced to the arm's joints.
         file: file of the URDF or of the settings; None for a known robot.
         carried: joints that move as recorded and have no effects and no predicted torques; see `ArmModel.adapted_to`.
+        entries: entries of a model file that choose the arm besides the URDF: ``robot``, ``joints``, ``tool``.
     """
 
     robot: urdf.Robot
     file: Path | None
     carried: frozenset[str] = frozenset()
+    entries: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -152,7 +155,9 @@ def load_arm_description(
         found = urdf.load(str(robot or urdf_path), joints=chosen, tool=tool, meshes=False)
     except urdf.UrdfError as error:
         raise InputError(str(error)) from error
-    return Arm(found, None if robot is not None else Path(str(urdf_path)).resolve())
+    entries = {"robot": robot, "joints": None if chosen is None else list(chosen), "tool": tool}
+    given = {name: entry for name, entry in entries.items() if entry is not None}
+    return Arm(found, None if robot is not None else Path(str(urdf_path)).resolve(), entries=given)
 
 
 def _powers(unit: str) -> tuple[int, int]:

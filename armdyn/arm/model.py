@@ -81,7 +81,7 @@ class ArmModel(Model):
         drives = {name: servo.entries(self.arm.sliding[servo.joints[0]]) for name, servo in self.drives.items()}
         sensors = {name: sensor.entries() for name, sensor in self.sensors.items()}
         tables = {name: table for name, table in (("drives", drives), ("wrench", sensors)) if table}
-        own = {**super().file_entries(folder), **tables}
+        own = {**super().file_entries(folder), **self.arm.entries, **tables}
         if self.arm.file is None:
             return own
         try:

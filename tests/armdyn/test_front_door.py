@@ -59,6 +59,15 @@ def test_a_model_is_saved_loaded_and_predicts(swing, tmp_path, complains):
     np.testing.assert_array_equal(again.value, found.value)
 
 
+@pytest.mark.parametrize("chosen", [{}, {"joints": ["wrist_2_joint", "wrist_3_joint"]}])
+def test_a_saved_arm_is_the_same_arm(chosen, tmp_path):
+    model = armdyn.arm.arm_model(robot="ur5", effects=[armdyn.CATALOGUE["joint_viscous_friction"]], **chosen)
+    armdyn.save(model, tmp_path / "a.toml")
+    armdyn.save(armdyn.load(tmp_path / "a.toml"), tmp_path / "b.toml")
+    assert armdyn.load(tmp_path / "b.toml").joints == model.joints
+    assert (tmp_path / "a.toml").read_text() == (tmp_path / "b.toml").read_text()
+
+
 def test_an_arm_without_its_torques_predicts_them_and_simulated_by_them_repeats_its_motion():
     """Torques of a motion by Pinocchio's own algorithm; the arm that is moved by them follows the motion."""
     model = armdyn.arm.arm_model(robot="ur5")
