@@ -263,7 +263,7 @@ def plan_experiment(
     from pipeline.motion.feasible_motion import with_feasible_motion
 
     made = plan_experiment(rivals, seconds, limits, seed=seed, say=say)
-    if limits is None:
+    if limits is None and made.motion is not None:
         say("checking the motion on the whole arm")
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None

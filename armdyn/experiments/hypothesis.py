@@ -23,6 +23,8 @@ T = TypeVar("T")
 EXPERIMENT_CHANNELS = ("load_force", "swing_angle")
 START_STD = {"initial_angle": 0.01, "initial_rate": 0.03}
 """Standard deviation of angle, rad, and rate, rad/s, at the start of an experiment with a load that hangs at rest."""
+RELEASE_STD = {"initial_angle": 0.05, "initial_rate": 0.1}
+"""The same of a load that a hand releases."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,8 @@ class PlannedExperiment:
     """An experiment that could be done.
 
     Attributes:
-        kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest.
+        kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest; below a pivot that stands still also
+            larger, smaller or longer.
         what: instruction for the experimenter.
         motion: motion of the gripper from rest to rest, its time from 0; None where nothing is recorded.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation, in the channel's
@@ -62,6 +65,7 @@ class PlannedExperiment:
         changed: parameters with another value in this run only, with that value and its standard deviation.
         measured: parameters that are measured by hand, with the standard deviation of the measurement.
         sign_reversed: parameters that have the opposite sign in this run.
+        released: angle from which a hand releases the load, rad; None for a load that hangs at rest.
         rate: sampling rate of each channel, Hz.
     """
 
@@ -72,6 +76,7 @@ class PlannedExperiment:
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
     sign_reversed: tuple[str, ...] = ()
+    released: float | None = None
     rate: float = 100.0
 
     def along_motion(self, motion: GripperPath) -> "PlannedExperiment":
@@ -114,10 +119,13 @@ class PredictedExperiment:
         model, free, changed = hypothesis.model, hypothesis.free, experiment.changed
         own = (*model.start_names, *changed) if experiment.motion is not None else ()
         self.names = (*free, *own)
-        hangs = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
+        begins = hypothesis.rest_angle if experiment.released is None else experiment.released
+        hangs, start_std = {"initial_angle": begins, "initial_rate": 0.0}, START_STD
+        if experiment.released is not None:
+            start_std = RELEASE_STD
         begin = hangs | {name: value for name, (value, _) in changed.items()}
         self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
-        stds = [changed[name][1] if name in changed else START_STD[name] for name in own]
+        stds = [changed[name][1] if name in changed else start_std[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
         self.covariance_root = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))

@@ -19,7 +19,7 @@ from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import ReportProgress
 from armdyn.experiments.separation import ExpectedOutcome, RivalRefitCost, expected_outcome, hypothesis_probabilities
-from armdyn.pendulum.path import GripperPath
+from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
@@ -47,6 +47,10 @@ REST_NODE_INTERVAL_SECONDS = 0.02
 """Time between the nodes of a simulation at rest, s."""
 MIN_RIGHT_VERDICT_PROBABILITY = 0.2
 """Probability of a right verdict up to which an experiment is not recommended: four of five would decide nothing."""
+MAX_RELEASED_SECONDS, LONGER_DURATION_RATIO = 30.0, 3.0
+"""Longest swing whose repetition is compared, s, and ratio of a longer one to it."""
+MAX_RELEASED_ANGLE_RADIANS, USUAL_RELEASED_ANGLE_RADIANS = 1.2, 0.3
+"""Largest angle from which a release is proposed, and the angle that is taken where none was measured, rad."""
 ROOM_FIXED_EFFECTS = ("wind",)
 """Effects with a direction that is fixed in the room: if the robot is turned by 180 degrees, their sign changes."""
 
@@ -221,7 +225,17 @@ def plan_experiment(
     seed: int = 0,
     say: ReportProgress = lambda _: None,
 ) -> ExperimentPlan:
-    """Design a motion that takes `seconds`, and compare it with every other kind of experiment."""
+    """Design a motion that takes `seconds`, and compare it with every other kind of experiment.
+
+    Below a pivot that stands still, the experiments are swings that a hand releases, as long as the last run.
+    """
+    if rivals.pivot_stands:
+        proposals = []
+        for experiment in released_experiments(rivals):
+            if is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
+                say(f"weighing up: {experiment.kind}")
+                proposals.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
+        return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), ())
     moving = designed_motion(rivals, seconds, limits, seed, say)
     pairs = inseparable_pairs(rivals.hypotheses, moving.expected, moving.experiment)
     proposals = [moving]
@@ -264,14 +278,49 @@ def designed_motion(
     return ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed), random)
 
 
+def released_experiments(rivals: Rivals) -> list[PlannedExperiment]:
+    """Swings below a pivot that stands still: from other angles, longer, and the kinds of `other_experiments`."""
+    angle = released_angle(rivals.last)
+    recorded = gripper_path(rivals.last).duration
+    seconds = min(recorded, MAX_RELEASED_SECONDS)
+    still = last_motion(rivals.last, seconds)
+    longer = GripperPath(0.0, still.dt, *np.zeros((3, round(LONGER_DURATION_RATIO * seconds / still.dt) + 1)))
+    larger, smaller = min(2.0 * angle, max(angle, MAX_RELEASED_ANGLE_RADIANS)), 0.25 * angle
+
+    def swing(kind: str, what: str, path: GripperPath, begins: float) -> PlannedExperiment:
+        return PlannedExperiment(kind, what, path, rivals.noise, released=begins)
+
+    of = f"record a swing of {seconds:.0f} s from"
+    found = [swing("smaller", f"{of} {np.rad2deg(smaller):.2g} degrees", still, smaller)]
+    if larger > angle:
+        found.append(swing("larger", f"{of} {np.rad2deg(larger):.0f} degrees", still, larger))
+    found.append(
+        swing(
+            "longer", f"record a swing from {np.rad2deg(angle):.0f} degrees for {longer.duration:.0f} s", longer, angle
+        )
+    )
+    return [*found, *other_experiments(rivals, seconds)]
+
+
+def released_angle(run: Run) -> float:
+    """Angle from which the load of a run was released, rad; a usual one where only its force was measured."""
+    measured = run.channels.get("swing_angle")
+    if measured is None:
+        return USUAL_RELEASED_ANGLE_RADIANS
+    first = measured.value[measured.time <= measured.time[0] + 0.5 * (measured.time[-1] - measured.time[0])]
+    return float(np.ptp(first)) / 2.0
+
+
 def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     """Experiments without a designed motion that were not done yet, such as another load or weighing."""
     best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
+    released = released_angle(rivals.last) if rivals.pivot_stands else None
     mass, length = best.value("mass"), OTHER_STRING_LENGTH_RATIO * best.value("length")
     weight, weighing = OTHER_LOAD_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
 
     def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> PlannedExperiment:
-        return PlannedExperiment(kind, f"the last motion again, {how}", last, noise, **changes)
+        again = "the last motion again" if released is None else "the last swing again"
+        return PlannedExperiment(kind, f"{again}, {how}", last, noise, released=released, **changes)
 
     found = [
         varied(
@@ -296,7 +345,7 @@ def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]
         if known is None or (known.std or 0.0) > 2.0 * std:
             found.append(PlannedExperiment(kind, what, measured={name: std}))
     turned = [n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in ROOM_FIXED_EFFECTS]
-    if turned:
+    if turned and not rivals.pivot_stands:
         what = "with the robot turned round by 180 degrees: what belongs to the room changes sign along the line, what "
         what += "belongs to the robot does not"
         found.append(varied("turn", what, sign_reversed=tuple(dict.fromkeys(turned))))

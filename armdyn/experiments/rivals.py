@@ -47,12 +47,18 @@ class Rivals:
     noise: dict[str, float]
     last: Run
 
+    @property
+    def pivot_stands(self) -> bool:
+        """Whether no gripper moves, so that an experiment is a swing that a hand releases."""
+        return "gripper_x" not in self.last.channels
 
-def require_gripper(study: Study) -> None:
-    """Refuse a study for which no motion of a gripper can be designed.
+
+def require_pendulum(study: Study) -> None:
+    """Refuse a study for which no experiment of a pendulum can be planned.
 
     Raises:
-        InputError: the model is no pendulum, or the runs contain no gripper position or no channel that is predicted.
+        InputError: the model is no pendulum, a gripper moves in some runs only, or a run has no channel by which an
+            experiment is judged.
     """
     model = study.model
     if not model.hangs_from_gripper:
@@ -60,9 +66,12 @@ def require_gripper(study: Study) -> None:
             f"experiments are designed for pendulums, and this model is of base '{model.base}': for an arm, "
             f"'armdyn excite' designs the motion{''.join(f'. {text}' for text in model.open_questions)}"
         )
+    moved = [run for run in study.runs if "gripper_x" in run.channels]
     for run in study.runs:
-        if "gripper_x" not in run.channels:
-            raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
+        if moved and run not in moved:
+            raise InputError(
+                f"{run.name}: has no 'gripper_x', which {moved[0].name} has: plan for runs of one kind at a time"
+            )
         if not any(channel in run.channels for channel in EXPERIMENT_CHANNELS):
             raise InputError(
                 f"{run.name}: has none of {', '.join(EXPERIMENT_CHANNELS)}, by which an experiment would be judged"
@@ -78,10 +87,10 @@ def rivals_of_study(
     If `names` of effects are given, these are the rivals, and the study is not diagnosed.
 
     Raises:
-        InputError: see `require_gripper` and `rivals_by_name`.
+        InputError: see `require_pendulum` and `rivals_by_name`.
         TaskFailedError: the fit has failed.
     """
-    require_gripper(study)
+    require_pendulum(study)
     if names is not None:
         return "", "", rivals_by_name(study, names)
     found = diagnose(study, say)
@@ -231,7 +240,7 @@ def _effective_noise(best: Fit) -> dict[str, float]:
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
-    model, last = cast(PendulumModel, lean.problem.model), len(lean.problem.runs) - 1  # see `require_gripper`
+    model, last = cast(PendulumModel, lean.problem.model), len(lean.problem.runs) - 1  # see `require_pendulum`
     problem = Problem(
         model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise}, lean.problem.settings
     )

@@ -61,7 +61,9 @@ def next_(
     if offer is not None and output is not None:
         write_motion(offer, output)
     document = next_experiment_document(made, sentence, written if limits is None else None)
-    document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
+    standing = made is not None and made.rivals.pivot_stands and output is not None
+    notes = [f"No gripper moves in these runs: there is no motion for {output}."] if standing else []
+    document = replace(document, notes=[*document.notes, *notes, *(f"{text}." for text in given.set_aside)])
     finish_command(
         document,
         lambda: next_experiment_json(made, verdict, sentence, written),

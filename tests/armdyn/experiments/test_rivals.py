@@ -5,21 +5,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from worlds.pendulum import Setup, record, weighed
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import PlannedExperiment
-from armdyn.experiments.plan import other_experiments
+from armdyn.experiments.plan import other_experiments, plan_experiment
 from armdyn.experiments.rivals import (
     NO_EFFECT_NAME,
-    require_gripper,
+    require_pendulum,
     rival_values_of_worst_parameter,
     rivals_by_name,
     rivals_of_diagnosis,
     rivals_refitted_to,
 )
 from armdyn.experiments.separation import expected_outcome
+from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
@@ -104,8 +106,63 @@ def test_names_that_cannot_be_rivals_are_refused(windy, complains):
         rivals_by_name(windy, ["nonsense"])
     arm = SimpleNamespace(base="arm", hangs_from_gripper=False, open_questions=())
     with complains(InputError):
-        require_gripper(SimpleNamespace(model=arm, runs=()))
+        require_pendulum(SimpleNamespace(model=arm, runs=()))
     time = np.arange(20.0)
     free = Run("free.csv", {"swing_angle": Channel(time, np.sin(time), "rad")})
+    require_pendulum(SimpleNamespace(model=windy.model, runs=(free,)))
     with complains(InputError):
-        require_gripper(SimpleNamespace(model=windy.model, runs=(free,)))
+        require_pendulum(SimpleNamespace(model=windy.model, runs=(*windy.runs, free)))
+    blind = Run("blind.csv", {"swing_rate": Channel(time, np.sin(time), "rad/s")})
+    with complains(InputError):
+        require_pendulum(SimpleNamespace(model=windy.model, runs=(blind,)))
+
+
+def decaying(seconds=12.0, angle=0.25, length=0.5, seed=3):
+    """A swing below a fixed pivot by scipy, with friction of the pivot in proportion to the speed."""
+    time = np.arange(0.0, seconds, 0.03)
+
+    def rates(_, y):
+        return [y[1], -9.81 / length * np.sin(y[0]) - 0.002 / (0.1 * length**2) * y[1]]
+
+    swing = solve_ivp(rates, (0.0, seconds), (angle, 0.0), t_eval=time, rtol=1e-9).y[0]
+    noise = 4e-3 * np.random.default_rng(seed).standard_normal(len(time))
+    return Run("free.csv", {"swing_angle": Channel(time, swing + noise, "rad")})
+
+
+@pytest.mark.parametrize(
+    ("names", "best", "useless"),
+    [
+        # A force at the load over m l^2 does not depend on the length, a torque of the pivot does.
+        (("linear_drag", "pivot_viscous_friction"), {"length"}, {"larger", "smaller", "longer", "mass"}),
+        # Dry friction ends a swing, and a drag that grows with the square of the speed hardly slows a small one.
+        (("pivot_coulomb_friction", "quadratic_drag"), {"larger", "smaller", "longer", "length"}, {"weigh"}),
+    ],
+)
+def test_below_a_fixed_pivot_other_swings_are_compared(names, best, useless):
+    model = pendulum_model(0.5, 0.1).with_prior("length", 0.5, 0.002)
+    effects = [CATALOGUE[name] for name in names]
+    rivals = rivals_by_name(make_study(model, [decaying()], [], effects), list(names))
+    plan = plan_experiment(rivals)
+    assert plan.motion is None
+    separation = {p.experiment.kind: p.expected.separation for p in plan.proposals}
+    assert plan.proposals[0].experiment.kind in best
+    assert all(separation[kind] < 1.0 for kind in useless)
+
+
+def test_the_swing_that_is_proposed_separates_as_much_as_was_promised():
+    """The right one of two rivals fits a recording of the proposed experiment, made by scipy; the other does not."""
+    model = pendulum_model(0.5, 0.1).with_prior("length", 0.5, 0.002)
+    names = ["linear_drag", "pivot_viscous_friction"]
+    effects = [CATALOGUE[name] for name in names]
+    plan = plan_experiment(rivals_by_name(make_study(model, [decaying()], [], effects), names))
+    shorter = plan.proposals[0].experiment.changed["length"][0]
+    second = weighed(
+        decaying(length=shorter, seed=4), KnownQuantity(0.1, 1e-4, "kg"), KnownQuantity(shorter, 1e-3, "m")
+    )
+    first = weighed(decaying(), KnownQuantity(0.1, 1e-4, "kg"), KnownQuantity(0.5, 1e-3, "m"))
+    wrong, right = (
+        compare(make_study(pendulum_model(0.5, 0.1, effects=[effect]), [first, second], [], [])).fit.cost
+        for effect in effects
+    )
+    rise = 2.0 * (wrong - right)
+    assert 0.5 < np.sqrt(rise) / plan.proposals[0].expected.separation < 2.0
