@@ -199,9 +199,10 @@ def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
 
 def _above_stated_noise(study: Study, last: SearchStep) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
+    noise = study.settings.noise
     for blocks in blocks_by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_by_stated_noise(blocks)
-        if chi2 > 1.1 * samples and chi2_z_value(chi2, samples) > study.settings.noise.z:
+        if chi2 > noise.least_stated_chi2 * samples and chi2_z_value(chi2, samples) > noise.z:
             return True
     return False
 

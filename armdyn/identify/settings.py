@@ -88,8 +88,10 @@ class NoiseSettings:
         variance_ratio: ratio of a residual's variance to the noise variance up to which it counts as noise: for clean
             simulations with many samples it is up to 1.1.
         stated_chi2: chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise.
-        estimated_chi2: the same for an estimated noise: third differences underestimate noise with a correlation of 0.8
-            from one sample to the next by a factor of 7.5.
+        least_stated_chi2: chi2 per sample, for the stated noise, up to which an excess does not count however sure it
+            is; not calibrated.
+        estimated_chi2: the same as `stated_chi2` for an estimated noise: third differences underestimate noise with a
+            correlation of 0.8 from one sample to the next by a factor of 7.5.
         minimum_chi2: chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves more.
         gross_chi2: chi2 per sample above which an error is gross: derivatives then do not lead to a distant minimum.
         excess_stds: least excess of a mean squared residual over that of noise that is used in comparisons, in standard
@@ -109,6 +111,7 @@ class NoiseSettings:
     servo_error_seconds: float = 1.0
     variance_ratio: float = 1.2
     stated_chi2: float = 2.0
+    least_stated_chi2: float = 1.1
     estimated_chi2: float = 10.0
     minimum_chi2: float = 1.5
     gross_chi2: float = 20.0

@@ -56,7 +56,7 @@ class EffectPath:
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
         """All effects after the last step: those of the model as given and those of the chosen set."""
-        return self._with(self.given_effects, *(c for c in self.chosen_set.effects if c not in self.scorer.given))
+        return self._with(self.given_effects, *self.scorer.removable(self.chosen_set))
 
     @cached_property
     def fit(self) -> Fit:
@@ -71,12 +71,12 @@ class EffectPath:
         """
         study, effects, found = self.study, self.given_effects, list[SearchStep]()
         way = order_by_gain(self.scorer, self.chosen_set.effects, self.scorer.given)
-        for i, rise in enumerate(way):
-            effects = self._with(effects, rise.added)
-            say(f"{i} of {len(way)} steps fitted, now {rise.added.name_in_sentence}")
-            fit = self.fit if rise is way[-1] else self._fitted(effects, rise.score)
+        for i, (added, chosen) in enumerate(way, start=1):
+            effects = self._with(effects, added)
+            say(f"{i - 1} of {len(way)} steps fitted, now {added.name_in_sentence}")
+            fit = self.fit if i == len(way) else self._fitted(effects, chosen)
             tests = study.tests(fit, effects)
-            found.append(SearchStep((rise.added,), (), effects, fit, tests))
+            found.append(SearchStep((added,), (), effects, fit, tests))
         return found
 
     def with_indistinguishable_effects(self, steps: Sequence[SearchStep]) -> list[SearchStep]:

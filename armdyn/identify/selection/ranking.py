@@ -12,22 +12,9 @@ from armdyn.identify.selection.set_score import EffectSetScore, EffectSetScorer
 from armdyn.parameter import Parameter
 
 
-@dataclass(frozen=True)
-class EffectAddition:
-    """One effect that is added to a set, and the score of the larger set.
-
-    Attributes:
-        added: the added effect, with all its joints.
-        score: score of the set with the added effect.
-    """
-
-    added: Candidate
-    score: EffectSetScore
-
-
 def order_by_gain(
     scorer: EffectSetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
-) -> list[EffectAddition]:
+) -> list[tuple[Candidate, EffectSetScore]]:
     """Order effects by how much of the error they explain, the most important first.
 
     Args:
@@ -35,18 +22,21 @@ def order_by_gain(
         effects: effects to order, each on one joint. The joints of one effect are added together; for an arm those
             that explain much come before the others.
         fixed_effects: effects that are present from the start.
+
+    Returns:
+        Each effect, with all its joints, and the set with it and those before it.
     """
-    now, found = scorer.evaluate(fixed_effects), list[EffectAddition]()
+    now, found = scorer.evaluate(fixed_effects), list[tuple[Candidate, EffectSetScore]]()
     wanted = [c for c in effects if c not in fixed_effects]
     leading = scorer.leading_effects(now, wanted)
     left = group_joints_by_effect([c for c in wanted if c not in leading])
     for first in group_joints_by_effect(leading):
         now = scorer.evaluate((*now.effects, *first))
-        found.append(EffectAddition(group_by_effect(first)[0], now))
+        found.append((group_by_effect(first)[0], now))
     while left:
         now = scorer.set_with_next_reported_effect(now, left)
         first = next(own for own in left if set(own) <= set(now.effects))
-        found.append(EffectAddition(group_by_effect(first)[0], now))
+        found.append((group_by_effect(first)[0], now))
         left.remove(first)
     return found
 
