@@ -8,7 +8,7 @@ from armdyn.estimation.descent import DescentSettings, Outcome, descend, descend
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.estimation.nuisance import ArrowheadExpansion, eliminate_nuisance
-from armdyn.identify.motion.motion_fit import robust_sum
+from armdyn.identify.motion.motion_cost import robust_sum
 
 
 class Decay:
