@@ -18,7 +18,7 @@ from armdyn.toml_file import read_toml
 from urdf.bounds import MAX_INPUT_MAGNITUDE
 from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
-BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
+BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model_entries"}
 """Module of each base model; in a model file, a user's own base is the path of a Python file."""
 MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys that every model file may have; each base model adds its own, such as ``urdf``."""

@@ -2,11 +2,11 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -36,13 +36,12 @@ from armdyn.arm.wrench.prediction import SensorWithEffects
 from armdyn.arm.wrench.reading import WrenchReading, wrench_reading
 from armdyn.arm.wrench.sensor import WrenchSensor, read_wrench_sensors
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError, error_location
+from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Model, Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
-from urdf.toml_tables import TomlValueCheck, table_to_dataclass
 
 
 @dataclass(frozen=True, repr=False)
@@ -456,39 +455,3 @@ def arm_model(
     for item in effects:
         model = model.with_effect(item)
     return model
-
-
-_Name = Annotated[str, TomlValueCheck(bool, "write a name")]
-
-
-@dataclass(frozen=True)
-class Keys:
-    """Entries of a model file that describe the arm; for their meaning see `arm_model`."""
-
-    urdf: _Name | None = None
-    robot: _Name | None = None
-    joints: tuple[str, ...] | None = None
-    tool: _Name | None = None
-    drives: dict[str, Any] = field(default_factory=dict)
-    wrench: dict[str, Any] = field(default_factory=dict)
-
-
-KEYS = tuple(key.name for key in fields(Keys))
-
-
-def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
-    """The arm's model without effects from a model file in `folder`, and the entries that describe the arm.
-
-    Raises:
-        InputError: not exactly one of URDF and known robot is given, or the arm cannot be used.
-    """
-    description = {key: table[key] for key in KEYS if key in table}
-    with error_location("the arm"):
-        keys = table_to_dataclass(Keys, description)
-    if (keys.urdf is None) == (keys.robot is None):
-        raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    # The path of the URDF depends on the place of the model file; see `ArmModel.file_entries`.
-    rest = {key: value for key, value in description.items() if key not in ("urdf", "drives", "wrench")}
-    urdf = None if keys.urdf is None else folder / keys.urdf
-    model = arm_model(urdf, keys.robot, keys.joints, tool=keys.tool)
-    return model.with_drives(keys.drives).with_sensors(keys.wrench), rest
