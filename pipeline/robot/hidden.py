@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from pipeline.robot.own_law import read_own_law
+from armdyn.pendulum.physics import STANDARD_GRAVITY
+from pipeline.robot.own_law import LoadLawForces, LoadState, read_own_law
 
 
 class HiddenEffectStage(Enum):
@@ -87,6 +88,11 @@ def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
     return value * math.tanh(rate / standstill) / rate if rate > 0.0 else 0.0
 
 
+def _pull_at_rest(state: LoadState) -> float:
+    """Pull of the string for a gripper that stands still, not negative [N]."""
+    return max(0.0, state.mass * (STANDARD_GRAVITY * math.cos(state.angle) + state.length * state.rate**2))
+
+
 HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "gripper_lag": HiddenEffect(
         "s", 0.02, "The gripper trails what the encoders report, as a first-order lag.", 0.0, 0.2),
@@ -130,6 +136,12 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "pivot_coulomb_friction": HiddenEffect(
         "N m", 1e-3, "A torque of constant size at the string's upper end, against the swing.", 0.0, 0.5,
         HiddenEffectStage.PIVOT, pivot_coulomb_friction),
+    "pivot_load_friction": HiddenEffect(
+        "m", 1e-3, "Dry friction at the string's upper end, this times the string's pull, against the swing.", 0.0, 0.1,
+        HiddenEffectStage.OWN, lambda r, s: LoadLawForces(np.zeros(3), 0.0, r * _pull_at_rest(s))),
+    "pivot_stiffness": HiddenEffect(
+        "N m/rad", 0.01, "A torque at the string's upper end back to the vertical, in proportion to the angle.", 0.0,
+        1.0, HiddenEffectStage.OWN, lambda k, s: LoadLawForces(np.zeros(3), -k * s.angle, 0.0)),
     "joint_stribeck_friction": HiddenEffect(
         "N m", 1.0, "More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2).", 0.0, 20.0,
         HiddenEffectStage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),

@@ -29,6 +29,11 @@ PENDULUMS = {
     "linear_drag": (5e-3, lambda c: lambda t, p, w: free(t, p, w) - c / MASS * w),
     "quadratic_drag": (0.02, lambda c: lambda t, p, w: free(t, p, w) - c * LENGTH / MASS * w * abs(w)),
     "pivot_viscous_friction": (1e-3, lambda c: lambda t, p, w: free(t, p, w) - c / (MASS * LENGTH**2) * w),
+    "pivot_stiffness": (0.02, lambda k: lambda t, p, w: free(t, p, w) - k / (MASS * LENGTH**2) * p),
+    "pivot_load_friction": (
+        3e-3,
+        lambda r: lambda t, p, w: free(t, p, w) - r * (G * np.cos(p) + LENGTH * w**2) / LENGTH**2 * np.tanh(w / 1e-3),
+    ),
     "load_inertia": (2e-4, lambda j: lambda t, p, w: free(t, p, w) / (1.0 + j / (MASS * LENGTH**2))),
     "wind": (0.05, lambda f: lambda t, p, w: free(t, p, w) - f * np.cos(p) / (MASS * LENGTH)),
     "string_creep": (5e-4, lambda c: lambda t, p, w: -(G * np.sin(p) + 2.0 * c * w) / (LENGTH + c * t)),
