@@ -19,6 +19,7 @@ from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import ReportProgress
 from armdyn.experiments.separation import ExpectedOutcome, RivalRefitCost, expected_outcome, hypothesis_probabilities
+from armdyn.identify.sentence import join_names
 from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
@@ -186,7 +187,11 @@ class ExperimentPlan(Displayable):
     def sentence(self) -> str:
         """Sentence that names the hypotheses to distinguish and the best experiment."""
         names = [h.name for h in self.rivals.hypotheses]
-        said = f"To tell {' from '.join(names) if len(names) == 2 else ', '.join(names) + ' apart'}"
+        said = f"To distinguish {join_names(names)}"
+        parameters = {name.partition(" = ")[0] for name in names}
+        if len(parameters) == 1 < len(names):  # two values of one parameter
+            values = " or ".join(name.partition(" = ")[2] for name in names)
+            said = f"To know {parameters.pop()} better, {values}"
         best = next((p for p in self.proposals if p.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY), None)
         if best is None:
             return f"{said}: none of these experiments does."
