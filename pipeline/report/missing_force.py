@@ -83,7 +83,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
         number, start = str(i + 1) if i else "", i * (width + PANEL_GAP_SHARE_OF_WIDTH)
-        title = f"{COVARIATE_WORDS.get(curve.against, curve.against)} [{curve.x_unit}]"
+        title = f"{COVARIATE_WORDS.get(curve.against, curve.against)}<br>[{curve.x_unit}]"
         domain = [start, min(start + width, 1.0)]
         layout[f"xaxis{number}"] = {"title": {"text": title}, "domain": domain, "anchor": "y", "nticks": 5}
         zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}

@@ -100,6 +100,8 @@ class BrowserTab:
         if self._model is None or not fitted:
             model = "a model: start one, or drop a model or a URDF"
             self._call("panel", "subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
+            needed = "A model and recordings are needed: drop them below, or name them on the command line."
+            self._call("panel", "curves", f"<p class='caption'>{needed}</p>")
             return
         inputs = ModelAndRunInputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
         session = self._session = self._open_desk(inputs)
