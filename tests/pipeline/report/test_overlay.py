@@ -124,7 +124,7 @@ def test_the_first_picture_is_the_missing_force(reports, name):
     for chart in first.charts:
         layout = chart.figure["layout"]
         titles = [layout[f"xaxis{i}"]["title"]["text"] for i in ("", 2, 3, 4, 5)]
-        assert (titles[0], titles[-1]) == ("speed [rad/s]", "time [s]")
+        assert (titles[0], titles[-1]) == ("speed<br>[rad/s]", "time<br>[s]")
         assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
         assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
         legend = [t["name"] for t in chart.figure["data"] if t["showlegend"] and "name" in t]
