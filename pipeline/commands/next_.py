@@ -41,7 +41,7 @@ def next_(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random motions from which the design starts.")] = 0,
 ) -> None:
-    """Plan the experiment, and the motion of the gripper, that best distinguishes effects which may be missing."""
+    """Plan the experiment that best distinguishes effects which may be missing, with the motion of the gripper."""
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import rivals_of_study
     from pipeline.answers_motion import next_experiment_json

@@ -39,7 +39,7 @@ def build_application(files: Iterable[str]) -> typer.Typer:
     """
     app = typer.Typer(
         name="armdyn",
-        help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
+        help="Find out what the model of a robot lacks, add it, and use the repaired model.",
         no_args_is_help=True,
         rich_markup_mode="markdown",  # a unit in square brackets is text, not a style
         pretty_exceptions_enable=False,
