@@ -113,8 +113,13 @@ class ArmModel(Model):
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """Sentences on gains of drives that are not identifiable, with recordings that would identify them."""
-        return tuple(
+        """Sentences on gains of drives and sensors that are not identifiable, with what would identify them."""
+        shared = tuple(
+            f"[wrench.{name}]: a wrench alone does not tell a gain that all its force axes share from the tool's mass, "
+            "which is right per gain of the axis that is held at 1: record joint torques as well, or weigh the tool"
+            for name in self.joints_having_effect(SENSOR_GAIN_EFFECT)
+        )
+        return shared + tuple(
             f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
             f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
             f"{servo.gain.unit} alone. To tell it, {recordings_that_identify_gains(self.arm, servo.joints)}"
@@ -412,6 +417,8 @@ EFFECTS_STATED_BY_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects of joints without a declared drive: the table of a drive has the gain and the delay."""
 EFFECTS_IDENTIFIED_PER_DRIVE_KIND = frozenset({"torque_limit"})
 """Effects that are identified for all drives of a kind: their saturation; see `drive_scale`."""
+SENSOR_GAIN_EFFECT = "wrench_gain"
+"""The effect of which only ratios between axes are seen where a tool's mass is unknown."""
 ROTOR_EFFECT = "rotor_inertia"
 """The effect that adds inertia to a joint itself."""
 

@@ -214,12 +214,12 @@ def payload(
 )
 def payload_inertia(
     joint: Joint,
-    xx: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean x^2 about its centre, times its mass"),
-    yy: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean y^2 about its centre, times its mass"),
-    zz: Expression = quantity("kg m^2", typical=0.005, lower=0.0, summary="mean z^2 about its centre, times its mass"),
-    xy: Expression = quantity("kg m^2", typical=0.001, summary="mean x y about its centre, times its mass"),
-    xz: Expression = quantity("kg m^2", typical=0.001, summary="mean x z about its centre, times its mass"),
-    yz: Expression = quantity("kg m^2", typical=0.001, summary="mean y z about its centre, times its mass"),
+    xx: Expression = quantity("kg m^2", typical=0.02, lower=0.0, summary="mean x^2 about its centre, times its mass"),
+    yy: Expression = quantity("kg m^2", typical=0.02, lower=0.0, summary="mean y^2 about its centre, times its mass"),
+    zz: Expression = quantity("kg m^2", typical=0.02, lower=0.0, summary="mean z^2 about its centre, times its mass"),
+    xy: Expression = quantity("kg m^2", typical=0.01, summary="mean x y about its centre, times its mass"),
+    xz: Expression = quantity("kg m^2", typical=0.01, summary="mean x z about its centre, times its mass"),
+    yz: Expression = quantity("kg m^2", typical=0.01, summary="mean y z about its centre, times its mass"),
 ) -> Joint:
     """Pseudo-inertia J = J_link + S of the last link, with the second moments S of the body: I = tr(S) - S."""
     rows = (ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))

@@ -39,7 +39,7 @@ from armdyn.inspection.swing import SampledSwingRun, pendulum_mistakes
 from armdyn.inspection.together import SampledArmRuns, SampledRuns
 from armdyn.inspection.wrench import wrench_checks
 from armdyn.model import Model
-from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, channel_kind
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, WRENCH_CHANNELS, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
 from armdyn.recording.gaps import channels_between, gaps_of
 from armdyn.recording.spikes import without_saturation, without_spikes
@@ -141,7 +141,8 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
 
 def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...]) -> Iterator[Check]:
     """Findings from comparing recordings with an arm's model, all together; empty where that is not possible."""
-    missing = MissingEffects(model, tuple(e for e in effects if e.acts_on in model.stages and e.acts_on != "wrench"))
+    of_torques = (e for e in effects if e.acts_on in model.stages and not _needs_wrench(e))
+    missing = MissingEffects(model, tuple(of_torques))
     sampled = [SampledArmRun(missing, run) for run in runs if _has_all(run, model) and model.force_channels(run)]
     for first in range(0, len(sampled), MAX_RECORDINGS_COMPARED_TOGETHER):
         together = SampledArmRuns(tuple(sampled[first : first + MAX_RECORDINGS_COMPARED_TOGETHER]))
@@ -149,6 +150,11 @@ def _arm_checks(model: ArmModel, runs: Sequence[Run], effects: tuple[Effect, ...
     for run in runs:
         if model.sensors and _has_all(run, model):
             yield from wrench_checks(model, run)
+
+
+def _needs_wrench(effect: Effect) -> bool:
+    """Whether only the wrench of a force/torque sensor shows an effect, so that torques are compared without it."""
+    return effect.acts_on == "wrench" or not WRENCH_CHANNELS.keys().isdisjoint(effect.needs)
 
 
 def _has_all(run: Run, model: ArmModel) -> bool:

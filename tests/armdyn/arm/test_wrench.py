@@ -15,7 +15,7 @@ from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from armdyn.identify.sentence import Verdict
 from armdyn.model_file import ModelFile, read_model, write_model_file
-from armdyn.run import Run
+from armdyn.run import Run, read_run, write_run_csv
 from tests.derivatives import assert_jacobian
 from tests.worlds.mujoco_plant import Path
 from tests.worlds.tools import (
@@ -217,3 +217,17 @@ def test_a_compensated_wrench_is_what_acts_on_the_tool_besides(moved, recording)
     left = armdyn.residual(with_tool(sensed_model()), as_run(moved, torque, touched))
     assert left.channels["fz.ft"].value[20:-20] == pytest.approx(pushed[20:-20], abs=0.05)
     assert left.channels["fx.ft"].value[20:-20] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_commands_of_a_sensor(moved, recording, armdyn, tmp_path):
+    (tmp_path / "arm.urdf").write_text(description(TOOL), encoding="utf-8")
+    run = as_run(moved, *recording[:2])
+    write_run_csv(run, tmp_path / "run.csv")
+    status, *_ = armdyn(
+        "new", "arm", "m.toml", "--urdf", "arm.urdf", "--wrench", f"ft={LINK}", "--wrench", "base=base_link"
+    )
+    assert (status, list(read_model("m.toml").sensors)) == (0, ["ft", "base"])
+    sensed = sensed_model(tmp_path / "arm.urdf")
+    write_model_file("m.toml", ModelFile(sensed, {}))
+    assert armdyn("compare", "m.toml", "run.csv", "--output", "left.csv")[0] == 0
+    assert np.abs(read_run("left.csv").channels["fx.ft"].value[20:-20]).max() < 0.01
