@@ -145,7 +145,6 @@ def test_linear_systems_are_solved_in_the_kernel():
 SOLVES_IN_ROUNDS = {
     "armdyn/arm/drive.py": "frictions that follow the load of the regression before",
     "armdyn/identify/selection/sums.py": "latent unknowns of a linearisation, in proportion to their driver",
-    "armdyn/identify/state_space/grey_box.py": "a filter whose noise, motion and glitches change with its values",
     "armdyn/identify/state_space/grey_run.py": "pieces that are divided",
     "armdyn/inspection/arm.py": "weights from the residual of the round before",
     "armdyn/inspection/evidence.py": "sizes and noise of most evidence",

@@ -4,6 +4,9 @@ import numpy as np
 
 from armdyn.estimation.solve import inverse_positive, pseudo_inverse
 
+UNSEEN_INFORMATION_SHARE = 1e-12
+"""Share of the largest information below which a direction counts as one without information."""
+
 
 def free_covariance(information: np.ndarray, free: np.ndarray, negligible: float | None = None) -> np.ndarray:
     """(P, P) covariance of P unknowns, zero for those that are not free, such as those on a bound.
@@ -35,6 +38,17 @@ def sandwich_covariance(inverse: np.ndarray, scores: np.ndarray) -> np.ndarray:
         scores: (P, P) covariance S of the slope of the cost (White, Econometrica 50, 1982).
     """
     return np.asarray(inverse @ scores @ inverse)
+
+
+def covariance_root(information: np.ndarray) -> np.ndarray:
+    """(P, P) A with A A' the inverse of an information matrix; directions without information get no error."""
+    if not len(information):
+        return information.copy()
+    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    kept = values > UNSEEN_INFORMATION_SHARE * values[-1]
+    roots = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+    return np.asarray(vectors * roots / scale[:, None])
 
 
 def embedded(matrix: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:

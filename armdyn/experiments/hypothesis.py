@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from scipy.linalg import block_diag
 
+from armdyn.estimation.covariance import covariance_root
 from armdyn.experiments.series import SeriesBasis
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
@@ -128,7 +129,7 @@ class PredictedExperiment:
         stds = [changed[name][1] if name in changed else start_std[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
-        self.covariance_root = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
+        self.covariance_root = block_diag(covariance_root(hypothesis.information), np.diag(stds))
         bounded = [model.parameters[name] for name in self.names]
         self.lower, self.upper, self.typical = np.array([(p.lower, p.upper, p.typical) for p in bounded]).T
         self._sign = np.array([-1.0 if name in experiment.sign_reversed else 1.0 for name in model.names])
@@ -265,14 +266,3 @@ def _driving(basis: SeriesBasis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     between = np.asarray(motion_at_midpoints(rows, step)).reshape(3, count - 1, size)
     jerk = first_derivative(rows[2], step)
     return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])
-
-
-def _root_of_inverse(information: np.ndarray) -> np.ndarray:
-    """(k, k) A with A A' the inverse; directions without information get no error."""
-    if not len(information):
-        return information.copy()
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    kept = values > 1e-12 * values[-1]
-    roots = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
-    return np.asarray(vectors * roots / scale[:, None])

@@ -199,9 +199,17 @@ class MotionPieces:
         by_theta[:, self.model.parameter_positions[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
 
-    def start_values(self, theta: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(J, starts) start values of motions with (J, n) states, and (J, n, starts) derivatives of the states."""
-        starts, by_start, _ = self._inverted(theta, states, self.edges[:-1])
+    def start_values(
+        self, theta: np.ndarray, states: np.ndarray, near: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K, starts) start values of motions with given states, and (K, n, starts) derivatives of the states by them.
+
+        Args:
+            theta: (p,) parameters in the order of the model's names.
+            states: (K, n) states at the beginning of the first K pieces.
+            near: (K, starts) start values that those without influence keep; None for zero.
+        """
+        starts, by_start, _ = self._inverted(theta, states, self.edges[: len(states)], near)
         return starts, by_start
 
     def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -215,13 +223,13 @@ class MotionPieces:
         return result
 
     def _inverted(
-        self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray
+        self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, near: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(K, starts) start values of motions with (K, n) states; derivatives of the states by them and by physics."""
         system, physics, path = self._given(theta)
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
-        starts = np.zeros((K, system.start_value_count))
+        starts = np.zeros((K, system.start_value_count)) if near is None else near
         for _ in range(INVERSION_STEPS):
             found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.input_count, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.start_value_count).transpose(1, 0, 2)

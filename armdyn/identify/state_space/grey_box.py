@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.estimation.solve import pseudo_inverses
 from armdyn.identify.fit import independent_columns
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_run import PIECE_SWING_PERIODS, GreyBoxRun, LinearisedRun, RunNoise, scale_noise
@@ -276,11 +275,9 @@ class GreyBox:
         """(P,) values of a point, with start parameters of each run that agree with the first state of its motion."""
         values = point.values.copy()
         for run, states in zip(self.runs, point.states, strict=True):
-            model, theta = run.pieces.model, values[run.unknowns].copy()
+            model, theta = run.pieces.model, values[run.unknowns]
             starts = [model.names.index(name) for name in model.start_names]
-            for _ in range(3):
-                state, by_start, _ = run.pieces.start_state(theta)
-                theta[starts] += pseudo_inverses(by_start) @ (states[0] - state)
+            (found,), _ = run.pieces.start_values(theta, states[:1], theta[None, starts])
             columns = run.unknowns[starts]
-            values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])
+            values[columns] = np.clip(found, self.problem.lower[columns], self.problem.upper[columns])
         return values

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from armdyn.estimation.correlation import autocorrelations, correlation_time
-from armdyn.estimation.covariance import free_covariance, sandwich_covariance
+from armdyn.estimation.covariance import covariance_root, free_covariance, sandwich_covariance
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats, wald_distance
 from armdyn.estimation.random_effects import RandomEffects
@@ -229,6 +229,8 @@ def test_covariances_are_those_of_the_free_unknowns_in_any_units(seed):
     size = 10.0 ** np.random.default_rng(seed).uniform(-4, 4, UNKNOWNS)
     for negligible in (None, 1e-13):
         close(free_covariance(information * np.outer(size, size), free, negligible) * np.outer(size, size), true)
+    root = covariance_root(information)
+    close(root @ root.T @ information, np.eye(UNKNOWNS))
     inverse = free_covariance(information, free)
     close(sandwich_covariance(inverse, 4.0 * information), 4.0 * inverse)
 
