@@ -16,6 +16,7 @@ from armdyn.errors import InputError
 from armdyn.identify.sentence import Verdict
 from armdyn.model_file import ModelFile, read_model, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
+from pipeline.exports.load_commands import load_command
 from tests.derivatives import assert_jacobian
 from tests.worlds.mujoco_plant import Path
 from tests.worlds.tools import (
@@ -231,3 +232,11 @@ def test_the_commands_of_a_sensor(moved, recording, armdyn, tmp_path):
     write_model_file("m.toml", ModelFile(sensed, {}))
     assert armdyn("compare", "m.toml", "run.csv", "--output", "left.csv")[0] == 0
     assert np.abs(read_run("left.csv").channels["fx.ft"].value[20:-20]).max() < 0.01
+
+
+def test_a_controller_is_told_the_inertia_of_a_tool():
+    model = with_tool(sensed_model())
+    found = load_command(model.with_parameters({n: replace(p, std=1e-3) for n, p in model.parameters.items()}))
+    turn = robot().model.frames[robot().model.getFrameId(LINK)].placement.rotation
+    assert found["command"].startswith("set_target_payload(1.300, [")
+    assert np.array(found["inertia"]) == pytest.approx(turn.T @ TOOL.inertia @ turn)
