@@ -40,6 +40,9 @@ from armdyn.parameter import Parameter
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.threads import one_thread
 
+ROUNDING_SHARE_OF_TYPICAL_SIZE = 1e-12
+"""Distance from the null value, in typical sizes, up to which an effect that is not fitted is absent."""
+
 
 @dataclass(frozen=True)
 class ChannelQuality:
@@ -295,7 +298,8 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     held = study.model.background.names if study.model.background is not None else ()
     result = {}
     for i, column in enumerate(study.problem.columns):
-        absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
+        gone = abs(fit.values[i] - study.problem.null[i]) <= ROUNDING_SHARE_OF_TYPICAL_SIZE * study.problem.typical[i]
+        absent = column.parameter.name in present and not fit.free[i] and gone
         if absent or column.parameter.name in held:
             continue
         told = (fit.free[i] or fit.consider_parameters[i]) and np.isfinite(covariance[i, i])
