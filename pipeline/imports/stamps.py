@@ -97,7 +97,8 @@ def shift_to_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray
 
 
 def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray[np.intp]]:
-    """Indices of the kept samples, by piece: most samples, less `MIN_PIECE_SAMPLES` for each further piece.
+    """Indices of the kept samples, by piece: most samples, less `MIN_PIECE_SAMPLES` for each further piece, or less one
+    where the clock was certainly set back.
 
     Found by dynamic programming over the predecessor of each kept sample. A jump over more than two pieces' samples
     begins a new piece, so that no more predecessors need to be tried.
@@ -116,20 +117,21 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     )
     if quick:
         return [np.arange(n)]
+    was_set = np.zeros(n, dtype=bool) if lead is None else _was_set_back(lead, step, usual)
     best, before, begins = np.ones(n), np.full(n, -1), np.ones(n, dtype=bool)
     most = np.array(stamps if lead is None else lead)  # largest lead in the piece so far
     record, holder = -np.inf, -1  # best of all samples before
     for i in range(1, n):
         if best[i - 1] > record:
             record, holder = best[i - 1], i - 1
-        first = max(i - 2 * MIN_PIECE_SAMPLES - 1, 0)
+        first, lost = max(i - 2 * MIN_PIECE_SAMPLES - 1, 0), 1.0 if was_set[i] else float(MIN_PIECE_SAMPLES)
         usable = stamps[first:i] < stamps[i]
         if lead is None:
             usable &= stamps[i] - stamps[first:i] <= farthest
         else:
             usable &= lead[i] - most[first:i] <= MAX_MESSAGE_DELAY_SECONDS
-        if record > MIN_PIECE_SAMPLES:
-            best[i], before[i] = 1.0 + record - MIN_PIECE_SAMPLES, holder
+        if record > lost:
+            best[i], before[i] = 1.0 + record - lost, holder
         if usable.any():
             j = int(np.argmax(np.where(usable, best[first:i], -np.inf))) + first
             if 1.0 + best[j] >= best[i]:
@@ -145,17 +147,28 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     return [np.array(piece[::-1]) for piece in reversed(pieces) if piece]
 
 
+def _was_set_back(lead: FloatArray, step: FloatArray, usual: float) -> npt.NDArray[np.bool_]:
+    """(n,) whether each sample is the first after its clock was set back: its stamp, and how far all the next ones are
+    ahead of their arrival, are less than before. Of messages that were overtaken, only the stamp is."""
+    found = np.zeros(len(lead), dtype=bool)
+    for i in np.flatnonzero(step <= 0.0) + 1:
+        earlier, later = lead[max(i - MIN_PIECE_SAMPLES, 0) : i], lead[i : i + MIN_PIECE_SAMPLES]
+        found[i] = len(later) == MIN_PIECE_SAMPLES and later.max() < earlier.max() - 0.5 * usual
+    return found
+
+
 def _laid(
     pieces: list[npt.NDArray[np.intp]], stamps: FloatArray, arrivals: FloatArray | None
 ) -> tuple[npt.NDArray[np.intp], FloatArray, Counter[str]]:
     """Rows and times of the pieces in succession on the clock of the longest one, and the samples lost to their gaps.
 
-    Without arrivals, the length of a gap is unknown; it is the shortest one that is recognised as a gap.
+    Arrivals tell how long it took between two pieces. Without them this is unknown: the shortest time that is
+    recognised as a gap.
     """
     if not pieces:
         return np.empty(0, dtype=np.intp), np.empty(0), Counter()
     longest = max(pieces, key=len)
-    gap = 1.01 * longest_interval_without_gap(stamps[longest])
+    gap = 1.01 * longest_interval_without_gap(stamps[longest]) if arrivals is None else MIN_STEP_AFTER_CLOCK_RESET_SECONDS
     rows: list[npt.NDArray[np.intp]] = []
     times: list[FloatArray] = []
     left, end = Counter[str](), -np.inf
