@@ -26,6 +26,7 @@ from armdyn.estimation.posterior import NormalPrior
 from armdyn.estimation.random_effects import RandomEffects
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import ObserverOutput
+from armdyn.watch.variances import ErrorBand
 from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
 USED_SAMPLE_INTERVAL_SECONDS, BLOCK_MOTION_SECONDS = 0.04, 1.0
@@ -41,6 +42,8 @@ LOAD_PRIOR = NormalPrior(
 )  # fmt: skip
 """Prior of a load's mass, kg, and mass times position, kg m: 1 kg at 0.2 m; it only matters where the motion does not
 identify the load."""
+MIN_INFORMATION = 1e-200
+"""Least usual information about a change, such as of a joint that hardly moves in the sound recordings."""
 LOAD = np.arange(LOAD_PARAMETERS)
 """Indices of a load's parameters among the columns."""
 
@@ -110,10 +113,8 @@ class FaultFreeBaseline:
         """Scores, in standard deviations, of a change of the load (k,) and of changes of the joints (k, nj, C)."""
         cleared, (information, own_information) = self._cleared(windows), self.information
         of_load, own = cleared.explained
-        mass = np.minimum(1.0, information / np.maximum(cleared.load.gram[:, 0, 0], np.finfo(float).tiny))
-        return np.sqrt(mass * of_load / self.spread), np.sqrt(
-            np.minimum(1.0, own_information / cleared.J) * own / self.joints_spread
-        )
+        mass, each = _no_more(cleared.load.gram[:, 0, 0], information), _no_more(cleared.J, own_information)
+        return np.sqrt(mass * of_load / self.spread), np.sqrt(each * own / self.joints_spread)
 
     def load_change(self, window: NormalEquations) -> tuple[FloatArray, FloatArray]:
         """Estimated change of the load (4,), kg and kg m, in one window, and its standard deviations (4,)."""
@@ -127,6 +128,11 @@ class FaultFreeBaseline:
         cleared = self._cleared(window)
         u, J = cleared.u[0, joint, kind], cleared.J[0, joint, kind]
         return float(u / J), float(np.sqrt(self.joints_spread[joint, kind] / min(J, self.information[1][joint, kind])))
+
+
+def _no_more(information: FloatArray, usual: FloatArray | float) -> FloatArray:
+    """The factor that reduces information to the usual one, where it is more."""
+    return np.asarray(1.0 / np.maximum(1.0, information / np.maximum(usual, MIN_INFORMATION)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +154,8 @@ class MotionBlocks:
 
     Args:
         changes: the watched changes.
-        level: (nj, 4) factors of the residual's variance, see `ObserverOutput.sources`.
+        band: variance of the residual. Where a joint may stick, its friction has any value for as long as it rests, so
+            that its torque tells nothing.
         kept: number of blocks to keep; None keeps all.
 
     Attributes:
@@ -157,13 +164,11 @@ class MotionBlocks:
         columns: (nj, 4 + C) derivatives of the torques with respect to the unknowns at the last sample.
     """
 
-    def __init__(
-        self, changes: WatchedChanges, level: FloatArray, kept: int | None = WINDOW_SIZES_IN_BLOCKS[-1]
-    ) -> None:
-        self._function, self._level = changes.function, level
+    def __init__(self, changes: WatchedChanges, band: ErrorBand, kept: int | None = WINDOW_SIZES_IN_BLOCKS[-1]) -> None:
+        self._function, self._band, self._joints = changes.function, band, len(band.reversal)
         self.start_times: deque[float] = deque(maxlen=kept)
         self.equations: deque[NormalEquations] = deque(maxlen=kept)
-        self.columns = np.zeros((len(level), LOAD_PARAMETERS + len(changes.names)))
+        self.columns = np.zeros((self._joints, LOAD_PARAMETERS + len(changes.names)))
         self._last = -np.inf
         self.clear()
 
@@ -179,7 +184,7 @@ class MotionBlocks:
 
     def window(self, size: int, later: int = 0) -> NormalEquations:
         """Equations of `size` blocks together: the latest ones, or those before `later` other ones."""
-        joints, end = len(self._level), len(self.equations) - later
+        joints, end = self._joints, len(self.equations) - later
         chosen = list(self.equations)[end - size : end]
         return NormalEquations.stacked(chosen).grouped(np.tile(np.arange(joints), size), joints)
 
@@ -204,7 +209,8 @@ class MotionBlocks:
             return False
         if not self._samples:
             self._start = step.time
-        std = np.sqrt((self._level * step.sources).sum(axis=1))
+        at = self._band.at(step.sources, step.sticking)
+        std = np.where(at.near, np.inf, np.sqrt(at.variance))
         self._samples.append((self.columns, step.residual, std))
         if len(self._samples) < round(BLOCK_MOTION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS):
             return False

@@ -28,6 +28,7 @@ from armdyn.watch.observer import (
     FILTER_ORDER,
     MAX_SAMPLE_GAP_SECONDS,
     REVERSAL_SHARE,
+    VARIANCE_SOURCE_COUNT,
     Observer,
     ObserverOutput,
     visible_share_of_step,
@@ -42,10 +43,9 @@ from armdyn.watch.tail import (
 )
 from armdyn.watch.variances import (
     MIN_TORQUE_VARIANCE,
-    UNCERTAIN_FRICTION_SOURCE,
     AdaptiveErrorStd,
     ErrorBand,
-    fitted_variance_factors,
+    beyond,
 )
 from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
@@ -57,8 +57,6 @@ CROSS_VALIDATION_FOLDS = 4
 """Number of parts of the fault-free recordings, for cross-validation: each is scored with statistics of the others."""
 VARIANCE_SAMPLE_INTERVAL_SECONDS = 0.02
 """Time between the samples from which variances are fitted, s; the filters remember little for longer."""
-INFINITE_VARIANCE = np.array([np.inf, 0.0, 0.0, 0.0])
-"""Factors of the variance, see `ObserverOutput.sources`, of a joint whose torque the model does not predict."""
 ERROR_CORRELATION_SECONDS = 1.0
 """Assumed correlation time of the error of a model without calibration, s."""
 
@@ -71,9 +69,9 @@ class FaultFreeStatistics:
         changes: the changes that are watched.
         bandwidth: K of the observer, 1/s.
         contrast: variance of the contrast, which is the residual less its running mean.
-        residual: (nj, 4) factors of the residual's variance, see `ObserverOutput.sources`.
-        contrast_distributions: apart from reversals and near them, by joint, distribution of the largest contrast, in
-            standard deviations.
+        residual: variance of the residual.
+        contrast_distributions: apart from reversals, and anywhere, by joint, distribution of the largest contrast, in
+            standard deviations; near reversals, where there are few samples, the second holds.
         onset: estimator of a torque that began a moment ago; None without recordings.
         onset_distributions: likewise, distribution of its largest estimate, in standard deviations.
         baselines: by number of blocks in a window.
@@ -85,7 +83,7 @@ class FaultFreeStatistics:
     changes: WatchedChanges
     bandwidth: float
     contrast: ErrorBand
-    residual: FloatArray
+    residual: ErrorBand
     contrast_distributions: tuple[tuple[StatisticDistribution, ...], ...]
     onset: OnsetTorqueEstimator | None
     onset_distributions: tuple[tuple[StatisticDistribution, ...], ...]
@@ -165,10 +163,11 @@ def statistics_of_recordings(
             "usual motion"
         )
     asked = np.array([joint in model.joints for joint in model.arm.joints])
-    reversal = REVERSAL_SHARE**2 * seen.sources[:, :, UNCERTAIN_FRICTION_SOURCE].max(axis=0)
-    contrast = ErrorBand.of(seen.contrast, seen.sources, reversal).only(asked)
-    every = np.ones(seen.residual.shape, dtype=bool)
-    residual = np.where(asked[:, None], fitted_variance_factors(seen.residual, seen.sources, every), INFINITE_VARIANCE)
+    reversal, one = REVERSAL_SHARE * seen.sticking.max(axis=0), np.ones(len(asked))
+    contrast, residual = (
+        ErrorBand.of(each, seen.sources, seen.sticking, reversal, one).only(asked)
+        for each in (seen.contrast, seen.residual)
+    )
     parts = [
         seen.onset(asked, reversal, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
         for k in range(CROSS_VALIDATION_FOLDS)
@@ -186,9 +185,9 @@ def statistics_of_recordings(
         began = parts[k].estimate(step.stages)
         ratios = []
         for level, band, error in ((lasting, contrast, step.contrast), (early[k], parts[k].band, began)):
-            at = band.at(step.sources)
-            ratio = np.abs(error) / level.std(at)
-            ratios += [np.where(at.near, 0.0, ratio), np.where(at.near, ratio, 0.0)]
+            at = band.at(step.sources, step.sticking)
+            ratio = np.abs(beyond(error, at.bound)) / level.std(at)
+            ratios += [np.where(at.near, 0.0, ratio), ratio]
             level.update(error, at, interval)
         # Only the largest error of each stretch counts.
         if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
@@ -239,6 +238,7 @@ class _Seen:
     residual: FloatArray
     stages: np.ndarray
     sources: np.ndarray
+    sticking: FloatArray
     length: float
 
     @classmethod
@@ -249,14 +249,15 @@ class _Seen:
             if not kept or elapsed - kept[-1][0] >= VARIANCE_SAMPLE_INTERVAL_SECONDS:
                 kept.append((elapsed, step))
         chosen = [step for _, step in kept]
-        contrast, residual, stages, sources = (
-            np.array([getattr(step, name) for step in chosen]) for name in ("contrast", "residual", "stages", "sources")
+        contrast, residual, stages, sources, sticking = (
+            np.array([getattr(step, name) for step in chosen])
+            for name in ("contrast", "residual", "stages", "sources", "sticking")
         )
-        return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
+        return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, sticking, elapsed)
 
     def onset(self, asked: np.ndarray, reversal: FloatArray, chosen: np.ndarray) -> OnsetTorqueEstimator:
         """Onset estimator from the samples with mask `chosen` (n,)."""
-        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen], reversal)
+        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen], self.sticking[chosen], reversal)
         return OnsetTorqueEstimator(found.weights, found.band.only(asked))
 
 
@@ -321,7 +322,8 @@ def statistics_of_model_error(
             f"the model says nothing of its error on {', '.join(missing)}: repair it first, or measure it on sound "
             "recordings, --calibrate RUN"
         )
-    size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, 0.0, 0.0, 1.0] for joint in model.arm.joints])
+    none = [0.0] * (VARIANCE_SOURCE_COUNT - 1)
+    size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, *none] for joint in model.arm.joints])
     n, alike = len(size), ERROR_CORRELATION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
     crossings = 3600.0 * DEFAULT_OBSERVER_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
@@ -329,10 +331,9 @@ def statistics_of_model_error(
     kinds = len(changes.names)
     baseline = FaultFreeBaseline.of_model_error(RandomEffects.of_noise(np.full(n, alike), kinds))
     baselines = dict.fromkeys(WINDOW_SIZES_IN_BLOCKS, baseline)
-    values = 3600.0 / BLOCK_MOTION_SECONDS
+    values, band = 3600.0 / BLOCK_MOTION_SECONDS, ErrorBand(size, np.full(n, np.inf), np.ones(n))
     return FaultFreeStatistics(
-        changes, DEFAULT_OBSERVER_BANDWIDTH, ErrorBand(np.array([size, size]), np.full(n, np.inf)), size,
-        ((GaussianDistribution(crossings),) * n,) * 2, None, (), baselines,
-        GaussianDistribution(values, LOAD_PARAMETERS),
+        changes, DEFAULT_OBSERVER_BANDWIDTH, band, band, ((GaussianDistribution(crossings),) * n,) * 2, None, (),
+        baselines, GaussianDistribution(values, LOAD_PARAMETERS),
         ((GaussianDistribution(values),) * kinds,) * n, None,
     )  # fmt: skip

@@ -60,15 +60,16 @@ LOW_PASS_STAGE_BANDWIDTH, TORQUE_LOW_PASS_STAGES, PREDICTION_LOW_PASS_STAGES = 1
 low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
 RESIDUAL_MEAN_STATE_INDEX = 2 * (FILTER_ORDER + 1)
 """Index of the running mean of the residual in the state, in blocks of nj."""
-FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 5
+FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 6
 """Index of the first stage in the state, in blocks of nj."""
 STATES_PER_JOINT = FIRST_STAGE_STATE_INDEX + TORQUE_LOW_PASS_STAGES + 1 + PREDICTION_LOW_PASS_STAGES
-"""States per joint: last position and its 3 stages of F; the same for its torque; running means of residual and of
-prediction without dry friction; prediction a moment ago; uncertain friction; time apart from reversals, s; stages of
-torque; prediction and its stages. The last entry of the state is the time since the start, s."""
-REVERSAL_SHARE, RESTING_MEAN_SECONDS = 0.05, 5.0
+"""States per joint: last position and its 3 stages of F; the same for its torque; running means of residual, of
+prediction without dry friction and of the dry friction; prediction a moment ago; friction of unknown value; time apart
+from reversals, s; stages of torque; prediction and its stages. The last entry of the state is the time since the start,
+s."""
+REVERSAL_SHARE = 0.05
 """Share of the dry friction's size that its uncertain part has near a reversal, until F has forgotten it
-(0.12 s for K = 75 1/s); and memory of the running mean there, s: a reversal hardly changes it, a long rest does."""
+(0.12 s for K = 75 1/s)."""
 VARIANCE_SOURCE_COUNT = 4
 """Number of sources of a residual's variance, see `ObserverOutput.sources`."""
 
@@ -83,9 +84,11 @@ class ObserverOutput:
         residual: (nj,) measured minus predicted torque.
         contrast: (nj,) residual minus its running mean.
         sources: (nj, 4) terms that the error's variance is a sum of, with a factor each, (N m)^2 except the first: 1
-            (noise); the squared deviation of the prediction without dry friction from its running mean (errors of links
-            and gains); the squared change of the prediction during the delay of F (errors of time); the squared dry
-            friction of unknown direction.
+            (noise); the squared deviations of the prediction without dry friction, and of the dry friction, from their
+            running means (errors of links and gains, and of friction); the squared change of the prediction during the
+            delay of F (errors of time).
+        sticking: (nj,) dry friction of unknown value: what it leaves in the residual has any value up to this size.
+        friction: (2, nj) dry friction that the model predicts, and its running mean.
         motion: (3, nj) filtered positions, rad or m, speeds and accelerations.
         stages: (nj, 14) stages of torque; prediction and its stages.
         settled: whether filters and mean have forgotten their initial state.
@@ -96,6 +99,8 @@ class ObserverOutput:
     residual: FloatArray
     contrast: FloatArray
     sources: FloatArray
+    sticking: FloatArray
+    friction: FloatArray
     motion: FloatArray
     stages: FloatArray
     settled: bool
@@ -164,7 +169,10 @@ class Observer:
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling_time(K))
         stages = self._state[FIRST_STAGE_STATE_INDEX * self._joints : -1].reshape(-1, self._joints).T
-        return ObserverOutput(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), stages, settled)
+        sources, sticking, friction, motion = (part.copy() for part in found[4:])
+        return ObserverOutput(
+            time, predicted, residual, contrast, sources, sticking[:, 0], friction.T, motion.T, stages, settled
+        )
 
     def _too_rarely(self, step: float) -> bool:
         """Whether the sampling rate is too low for the filter; then K is reduced."""
@@ -208,7 +216,8 @@ def visible_share_of_step(bandwidth: float) -> float:
 def observer_function(model: ArmModel) -> ca.Function:
     """One step of the observer, whose equations stand at the top of this module.
 
-    ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``; a
+    ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, sticking,
+    friction, motion)``; a
     `step` <= 0 or > `MAX_SAMPLE_GAP_SECONDS`, in s, restarts the filters, and `hold` = 1 holds the running mean
     constant. For shapes and units see `ObserverOutput`.
 
@@ -228,35 +237,39 @@ def observer_function(model: ArmModel) -> ca.Function:
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
     predicted, smooth, friction, way = predicted_reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
-    mean, expected, before, doubted, seen = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
+    mean, expected, rubbed, before, doubted, seen = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
     early = parts[FIRST_STAGE_STATE_INDEX:]
     torques = _filtered(
         tau, [parts[FILTER_ORDER + 1], *early[:TORQUE_LOW_PASS_STAGES]], LOW_PASS_STAGE_BANDWIDTH, h, fresh
     )[1:]
     predictions = _filtered(predicted, early[TORQUE_LOW_PASS_STAGES:], LOW_PASS_STAGE_BANDWIDTH, h, fresh)
     age = ca.if_else(fresh, 0.0, state[-1] + h)
-    # Before its memory is full, the mean is that of all samples since the filters settled.
-    gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, RUNNING_MEAN_SECONDS), 1e-9))
     young = age <= SETTLING_TIME_CONSTANTS / K
-    expected = ca.if_else(young, smooth, expected + gain * (smooth - expected))
     before = ca.if_else(fresh, predicted, before + (1.0 - ca.exp(-h * K / FILTER_ORDER)) * (predicted - before))
     # The friction of a reversal stays in the filters for a while.
     doubt = ca.fmax(friction * ca.sqrt(ca.fmax(1.0 - way**2, 0.0)), ca.exp(-h * K / FILTER_ORDER) * doubted)
     doubt = ca.if_else(fresh, friction, doubt)
-    # The error of a reversal is no usual one: the mean is that of samples elsewhere, as soon as there are any.
+    # Where a joint may stick, its friction has any value: the mean follows only what no friction explains. Elsewhere it
+    # is that of the samples there, as soon as there are any.
     near = doubt > REVERSAL_SHARE * friction
     seen = ca.if_else(young, 0.0, seen + ca.if_else(near, 0.0, h))
-    memory = ca.if_else(near, RESTING_MEAN_SECONDS, ca.fmax(ca.fmin(seen - h, RUNNING_MEAN_SECONDS), 1e-9))
+    memory = ca.if_else(near, RUNNING_MEAN_SECONDS, ca.fmax(ca.fmin(seen - h, RUNNING_MEAN_SECONDS), 1e-9))
     share = ca.if_else(hold > 0.5, 0.0, 1.0 - ca.exp(-h / memory))
-    mean = ca.if_else(young, residual, mean + share * (residual - mean))
-    following = ca.vertcat(*position, *torque, mean, expected, before, doubt, seen, *torques, *predictions, age)
-    changes = smooth - expected, predicted - before, doubt
+    mean = ca.if_else(young, 0.0, mean)
+    further = ca.sign(residual - mean) * ca.fmax(ca.fabs(residual - mean) - ca.if_else(near, doubt, 0.0), 0.0)
+    mean += ca.if_else(young, 1.0, share) * further
+    # A share of a torque leaves in the contrast what the torque differs from its own mean, of the same memory.
+    share = ca.if_else(young, 1.0, ca.if_else(near, 0.0, share))
+    expected, rubbed = expected + share * (smooth - expected), rubbed + share * (predicted - smooth - rubbed)
+    following = ca.vertcat(*position, *torque, mean, expected, rubbed, before, doubt, seen, *torques, *predictions, age)
+    rubs = ca.horzcat(predicted - smooth, rubbed)
+    changes = smooth - expected, predicted - smooth - rubbed, predicted - before
     sources = ca.horzcat(ca.SX.ones(n), *(change**2 for change in changes))
-    outputs = [following, predicted, residual, residual - mean, sources, ca.horzcat(x3, v, a)]
+    outputs = [following, predicted, residual, residual - mean, sources, doubt, rubs, ca.horzcat(x3, v, a)]
     return ca.Function(
         "watch", [state, step, hold, K, q, tau, shift], [ca.densify(each) for each in outputs],
         ["state", "step", "hold", "bandwidth", "q", "tau", "shift"],
-        ["state_next", "predicted", "residual", "contrast", "sources", "motion"],
+        ["state_next", "predicted", "residual", "contrast", "sources", "sticking", "friction", "motion"],
     )  # fmt: skip
 
 

@@ -8,13 +8,16 @@ a sound robot x has the second moments C, each sample weighted by the inverse of
 
 (matched filter in coloured noise: Capon, Proc. IEEE 57, 1969). Torque and prediction enter separately, not only as
 their difference: if the torque of a drive is smooth, a step is visible in it before positions, differentiated twice,
-show it. Smooth parts, motion or model error, cancel; noise is averaged as far as this reduces the variance.
+show it. Smooth parts, motion or model error, cancel; noise is averaged as far as this reduces the variance. A friction
+of unknown value, up to f, leaves up to f times the integral of |h| in w'x, where h is the response of w'x to an impulse
+of torque.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammainc
+from scipy.stats import gamma
 
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.solve import solve_positive
@@ -32,6 +35,8 @@ of 50 ms are for the filter of a drive."""
 ONSET_FIT_PASSES = 3
 """Number of times that the weights w of the filter stages and the variance of their sum w'x are fitted in turn; w
 changes little after two."""
+RESPONSE_SECONDS, RESPONSE_STEP_SECONDS = 0.3, 5e-4
+"""Time after which all stages have forgotten an impulse of torque, s; and step of the integral over it, s."""
 ONSET_RIDGE_SHARE = 1e-9
 """Share of the mean variance that is added to each stage; the stages are nearly equal in slow motion."""
 
@@ -49,26 +54,39 @@ class OnsetTorqueEstimator:
     band: ErrorBand
 
     @classmethod
-    def of(cls, stages: np.ndarray, sources: np.ndarray, reversal: FloatArray) -> "OnsetTorqueEstimator":
+    def of(
+        cls, stages: np.ndarray, sources: np.ndarray, sticking: np.ndarray, reversal: FloatArray
+    ) -> "OnsetTorqueEstimator":
         """Fit the estimator to n samples of a robot without faults.
 
         `stages` (n, nj, 14) are the outputs of the filters of each joint, `sources` (n, nj, 4) the terms whose weighted
-        sum is the variance of the residual; for `reversal` (nj,) see `ErrorBand`.
+        sum is the variance of the residual, `sticking` (n, nj) the frictions of unknown value, N m or N; for `reversal`
+        (nj,) see `ErrorBand`.
         """
-        count, joints, size = stages.shape
-        step, x, spread = step_response(), stages.swapaxes(0, 1), np.ones((joints, count))
+        step, x, size = step_response(), stages.swapaxes(0, 1), stages.shape[2]
+        near = (sticking > reversal).T
+        spread = np.where(near, np.inf, 1.0)
         for _ in range(ONSET_FIT_PASSES):
             C = NormalEquations.of_units(x, np.zeros(spread.shape), np.sqrt(spread)).gram
             ridge = ONSET_RIDGE_SHARE * np.trace(C, axis1=1, axis2=2) / size + np.finfo(float).tiny
             w = solve_positive(C + ridge[:, None, None] * np.eye(size), step)
             weights = w / (w @ step)[:, None]
-            band = ErrorBand.of((x @ weights[..., None])[..., 0].T, sources, reversal)
-            spread = band.at(sources).value.T
+            errors, gain = (x @ weights[..., None])[..., 0].T, absolute_response(weights)
+            band = ErrorBand.of(errors, sources, sticking, reversal, gain)
+            spread = np.where(near, np.inf, band.at(sources, sticking).variance.T)
         return cls(weights, band)
 
     def estimate(self, stages: FloatArray) -> FloatArray:
         """(nj,) estimated torques that began a moment ago, N m or N, from (nj, 14) filter stages of the observer."""
         return np.asarray((self.weights * stages).sum(axis=1))
+
+
+def absolute_response(weights: FloatArray) -> FloatArray:
+    """(nj,) integral of the absolute response of w'x to an impulse of torque, for weights w (nj, 14)."""
+    stage = np.arange(1, TORQUE_LOW_PASS_STAGES + 1)
+    age = np.arange(RESPONSE_STEP_SECONDS / 2.0, RESPONSE_SECONDS, RESPONSE_STEP_SECONDS)
+    density = gamma.pdf(age[:, None], stage, scale=1.0 / LOW_PASS_STAGE_BANDWIDTH)
+    return np.asarray(np.abs(density @ weights[:, :TORQUE_LOW_PASS_STAGES].T).sum(axis=0) * RESPONSE_STEP_SECONDS)
 
 
 def step_response() -> FloatArray:

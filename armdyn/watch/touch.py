@@ -16,8 +16,8 @@ from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import LOAD_PRIOR
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
-from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, ObserverOutput
-from armdyn.watch.variances import AdaptiveErrorStd
+from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, RUNNING_MEAN_SECONDS, ObserverOutput
+from armdyn.watch.variances import AdaptiveErrorStd, beyond
 
 MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
@@ -28,22 +28,43 @@ CONTACT_END_SECONDS = 0.3
 start."""
 FILTER_STEP_TIMES, HIDDEN_STEP_SHARE = 2.1, 0.05
 """Time in delays of the low-pass after which it shows all but a share of a step, and this share."""
+MAX_WEAR_SHARE = 1.0 / 3.0
+"""Share of a joint's dry friction by which wear or temperature may have changed it, seen when the joint next moves or
+reverses: friction of gears changes by tens of percent (Bittencourt & Axelsson, IEEE/ASME Trans. Mechatronics 19(4),
+2014)."""
 LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Excess:
-    """A statistic at one sample, (nj,): value and standard deviation, N m or N; threshold in standard deviations."""
+    """A statistic of each joint (nj,) at one sample.
+
+    Attributes:
+        value: its value, N m or N.
+        spread: standard deviation of what exceeds the bound, N m or N.
+        bound: what friction of unknown value may leave in it, N m or N.
+        threshold: in standard deviations beyond the bound.
+    """
 
     value: FloatArray
-    std: FloatArray
+    spread: FloatArray
+    bound: FloatArray
     threshold: FloatArray
 
     @property
     def ratio(self) -> FloatArray:
-        """(nj,) absolute value over the threshold."""
-        return np.asarray(np.abs(self.value) / (self.threshold * self.std))
+        """(nj,) what friction cannot leave over the threshold."""
+        return np.asarray(np.abs(beyond(self.value, self.bound)) / (self.threshold * self.spread))
+
+    def without(self, explained: FloatArray, share: float) -> bool:
+        """Whether no joint exceeds a share of its threshold without what is explained (nj,)."""
+        return bool((replace(self, value=self.value - explained).ratio < share).all())
+
+    @property
+    def std(self) -> FloatArray:
+        """(nj,) standard deviation of the value, N m or N, with a friction that is uniform within its bound."""
+        return np.asarray(np.hypot(self.spread, self.bound / np.sqrt(3.0)))
 
 
 @dataclass
@@ -57,7 +78,8 @@ class _Open:
         largest: (nj,) largest contrast, N m or N.
         std: (nj,) its standard deviations.
         joint: index of the joint with the clearest evidence.
-        doubted: whether it may be a load.
+        turned: (nj,) whether the joint stood or reversed just before.
+        doubted: whether it may be a load, or wear.
         lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
         told: whether an event has told it as an outside torque.
         hinted: whether an event has told it at all.
@@ -70,6 +92,7 @@ class _Open:
     largest: FloatArray
     std: FloatArray
     joint: int
+    turned: np.ndarray
     doubted: bool
     lasting: bool
     told: bool = False
@@ -97,6 +120,7 @@ class ContactDetector:
         self._onset_level = AdaptiveErrorStd(len(reporter.joints))
         self._open: _Open | None = None
         self._quiet = 0.0
+        self._turned = np.full(len(reporter.joints), -np.inf)
         self._outlasted: _Open | None = None
         self._doubted = self._last = -np.inf
         self._maybe_load: _Open | None = None
@@ -113,8 +137,8 @@ class ContactDetector:
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nj,) thresholds of the residuals' deviation from their running mean, N m or N."""
-        at = self._sound.contrast.at(step.sources)
-        return np.asarray(_of_now(self._thresholds, at.near) * self._level.std(at))
+        at = self._sound.contrast.at(step.sources, step.sticking)
+        return np.asarray(at.bound + _of_now(self._thresholds, at.near) * self._level.std(at))
 
     def reset(self, time: float) -> None:
         """Forget the present event at a time, s, because it is explained or the observer restarted."""
@@ -138,15 +162,16 @@ class ContactDetector:
             load: (nj, 4) columns of the load, see `WatchedChanges`.
             delay: mean delay of the observer, s.
         """
-        at = self._sound.contrast.at(step.sources)
-        contrast = _Excess(step.contrast, self._level.std(at), _of_now(self._thresholds, at.near))
+        at = self._sound.contrast.at(step.sources, step.sticking)
+        contrast = _Excess(step.contrast, self._level.std(at), at.bound, _of_now(self._thresholds, at.near))
         seen = [contrast]
+        self._turned[at.near] = step.time
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
             self._level.update(step.contrast, at, interval)
         if self._sound.onset is not None:
-            began, at = self._sound.onset.estimate(step.stages), self._sound.onset.band.at(step.sources, at.near)
-            seen.append(_Excess(began, self._onset_level.std(at), _of_now(self._sudden, at.near)))
+            began, at = self._sound.onset.estimate(step.stages), self._sound.onset.band.at(step.sources, step.sticking)
+            seen.append(_Excess(began, self._onset_level.std(at), at.bound, _of_now(self._sudden, at.near)))
             if self._open is None:
                 self._onset_level.update(began, at, interval)
         if self._open is not None:
@@ -185,7 +210,7 @@ class ContactDetector:
         if step.time - now.begun > MAX_CONTACT_SECONDS:
             self._open, self._outlasted, self._quiet = None, now, step.time
         elif not now.told and now.lasting:
-            now.doubted = now.doubted and self._as_load(step, load, 1.0)
+            now.doubted = now.doubted and self._as_change(step, contrast, load, now.turned, 1.0)
             if not now.doubted and step.time - now.begun > FILTER_STEP_TIMES * delay:
                 return self._told(now, step, contrast)
         return []
@@ -203,10 +228,12 @@ class ContactDetector:
             if lasting and left < 0.5 * most:
                 return self._ended(before, step.time) if before.told else []
         # An onset detects the start, but does not yet identify size and joint.
-        doubted = not lasting or self._as_load(step, load, 0.5)
+        turned = step.time - self._turned < RUNNING_MEAN_SECONDS
+        doubted = not lasting or self._as_change(step, contrast, load, turned, 0.5)
         now = self._open = _Open(
-            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, doubted, lasting
-        )
+            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, turned, doubted,
+            lasting,
+        )  # fmt: skip
         recent, self._doubted = 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
         if recent and doubted:
             return []
@@ -220,17 +247,26 @@ class ContactDetector:
         now.hinted = bool(found)
         return found
 
-    def _as_load(self, step: ObserverOutput, load: FloatArray, share: float) -> bool:
-        """Whether a load explains the residual: with the best load, less than a share of the threshold remains.
+    def _as_change(
+        self, step: ObserverOutput, contrast: _Excess, load: FloatArray, turned: np.ndarray, share: float
+    ) -> bool:
+        """Whether a load, or more or less friction, explains what is seen but for a share of the threshold.
 
-        The contrast does not serve for this: its running mean contains part of a load that was lifted just before.
+        The contrast does not serve for a load: its running mean contains part of one that was lifted just before. Wear
+        shows after a joint has `turned` (nj,), or stood; if it is more, one factor explains residual and contrast.
         """
-        std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
-        limits = _of_now(self._thresholds, self._sound.contrast.is_near(step.sources))
-        X, r = load / std[:, None], step.residual / std
-        sums = NormalEquations.of_samples(X, r)
+        at = self._sound.residual.at(step.sources, step.sticking)
+        residual = replace(contrast, value=step.residual, spread=np.sqrt(at.variance))
+        sums = NormalEquations.of_samples(load / residual.std[:, None], step.residual / residual.std)
         best, _ = LOAD_PRIOR.unbounded_change(sums.gram[0], sums.slope[0])
-        return bool((np.abs(r - X @ best) < share * limits).all())
+        (now, before), mean = step.friction, step.residual - step.contrast
+        more = (now * step.residual + before * mean) / np.maximum(now**2 + before**2, np.finfo(float).tiny)
+        limit = np.where(turned, MAX_WEAR_SHARE * np.abs(now), 0.0)
+        return (
+            residual.without(load @ best, share)
+            or residual.without(np.clip(step.residual, -limit, limit), share)
+            or (residual.without(more * now, share) and contrast.without(more * (now - before), share))
+        )
 
     def _told(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> list[WatchEvent]:
         """The event that something acts, as soon as the filter shows it and it is certain."""

@@ -15,8 +15,6 @@ RECENT_ERROR_MEMORY_SECONDS, MAX_COUNTED_ERROR_STDS = 3.0, 5.0
 give the wanted rate of false alarms; without recent errors it is up to 30 times as high."""
 VARIANCE_FIT_PASSES = 4
 """Iterations of the reweighted fit of variances; it changes by less than 1 % after three."""
-UNCERTAIN_FRICTION_SOURCE = 3
-"""Index of the squared uncertain friction among the sources."""
 MIN_SAMPLES_OF_FIT = 100
 """Least number of samples from which a joint's variance is fitted, apart from reversals or near them."""
 MIN_NOISE_VARIANCE_SHARE, MIN_TORQUE_VARIANCE = 1e-3, 1e-18
@@ -25,55 +23,52 @@ MIN_NOISE_VARIANCE_SHARE, MIN_TORQUE_VARIANCE = 1e-3, 1e-18
 
 @dataclass(frozen=True, eq=False)
 class ErrorBand:
-    """How the variance of each joint's error follows from `ObserverOutput.sources`, apart from reversals and near them.
+    """How large each joint's error may be, by `ObserverOutput.sources` and `ObserverOutput.sticking`.
 
-    Near a reversal the direction of the dry friction is uncertain, and its error has a distribution of its own.
+    Where a joint reverses or sticks, its dry friction has any value up to its size: what it may leave in the error is a
+    bound. What exceeds the bound has a variance.
 
     Attributes:
-        variance: (2, nj, k) factors of the variance, apart from reversals and near them.
-        reversal: (nj,) least source of the uncertain friction near a reversal, (N m)^2.
+        variance: (nj, k) factors of the variance.
+        reversal: (nj,) least friction of unknown value near a reversal, N m.
+        gain: (nj,) largest error that a friction of unknown value, up to 1 N m, leaves, N m.
     """
 
     variance: np.ndarray
     reversal: FloatArray
+    gain: FloatArray
 
     @classmethod
-    def of(cls, errors: np.ndarray, sources: np.ndarray, reversal: FloatArray) -> Self:
-        """Fit to errors (n, nj) with sources (n, nj, k)."""
-        near = sources[:, :, UNCERTAIN_FRICTION_SOURCE] > reversal
-        whole = fitted_variance_factors(errors, sources, np.ones(near.shape, dtype=bool))
-        parts = [
-            np.where((used.sum(axis=0) >= MIN_SAMPLES_OF_FIT)[:, None],
-                     fitted_variance_factors(errors, sources, used), whole)
-            for used in (~near, near)
-        ]  # fmt: skip
-        return cls(np.array(parts), reversal)
+    def of(
+        cls, errors: np.ndarray, sources: np.ndarray, sticking: np.ndarray, reversal: FloatArray, gain: FloatArray
+    ) -> Self:
+        """Fit to errors (n, nj) with sources (n, nj, k) and frictions of unknown value (n, nj)."""
+        apart = sticking <= reversal
+        used = apart | (apart.sum(axis=0) < MIN_SAMPLES_OF_FIT)
+        return cls(fitted_variance_factors(beyond(errors, gain * sticking), sources, used), reversal, gain)
 
     def only(self, asked: np.ndarray) -> Self:
         """The band of joints (nj,) whose torque the model predicts; others have an infinite one."""
-        unknown = np.array([np.inf, *[0.0] * (self.variance.shape[2] - 1)])
+        unknown = np.array([np.inf, *[0.0] * (self.variance.shape[1] - 1)])
         return replace(self, variance=np.where(asked[:, None], self.variance, unknown))
 
-    def is_near(self, sources: np.ndarray) -> np.ndarray:
-        """(..., nj) whether each joint is near a reversal, for sources (..., nj, k)."""
-        return np.asarray(sources[..., UNCERTAIN_FRICTION_SOURCE] > self.reversal)
-
-    def at(self, sources: np.ndarray, near: np.ndarray | None = None) -> "ErrorVariance":
-        """Variances (..., nj), (N m)^2, for sources (..., nj, k); `near` is `is_near`, where it is known."""
-        near = self.is_near(sources) if near is None else near
-        factors = np.where(near[..., None], self.variance[1], self.variance[0])
-        return ErrorVariance(np.einsum("...jk,...jk->...j", sources, factors), near)
+    def at(self, sources: np.ndarray, sticking: np.ndarray) -> "ErrorSize":
+        """Sizes (..., nj) for sources (..., nj, k) and frictions of unknown value (..., nj), N m or N."""
+        variance = np.einsum("...jk,jk->...j", sources, self.variance)
+        return ErrorSize(variance, self.gain * sticking, sticking > self.reversal)
 
 
-class ErrorVariance(NamedTuple):
-    """Variance of each joint's error.
+class ErrorSize(NamedTuple):
+    """Size of each joint's error.
 
     Attributes:
-        value: (..., nj) variances, (N m)^2.
+        variance: (..., nj) variances of what exceeds the bound, (N m)^2.
+        bound: (..., nj) what the friction may leave, N m or N.
         near: (..., nj) whether each joint is near a reversal.
     """
 
-    value: FloatArray
+    variance: FloatArray
+    bound: FloatArray
     near: np.ndarray
 
 
@@ -89,15 +84,20 @@ class AdaptiveErrorStd:
     def __init__(self, joints: int) -> None:
         self._squares = np.ones(joints)
 
-    def std(self, at: ErrorVariance) -> FloatArray:
+    def std(self, at: ErrorSize) -> FloatArray:
         """(nj,) standard deviations, N m or N."""
-        return np.asarray(np.sqrt(np.where(at.near, 1.0, np.maximum(1.0, self._squares)) * at.value))
+        return np.asarray(np.sqrt(np.where(at.near, 1.0, np.maximum(1.0, self._squares)) * at.variance))
 
-    def update(self, error: FloatArray, at: ErrorVariance, interval: float) -> None:
+    def update(self, error: FloatArray, at: ErrorSize, interval: float) -> None:
         """Update with a fault-free error (nj,), N m or N, `interval` s after the last one."""
         share = np.where(at.near, 0.0, 1.0 - math.exp(-interval / RECENT_ERROR_MEMORY_SECONDS))
-        counted = np.minimum(error**2 / at.value, MAX_COUNTED_ERROR_STDS**2)
+        counted = np.minimum(beyond(error, at.bound) ** 2 / at.variance, MAX_COUNTED_ERROR_STDS**2)
         self._squares = self._squares + share * (counted - self._squares)
+
+
+def beyond(error: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """What of each error exceeds its bound, with its sign."""
+    return np.asarray(np.sign(error) * np.maximum(np.abs(error) - bound, 0.0))
 
 
 def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -13,8 +13,9 @@ from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, FaultFreeBaseline, Moti
 from armdyn.watch.coverage import Coverage, Skipped
 from armdyn.watch.event import MIN_TOLD_STDS, ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
-from armdyn.watch.observer import Observer, ObserverOutput
+from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, Observer, ObserverOutput
 from armdyn.watch.touch import ContactDetector
+from armdyn.watch.variances import beyond
 from armdyn.watch.watched import LOAD_PARAMETERS
 
 BLOCKS_AFTER_DETECTION = 7
@@ -36,11 +37,11 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Alarm:
-    """A detected change, not yet reported: window in blocks; start, s; mean torque, in case it is an outside torque."""
+    """A detected change, not yet told: window in blocks; start, s; mean torque, where a constant one explains most."""
 
     window: int
     since: float
-    torque: ChangeEstimate
+    torque: ChangeEstimate | None
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,6 @@ class Watch:
         self.touches.reset(-np.inf)
         self._blocks.clear()
         self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((joints, len(self.sound.changes.names)))
-        self._shift = np.zeros(joints)
         self._alarm: _Alarm | None = None
         self._refining: _Change | None = None
         self._waited = self._unseen = 0
@@ -120,7 +120,7 @@ class Watch:
             tau: (nj,) measured torques, N m or N; nan for a missing one.
         """
         self.observer.mean_is_held = self.touches.is_active
-        step = self.observer.process_sample(time, q, tau, self._shift)
+        step = self.observer.process_sample(time, q, tau, self._known_at(time))
         if isinstance(step, Skipped):
             return self._skipped(time, step)
         self.latest = step
@@ -138,13 +138,13 @@ class Watch:
             complete = not going_on and self._blocks.add_sample(step, bandwidth)
             if going_on:
                 self._blocks.update_columns(step, bandwidth)
-            before = self._shift = self._known()
             if complete:
+                before = self._known(self._blocks.columns)
                 events += self._changes(time)
-                self._shift = self._known()
-                if (self._shift != before).any():
+                shift = self._known(self._blocks.columns) - before
+                if shift.any():
                     # This change explains the present contrast.
-                    self.observer.restart_mean(step.residual - (self._shift - before))
+                    self.observer.restart_mean(beyond(step.residual - shift, step.sticking))
                     self.touches.reset(time)
                     return events
         events += self.touches.process_sample(step, self._blocks.columns[:, :LOAD_PARAMETERS], self.observer.delay)
@@ -174,9 +174,20 @@ class Watch:
         sentence = f"nothing can be watched since {since:.2f} s: {why}."
         return [self._report.source_event(EventKind.SILENT, time, since, why, sentence)]
 
-    def _known(self) -> FloatArray:
-        """(nj,) torque of the reported changes at the last sample, N m or N."""
-        columns = self._blocks.columns
+    def _known_at(self, time: float) -> FloatArray | float:
+        """(nj,) torque of the reported changes at a sample that comes now, N m or N.
+
+        An older one would be late, and a load's torque that is late resembles viscous friction.
+        """
+        if self.latest is None or not (self._load.any() or self._own.any()):
+            return 0.0
+        h = time - self.latest.time if 0.0 < time - self.latest.time <= MAX_SAMPLE_GAP_SECONDS else 0.0
+        q, v, a = self.latest.motion
+        columns, _ = self.sound.changes.function(q + h * (v + h / 2.0 * a), v + h * a, a, self.observer.bandwidth)
+        return self._known(columns)
+
+    def _known(self, columns: FloatArray) -> FloatArray:
+        """(nj,) torque of the reported changes for the columns (nj, 4 + C) of the changes, N m or N."""
         own = (columns[:, LOAD_PARAMETERS:] * self._own).sum(axis=1)
         return np.asarray(columns[:, :LOAD_PARAMETERS] @ self._load + own)
 
@@ -210,7 +221,7 @@ class Watch:
         last = self._waited >= MAX_IDENTIFICATION_WAIT_BLOCKS
         if not self._is_steady(best) and not last:
             return []
-        if all(each.joint == best.joint for each in others):
+        if not others or (last and all(each.joint == best.joint for each in others)):
             found = self._identified(time, best, others)
             if found or last:
                 self._alarm = None
@@ -221,10 +232,11 @@ class Watch:
         return []
 
     def _is_steady(self, change: _Change) -> bool:
-        """Whether the first and the last blocks of a change's window agree on its size."""
-        size = min(self.sound.baselines)
-        if change.window < 2 * size:
+        """Whether the first and the last half of a change's window agree on its size."""
+        halves = [size for size in self.sound.baselines if 2 * size <= change.window]
+        if not halves:
             return True
+        size = max(halves)
         early, late = (
             self._estimate(change, self._blocks.window(size, end), self.sound.baselines[size])
             for end in (change.window - size, 0)
@@ -285,13 +297,11 @@ class Watch:
         return events
 
     def _noticed(self, best: _Change) -> _Alarm:
-        window, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
-        offset = self.sound.changes.steady
-        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(window)[1][0, :, offset]))
-        return _Alarm(
-            best.window, self._start_of(best),
-            self._report.torque_estimate(joint, *baseline.joint_change(window, joint, offset)),
-        )  # fmt: skip
+        torque = None
+        if best.kind == self.sound.changes.steady:
+            window, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
+            torque = self._report.torque_estimate(best.joint, *baseline.joint_change(window, best.joint, best.kind))
+        return _Alarm(best.window, self._start_of(best), torque)
 
     def _start_of(self, change: _Change) -> float:
         """Start of a change, s: that of the blocks until the present that it explains best."""
@@ -305,6 +315,8 @@ class Watch:
 
     def _passed(self, time: float, alarm: _Alarm) -> list[WatchEvent]:
         """Report a past outside torque that was too small or too slow for immediate detection."""
+        if alarm.torque is None:
+            return []
         sentence = (
             f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
             "average, and is gone."

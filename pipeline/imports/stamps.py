@@ -97,11 +97,11 @@ def shift_to_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray
 
 
 def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray[np.intp]]:
-    """Indices of the kept samples, by piece: most samples, less `MIN_PIECE_SAMPLES` for each further piece, or less one
-    where the clock was certainly set back.
+    """Indices of the kept samples, by piece: most samples, less `MIN_PIECE_SAMPLES` for each further piece.
 
-    Found by dynamic programming over the predecessor of each kept sample. A jump over more than two pieces' samples
-    begins a new piece, so that no more predecessors need to be tried.
+    A further piece costs one sample where the clock was certainly set back. Found by dynamic programming over the
+    predecessor of each kept sample. A jump over more than two pieces' samples begins a new piece, so that no more
+    predecessors need to be tried.
     """
     n = len(stamps)
     if n == 0:
@@ -148,8 +148,11 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
 
 
 def _was_set_back(lead: FloatArray, step: FloatArray, usual: float) -> npt.NDArray[np.bool_]:
-    """(n,) whether each sample is the first after its clock was set back: its stamp, and how far all the next ones are
-    ahead of their arrival, are less than before. Of messages that were overtaken, only the stamp is."""
+    """(n,) whether each sample is the first after its clock was set back.
+
+    Then its stamp, and how far all the next ones are ahead of their arrival, are less than before. Of messages that
+    were overtaken, only the stamp is.
+    """
     found = np.zeros(len(lead), dtype=bool)
     for i in np.flatnonzero(step <= 0.0) + 1:
         earlier, later = lead[max(i - MIN_PIECE_SAMPLES, 0) : i], lead[i : i + MIN_PIECE_SAMPLES]
@@ -168,7 +171,9 @@ def _laid(
     if not pieces:
         return np.empty(0, dtype=np.intp), np.empty(0), Counter()
     longest = max(pieces, key=len)
-    gap = 1.01 * longest_interval_without_gap(stamps[longest]) if arrivals is None else MIN_STEP_AFTER_CLOCK_RESET_SECONDS
+    gap = (
+        1.01 * longest_interval_without_gap(stamps[longest]) if arrivals is None else MIN_STEP_AFTER_CLOCK_RESET_SECONDS
+    )
     rows: list[npt.NDArray[np.intp]] = []
     times: list[FloatArray] = []
     left, end = Counter[str](), -np.inf

@@ -71,6 +71,9 @@ class Worker:
         for joint, dry in zip(self.joints, self.dry, strict=True):
             dof = model.joint(joint).dofadr[0]
             model.dof_armature[dof], model.dof_damping[dof] = ROTOR * dry, VISCOUS * dry
+        # The load may lie anywhere, and how stiff a joint sticks follows from its inertia, with the rotor.
+        model.body_sameframe[model.body("load").id] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
     @cached_property

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from watch_work import FRICTION, RATE, samples, work
 
+from armdyn.arm.rigid import inverse_dynamics
 from armdyn.watch import observer as observing
 from armdyn.watch.coverage import Skipped
 from armdyn.watch.observer import Observer, visible_share_of_step
@@ -84,3 +85,21 @@ def test_the_mean_waits_while_something_acts(arm):
         observer.mean_is_held = time >= 5.0
         step = observer.process_sample(time, q, tau)
     assert step.contrast[2] == pytest.approx(5.0, abs=0.4)
+
+
+def test_a_joint_that_sticks_leaves_no_error_when_it_moves_on(arm):
+    """It stands for two seconds, where its friction holds 0.9 of what it can, and then goes back."""
+    joint, time = 1, np.arange(0.0, 8.0, 1.0 / RATE)
+    speed = 0.4 * (np.clip(time, 0.0, 1.0) - np.clip(time - 2.0, 0.0, 1.0) - np.clip(time - 5.0, 0.0, 1.0))
+    v = np.outer(speed, np.eye(6)[joint])
+    a = np.gradient(v, 1.0 / RATE, axis=0)
+    q = np.array([0.0, -1.2, 1.2, 0.0, 0.5, 0.0]) + np.cumsum(v, axis=0) / RATE
+    held = np.where(np.abs(speed) > 1e-9, np.sign(speed), 0.9)
+    tau = inverse_dynamics(arm.arm.model, q, v, a) + FRICTION * np.outer(held, np.eye(6)[joint])
+    found = steps(arm, (time, q, tau), 75.0)
+    moving = [step for step in found if abs(step.motion[1][joint]) > 0.05]
+    assert {np.sign(step.motion[1][joint]) for step in moving} == {1.0, -1.0}
+    assert max(abs(step.contrast[joint]) - step.sticking[joint] for step in moving) < 0.1
+    stuck = [step for step in found if 3.5 < step.time < 4.9]
+    assert min(step.contrast[joint] for step in stuck) > 0.85 * FRICTION
+    assert all(abs(step.contrast[joint]) <= step.sticking[joint] for step in stuck)

@@ -28,10 +28,10 @@ def test_a_torque_that_began_is_told_without_bias_beside_smooth_errors(arm):
     rng = np.random.default_rng(0)
     smooth = sum(20.0 * np.sin(rate * time + phase) for rate, phase in rng.uniform(0.2, 6.0, (4, 2)))
     seen = np.array(stages(arm, smooth + 0.05 * rng.standard_normal(len(time)), 0.002))[500:]
-    sources = np.concatenate([np.ones((*seen.shape[:2], 1)), np.zeros((*seen.shape[:2], 3))], axis=2)
-    onset = OnsetTorqueEstimator.of(seen[::10], sources[::10], np.full(6, np.inf))
+    sources, none = np.eye(4)[0] * np.ones((*seen.shape[:2], 1)), np.zeros(seen.shape[:2])
+    onset = OnsetTorqueEstimator.of(seen[::10], sources[::10], none[::10], np.full(6, np.inf))
     held_out = np.array([onset.estimate(each)[2] for each in seen[5::10]])
-    std = np.sqrt(onset.band.variance[0, 2, 0])
+    std = np.sqrt(onset.band.variance[2, 0])
     assert std < 0.1
     assert np.sqrt(np.mean(held_out**2)) == pytest.approx(std, rel=0.2)
     assert onset.estimate(seen[100] + 3.0 * step_response())[2] - onset.estimate(seen[100])[2] == pytest.approx(3.0)

@@ -163,3 +163,10 @@ def test_a_model_that_says_nothing_of_its_error_needs_recordings(arm, complains)
 def test_sound_recordings_that_are_too_short_are_refused(arm, complains):
     with complains(InputError):
         statistics_of_recordings(arm, [lambda: samples(work(arm, 0, 5.0))])
+
+
+def test_a_told_load_leaves_nothing_of_itself_to_be_told(arm, sound):
+    """2 kg: its torque 40 ms late would be as large as a friction that the watch tells."""
+    found = events(arm, sound, work(arm, 8, 120.0, load=2.0, begin=20.0))
+    assert {event.kind for event in found} <= {EventKind.UNIDENTIFIED, EventKind.LOAD_CHANGED}
+    assert sum(event.kind is EventKind.LOAD_CHANGED for event in found) == 1

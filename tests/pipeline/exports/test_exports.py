@@ -228,7 +228,8 @@ def test_the_observer_in_c_says_what_the_watch_says(in_c):
         since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
         given = ([since], [0.0], [40.0], q, tau, [0.0] * n)
         following, predicted, residual, contrast, *others = (
-            numbers([0.0] * size) for size in (STATES_PER_JOINT * n + 1, n, n, n, VARIANCE_SOURCE_COUNT * n, 3 * n)
+            numbers([0.0] * size)
+            for size in (STATES_PER_JOINT * n + 1, n, n, n, VARIANCE_SOURCE_COUNT * n, n, 2 * n, 3 * n)
         )
         done = library.armdyn_watch(state, *map(numbers, given), following, predicted, residual, contrast, *others)
         assert done == 0

@@ -9,7 +9,7 @@ PERIOD, COUNT = 0.01, 600
 
 
 def stamped(rng, back, burst):
-    """Stamps and arrivals of a clock that is set back by some seconds in the middle; messages come alone or in fives."""
+    """Times, stamps of a clock that is set back in the middle, and arrivals; messages come alone or in fives."""
     taken = PERIOD * np.arange(COUNT)
     stamps = 1000.0 + taken - back * (np.arange(COUNT) >= COUNT // 2)
     late = 4 * PERIOD * (np.arange(COUNT) % 5 == 0) if burst else rng.exponential(0.0005, COUNT)
