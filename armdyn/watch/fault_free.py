@@ -45,7 +45,7 @@ from armdyn.watch.variances import (
     MIN_TORQUE_VARIANCE,
     AdaptiveErrorStd,
     ErrorBand,
-    beyond,
+    excess,
 )
 from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
 
@@ -186,9 +186,10 @@ def statistics_of_recordings(
         ratios = []
         for level, band, error in ((lasting, contrast, step.contrast), (early[k], parts[k].band, began)):
             at = band.at(step.sources, step.sticking)
-            ratio = np.abs(beyond(error, at.bound)) / level.std(at)
+            over = excess(error, at.bound)
+            ratio = over / level.std(at)
             ratios += [np.where(at.near, 0.0, ratio), ratio]
-            level.update(error, at, interval)
+            level.update(over, at, interval)
         # Only the largest error of each stretch counts.
         if elapsed >= INDEPENDENT_STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * len(ratios))

@@ -19,8 +19,8 @@ Where a joint reverses, F smooths the step of its friction. The kernel of F has 
 acceleration a_f the expected sign of the velocity is erf(v_f / sqrt(2 (CREEP^2 + 3 a_f^2 / K^2))).
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -74,8 +74,7 @@ VARIANCE_SOURCE_COUNT = 4
 """Number of sources of a residual's variance, see `ObserverOutput.sources`."""
 
 
-@dataclass(frozen=True, eq=False)
-class ObserverOutput:
+class ObserverOutput(NamedTuple):
     """Output of the observer for one sample and nj joints; torques in N m or N, delayed by F.
 
     Attributes:

@@ -8,6 +8,7 @@ said to be gone before the slow sums have found none.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from armdyn.watch.changes import LOAD_PRIOR
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, RUNNING_MEAN_SECONDS, ObserverOutput
-from armdyn.watch.variances import AdaptiveErrorStd, beyond
+from armdyn.watch.variances import AdaptiveErrorStd, excess
 
 MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
@@ -36,7 +37,7 @@ LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Excess:
     """A statistic of each joint (nj,) at one sample.
 
@@ -52,10 +53,15 @@ class _Excess:
     bound: FloatArray
     threshold: FloatArray
 
-    @property
+    @cached_property
+    def excess(self) -> FloatArray:
+        """(nj,) what friction cannot leave, N m or N."""
+        return excess(self.value, self.bound)
+
+    @cached_property
     def ratio(self) -> FloatArray:
-        """(nj,) what friction cannot leave over the threshold."""
-        return np.asarray(np.abs(beyond(self.value, self.bound)) / (self.threshold * self.spread))
+        """(nj,) the same over the threshold."""
+        return np.asarray(self.excess / (self.threshold * self.spread))
 
     def without(self, explained: FloatArray, share: float) -> bool:
         """Whether no joint exceeds a share of its threshold without what is explained (nj,)."""
@@ -168,12 +174,13 @@ class ContactDetector:
         self._turned[at.near] = step.time
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
-            self._level.update(step.contrast, at, interval)
+            self._level.update(contrast.excess, at, interval)
         if self._sound.onset is not None:
             began, at = self._sound.onset.estimate(step.stages), self._sound.onset.band.at(step.sources, step.sticking)
-            seen.append(_Excess(began, self._onset_level.std(at), at.bound, _of_now(self._sudden, at.near)))
+            onset = _Excess(began, self._onset_level.std(at), at.bound, _of_now(self._sudden, at.near))
+            seen.append(onset)
             if self._open is None:
-                self._onset_level.update(began, at, interval)
+                self._onset_level.update(onset.excess, at, interval)
         if self._open is not None:
             return self._went_on(self._open, step, seen, load, delay)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))

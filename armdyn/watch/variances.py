@@ -45,7 +45,7 @@ class ErrorBand:
         """Fit to errors (n, nj) with sources (n, nj, k) and frictions of unknown value (n, nj)."""
         apart = sticking <= reversal
         used = apart | (apart.sum(axis=0) < MIN_SAMPLES_OF_FIT)
-        return cls(fitted_variance_factors(beyond(errors, gain * sticking), sources, used), reversal, gain)
+        return cls(fitted_variance_factors(excess(errors, gain * sticking), sources, used), reversal, gain)
 
     def only(self, asked: np.ndarray) -> Self:
         """The band of joints (nj,) whose torque the model predicts; others have an infinite one."""
@@ -54,7 +54,7 @@ class ErrorBand:
 
     def at(self, sources: np.ndarray, sticking: np.ndarray) -> "ErrorSize":
         """Sizes (..., nj) for sources (..., nj, k) and frictions of unknown value (..., nj), N m or N."""
-        variance = np.einsum("...jk,jk->...j", sources, self.variance)
+        variance = (sources * self.variance).sum(axis=-1)
         return ErrorSize(variance, self.gain * sticking, sticking > self.reversal)
 
 
@@ -86,18 +86,18 @@ class AdaptiveErrorStd:
 
     def std(self, at: ErrorSize) -> FloatArray:
         """(nj,) standard deviations, N m or N."""
-        return np.asarray(np.sqrt(np.where(at.near, 1.0, np.maximum(1.0, self._squares)) * at.variance))
+        return np.asarray(np.sqrt(np.where(at.near, at.variance, np.maximum(1.0, self._squares) * at.variance)))
 
-    def update(self, error: FloatArray, at: ErrorSize, interval: float) -> None:
-        """Update with a fault-free error (nj,), N m or N, `interval` s after the last one."""
+    def update(self, excess: FloatArray, at: ErrorSize, interval: float) -> None:
+        """Update with what of a fault-free error exceeds its bound (nj,), N m or N, `interval` s after the last one."""
         share = np.where(at.near, 0.0, 1.0 - math.exp(-interval / RECENT_ERROR_MEMORY_SECONDS))
-        counted = np.minimum(beyond(error, at.bound) ** 2 / at.variance, MAX_COUNTED_ERROR_STDS**2)
+        counted = np.minimum(excess**2 / at.variance, MAX_COUNTED_ERROR_STDS**2)
         self._squares = self._squares + share * (counted - self._squares)
 
 
-def beyond(error: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    """What of each error exceeds its bound, with its sign."""
-    return np.asarray(np.sign(error) * np.maximum(np.abs(error) - bound, 0.0))
+def excess(error: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """What of each error's size exceeds its bound."""
+    return np.asarray(np.maximum(np.abs(error) - bound, 0.0))
 
 
 def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from armdyn.watch.event import MIN_TOLD_STDS, ChangeEstimate, EventKind, EventRe
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, Observer, ObserverOutput
 from armdyn.watch.touch import ContactDetector
-from armdyn.watch.variances import beyond
+from armdyn.watch.variances import excess
 from armdyn.watch.watched import LOAD_PARAMETERS
 
 BLOCKS_AFTER_DETECTION = 7
@@ -102,6 +102,7 @@ class Watch:
         self.touches.reset(-np.inf)
         self._blocks.clear()
         self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((joints, len(self.sound.changes.names)))
+        self._has_told = False
         self._alarm: _Alarm | None = None
         self._refining: _Change | None = None
         self._waited = self._unseen = 0
@@ -144,7 +145,8 @@ class Watch:
                 shift = self._known(self._blocks.columns) - before
                 if shift.any():
                     # This change explains the present contrast.
-                    self.observer.restart_mean(beyond(step.residual - shift, step.sticking))
+                    left = step.residual - shift
+                    self.observer.restart_mean(np.sign(left) * excess(left, step.sticking))
                     self.touches.reset(time)
                     return events
         events += self.touches.process_sample(step, self._blocks.columns[:, :LOAD_PARAMETERS], self.observer.delay)
@@ -179,7 +181,7 @@ class Watch:
 
         An older one would be late, and a load's torque that is late resembles viscous friction.
         """
-        if self.latest is None or not (self._load.any() or self._own.any()):
+        if self.latest is None or not self._has_told:
             return 0.0
         h = time - self.latest.time if 0.0 < time - self.latest.time <= MAX_SAMPLE_GAP_SECONDS else 0.0
         q, v, a = self.latest.motion
@@ -233,15 +235,19 @@ class Watch:
 
     def _is_steady(self, change: _Change) -> bool:
         """Whether the first and the last half of a change's window agree on its size."""
+        apart, std = self._between_halves(change)
+        return bool((np.abs(apart) <= MIN_TOLD_STDS * std).all())
+
+    def _between_halves(self, change: _Change) -> tuple[FloatArray, FloatArray]:
+        """How much larger a change is in the last half of its window than in the first, and standard deviations."""
         halves = [size for size in self.sound.baselines if 2 * size <= change.window]
         if not halves:
-            return True
-        size = max(halves)
-        early, late = (
-            self._estimate(change, self._blocks.window(size, end), self.sound.baselines[size])
-            for end in (change.window - size, 0)
+            return np.zeros(1), np.zeros(1)
+        (early, before), (late, after) = (
+            self._estimate(change, self._blocks.window(max(halves), end), self.sound.baselines[max(halves)])
+            for end in (change.window - max(halves), 0)
         )
-        return bool((np.abs(early[0] - late[0]) <= MIN_TOLD_STDS * np.hypot(early[1], late[1])).all())
+        return late - early, np.hypot(before, after)
 
     def _best(self, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
@@ -339,6 +345,9 @@ class Watch:
         """What the evidence is about: a load's mass, or else the clearest part of its mass times position."""
         window, baseline = self._blocks.window(change.window), self.sound.baselines[change.window]
         values, stds = self._estimate(change, window, baseline)
+        # Of a change that goes on, halves of the window differ by more than chance.
+        apart, by_chance = self._between_halves(change)
+        stds = np.sqrt(stds**2 + np.maximum(apart**2 - by_chance**2, 0.0) / 4.0)
         if change.joint >= 0:
             name, unit = self.sound.changes.names[change.kind], self.sound.changes.units[change.joint][change.kind]
             estimate = ChangeEstimate(change.joint, float(values[0]), float(stds[0]), unit, name)
@@ -362,6 +371,7 @@ class Watch:
 
     def _count_in(self, change: _Change, window: NormalEquations) -> None:
         values, _ = self._estimate(change, window, self.sound.baselines[change.window])
+        self._has_told = True
         if change.joint < 0:
             self._load = self._load + values
         else:

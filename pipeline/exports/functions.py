@@ -159,7 +159,7 @@ def _observer_of(model: ArmModel) -> ExportedFunction:
         "predicted": "torques that the model expects, as of 3 / bandwidth ago",
         "residual": "read, less predicted",
         "contrast": "residual, less its mean of the last half second",
-        "sources": "4 n numbers: a sound error's variance is the sum of each times a factor that recordings say, beyond",
+        "sources": "4 n numbers: the variance of a sound error beyond sticking is their sum, by factors of recordings",
         "sticking": "what dry friction of unknown value, near a reversal, may add or take [N m or N]",
         "friction": "2 n numbers: dry friction that the model predicts, and its mean as in contrast [N m or N]",
         "motion": "3 n numbers: positions, velocities and accelerations behind the low-pass",
