@@ -8,18 +8,25 @@ u + x would be exp(-x / B) if B were the true mean. With B integrated out (Gamma
 
     (1 + x / (n B))^-n.
 
-So a short recording gives a high threshold, and a long one that of the exponential.
+So a short recording gives a high threshold, and a long one that of the exponential. Peaks that resemble their
+neighbours, such as those of a model's error in one posture, are fewer than they seem: n is their number divided by the
+correlation time of the largest values.
 """
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import chi
+from scipy.stats import chi, norm, rankdata
+
+from armdyn.estimation.correlation import correlation_time
 
 MIN_STRETCHES_FOR_TAIL = 7
 """Least number of stretches of fault-free recordings from which the tail of the errors is fitted; with three excesses
 the threshold is a hundred times their mean."""
+
+MIN_CORRELATION_DEVIATES = 2.0
+"""Standard deviations by which a correlation must exceed that of independent values to count."""
 
 
 class StatisticDistribution(Protocol):
@@ -44,17 +51,20 @@ class ExponentialTail:
 
     start: float
     excess: float
-    count: int
+    count: float
     rate: float
     power: int
 
     @classmethod
     def of(cls, largest: np.ndarray, seconds: float, power: int) -> "ExponentialTail":
         """Fitted to the maxima (k,) of k >= `MIN_STRETCHES_FOR_TAIL` stretches of `seconds`; for `power` see above."""
-        values = np.sort(largest**power)
+        values = largest**power
+        level = norm.ppf((rankdata(values) - 0.5) / len(values))
+        alike = correlation_time([level], least=MIN_CORRELATION_DEVIATES / np.sqrt(len(values)))
+        values = np.sort(values)
         count = len(values) // 2
         start = float(np.median(values))
-        return cls(start, float(np.mean(values[-count:] - start)), count, 1800.0 / seconds, power)
+        return cls(start, float(np.mean(values[-count:] - start)), max(count / alike, 1.0), 1800.0 / seconds, power)
 
     @classmethod
     def of_rare(cls, largest: np.ndarray, seconds: float, power: int) -> "ExponentialTail":

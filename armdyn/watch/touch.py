@@ -84,7 +84,6 @@ class _Open:
         largest: (nj,) largest contrast, N m or N.
         std: (nj,) its standard deviations.
         joint: index of the joint with the clearest evidence.
-        turned: (nj,) whether the joint stood or reversed just before.
         doubted: whether it may be a load, or wear.
         lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
         told: whether an event has told it as an outside torque.
@@ -98,7 +97,6 @@ class _Open:
     largest: FloatArray
     std: FloatArray
     joint: int
-    turned: np.ndarray
     doubted: bool
     lasting: bool
     told: bool = False
@@ -126,7 +124,7 @@ class ContactDetector:
         self._onset_level = AdaptiveErrorStd(len(reporter.joints))
         self._open: _Open | None = None
         self._quiet = 0.0
-        self._turned = np.full(len(reporter.joints), -np.inf)
+        self._moved = np.full(len(reporter.joints), np.inf)  # since it stood or reversed, as long as the mean followed
         self._outlasted: _Open | None = None
         self._doubted = self._last = -np.inf
         self._maybe_load: _Open | None = None
@@ -171,10 +169,11 @@ class ContactDetector:
         at = self._sound.contrast.at(step.sources, step.sticking)
         contrast = _Excess(step.contrast, self._level.std(at), at.bound, _of_now(self._thresholds, at.near))
         seen = [contrast]
-        self._turned[at.near] = step.time
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP_SECONDS), step.time
         if self._open is None:
             self._level.update(contrast.excess, at, interval)
+            self._moved += interval
+        self._moved[at.near] = 0.0
         if self._sound.onset is not None:
             began, at = self._sound.onset.estimate(step.stages), self._sound.onset.band.at(step.sources, step.sticking)
             onset = _Excess(began, self._onset_level.std(at), at.bound, _of_now(self._sudden, at.near))
@@ -217,7 +216,7 @@ class ContactDetector:
         if step.time - now.begun > MAX_CONTACT_SECONDS:
             self._open, self._outlasted, self._quiet = None, now, step.time
         elif not now.told and now.lasting:
-            now.doubted = now.doubted and self._as_change(step, contrast, load, now.turned, 1.0)
+            now.doubted = now.doubted and self._as_change(step, contrast, load, 1.0)
             if not now.doubted and step.time - now.begun > FILTER_STEP_TIMES * delay:
                 return self._told(now, step, contrast)
         return []
@@ -235,12 +234,10 @@ class ContactDetector:
             if lasting and left < 0.5 * most:
                 return self._ended(before, step.time) if before.told else []
         # An onset detects the start, but does not yet identify size and joint.
-        turned = step.time - self._turned < RUNNING_MEAN_SECONDS
-        doubted = not lasting or self._as_change(step, contrast, load, turned, 0.5)
+        doubted = not lasting or self._as_change(step, contrast, load, 0.5)
         now = self._open = _Open(
-            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, turned, doubted,
-            lasting,
-        )  # fmt: skip
+            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, doubted, lasting
+        )
         recent, self._doubted = 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
         if recent and doubted:
             return []
@@ -254,13 +251,11 @@ class ContactDetector:
         now.hinted = bool(found)
         return found
 
-    def _as_change(
-        self, step: ObserverOutput, contrast: _Excess, load: FloatArray, turned: np.ndarray, share: float
-    ) -> bool:
+    def _as_change(self, step: ObserverOutput, contrast: _Excess, load: FloatArray, share: float) -> bool:
         """Whether a load, or more or less friction, explains what is seen but for a share of the threshold.
 
         The contrast does not serve for a load: its running mean contains part of one that was lifted just before. Wear
-        shows after a joint has `turned` (nj,), or stood; if it is more, one factor explains residual and contrast.
+        shows after a joint has reversed, or stood; if it is more, one factor explains residual and contrast.
         """
         at = self._sound.residual.at(step.sources, step.sticking)
         residual = replace(contrast, value=step.residual, spread=np.sqrt(at.variance))
@@ -268,7 +263,7 @@ class ContactDetector:
         best, _ = LOAD_PRIOR.unbounded_change(sums.gram[0], sums.slope[0])
         (now, before), mean = step.friction, step.residual - step.contrast
         more = (now * step.residual + before * mean) / np.maximum(now**2 + before**2, np.finfo(float).tiny)
-        limit = np.where(turned, MAX_WEAR_SHARE * np.abs(now), 0.0)
+        limit = np.where(self._moved < RUNNING_MEAN_SECONDS, MAX_WEAR_SHARE * np.abs(now), 0.0)
         return (
             residual.without(load @ best, share)
             or residual.without(np.clip(step.residual, -limit, limit), share)
