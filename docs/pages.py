@@ -76,12 +76,26 @@ for day in (1, 2, 3):
     np.savetxt(f"day_{day}.csv", table, "%.5f", ",", header=head, comments="")
 EOF"""
 """Three days of two tanks, of which the upper one overflows at 6.7 V."""
+VIDEO = """python - <<'EOF'
+import numpy as np
+from scipy.integrate import solve_ivp
+time, rng = np.arange(0.0, 60.0, 1 / 30), np.random.default_rng(1)
+for day, angle in ((1, 0.7), (2, 0.35)):
+    def rates(t, y):
+        return [y[1], -9.81 / 0.655 * np.sin(y[0]) - 0.015 * y[1] * abs(y[1]) - 0.004 * y[1]]
+    swing = solve_ivp(rates, (0.0, 60.0), (angle, 0.0), t_eval=time, rtol=1e-9).y[0]
+    x, y = 640.0 - 420.0 * np.sin(swing), 100.0 + 420.0 * np.cos(swing)
+    table = np.column_stack([time, x + 0.4 * rng.normal(size=len(time)), y + 0.4 * rng.normal(size=len(time))])
+    np.savetxt(f"video_{day}.csv", table, "%.4f", ",", header="t,x,y", comments="")
+EOF"""
+"""A tracker's places of a cup on a string, in pixels, y down: drag of 0.015 1/rad and friction of 0.004 1/s."""
 PAGES = {
     "README.md": (
         "cp ROOT/examples/ur5/sweep_1.csv log.csv", "armdyn trial --picture",
         """cp "$(python -W ignore -c 'import urdf; print(urdf.load("ur5").urdf_path)')" robot.urdf""",
     ),
     "docs/your_robot.md": ("cp -r ROOT/examples .",),
+    "docs/pendulum.md": (VIDEO,),
     "docs/inspect.md": (*UR5, MISTAKEN),
     "docs/your_own_base.md": ("cp ROOT/examples/tanks.py .", TANKS),
     "docs/servo_arm.md": (HOBBY_ARM,),
