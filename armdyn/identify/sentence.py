@@ -218,7 +218,7 @@ def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, 
 
 
 def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
-    parts = []
+    parts, last = [], ""
     for unit, old in before.items():
         new = after.get(unit, math.nan)
         verb = (
@@ -228,10 +228,9 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
             if new > (1 + MIN_NOTICEABLE_ERROR_CHANGE_SHARE) * old
             else ""
         )
-        if verb:
-            parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
-        else:
-            parts.append(f"stays at {_number(old)} {unit}")
+        said = f"from {_number(old)} to {_number(new)} {unit}"
+        parts.append(f"stays at {_number(old)} {unit}" if not verb else said if verb == last else f"{verb} {said}")
+        last = verb
     return join_names(parts)
 
 
