@@ -159,7 +159,8 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return _say("interrupted", 130)
     if isinstance(error, TyperException):
-        return _say(error.format_message().rstrip(".?") + _usage(error), 2)
+        usage = _usage(error)
+        return _say((error.format_message().rstrip(".?") if usage else error.format_message()) + usage, 2)
     if isinstance(error, TaskFailedError):
         return _say(str(error), 1)
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
@@ -177,7 +178,7 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
 def _usage(error: TyperException) -> str:
     """What to type instead, for a mistake in arguments and options; empty where that is unknown."""
     context = getattr(error, "ctx", None)
-    if context is None:
+    if context is None or error.format_message().startswith("Invalid value"):
         return ""
     command = " ".join(["armdyn", *context.command_path.removeprefix(context.find_root().command_path).split()])
     subcommands = [name for name, each in getattr(context.command, "commands", {}).items() if not each.hidden]

@@ -224,7 +224,7 @@ def test_the_missing_acceleration_of_dry_friction_steps_where_the_swing_turns_ro
     fast = np.abs(curve.x) > 1.0
     assert np.allclose(curve.as_given[fast], -0.15 * np.sign(curve.x[fast]), atol=0.05)
     assert np.abs(curve.repaired[fast]).max() < 0.05
-    assert "dry friction" in found.sentence
+    assert "dry friction" in found.remarks
 
 
 def test_a_glitch_is_not_believed():

@@ -76,7 +76,7 @@ def test_what_is_left_of_a_repaired_force_is_flat(repaired):
 def test_the_sentence_tells_the_law_and_its_size(study, answer):
     expected = f"The missing torque of {JOINT} steps by 2.4 N m where the joint turns round: dry friction. "
     found = answer(study)
-    told = found.remarks if answer is repair else found.sentence
+    told = found.sentence if answer is compare else found.remarks
     assert f"{told} ".startswith(expected)
 
 

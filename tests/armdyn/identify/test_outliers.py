@@ -38,7 +38,7 @@ def test_one_spike_of_47_newton_does_not_hide_friction(at):
     found = diagnose(base_pendulum(), [spiked(swing(), at)], effects=CHOICE)
     assert found.verdict is Verdict.EFFECT_MISSING
     assert found.ranked_effects[0].effect == FRICTION
-    assert found.sentence.endswith("Left out as outliers: 1 of load_force.")
+    assert found.remarks.endswith("Left out as outliers: 1 of load_force.")
 
 
 def test_one_sample_in_a_hundred_neither_hides_friction_nor_moves_a_value():
