@@ -161,8 +161,9 @@ def unit_conversion(name: str, unit: str) -> Conversion:
 
 
 def _valid_names(joint: str) -> Iterable[str]:
-    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in NAMED_CHANNELS)
-    return ("time", *PENDULUM_CHANNELS, *of_joints, f"{EXTRA_PREFIX}.{joint or '<name>'}")
+    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS)
+    of_sensors = (f"{quantity}.{joint or '<sensor>'}" for quantity in WRENCH_CHANNELS)
+    return ("time", *PENDULUM_CHANNELS, *of_joints, *of_sensors, f"{EXTRA_PREFIX}.{joint or '<name>'}")
 
 
 class SampleError(InputError):

@@ -8,6 +8,7 @@ from pathlib import Path
 from armdyn.inspection.check import Check, CheckKind, Severity
 from armdyn.quoting import name_list
 from armdyn.recording.channels import FloatArray, name_and_unit
+from pipeline.imports.stamps import STAMP_BESIDE_RESET
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +62,9 @@ class ImportedSampleCounts:
         if self.left_out:
             said.append("left out are " + ", ".join(f"{count} {why}" for why, count in self.left_out.items()))
         if self.steps:
-            said.append(
-                f"the clock was set by {name_list((f'{step:+.6g}' for step in self.steps), 3)} s: a gap stands there"
-            )
+            gap = STAMP_BESIDE_RESET in self.left_out
+            after = ": a gap stands there" if gap else ", and times of arrival join its parts"
+            said.append(f"the clock was set by {name_list((f'{step:+.6g}' for step in self.steps), 3)} s{after}")
         if not self.stamped:
             said.append("its stamps cannot be used: times are those at which it was recorded")
         return (f"{self.source}: " if self.source else "") + "; ".join(said)

@@ -68,11 +68,11 @@ STAMPS = {
     "a packet that came twice": (lambda: [x for m in sound() for x in (m, m)][: 2 * N], N),
     "pairs that overtook each other": (overtaken, 6),
     "twenty at random": (scattered, 20),
-    "the clock set back by 2 s": (lambda: stamped(at(S(150, None), lambda s: s - 2.0)), 25),
-    "the clock set back by 0.2 s": (lambda: stamped(at(S(150, None), lambda s: s - 0.2)), 25),
-    "the clock set forward by a day": (lambda: stamped(at(S(150, None), lambda s: s + 86400.0)), 25),
-    "the clock started anew twice": (lambda: stamped(lambda s: s % 1.0), 50),
-    "s since boot, then since 1970": (lambda: stamped(at(S(120), lambda s: s - START + 5.0)), 25),
+    "the clock set back by 2 s": (lambda: stamped(at(S(150, None), lambda s: s - 2.0)), 0),
+    "the clock set back by 0.2 s": (lambda: stamped(at(S(150, None), lambda s: s - 0.2)), 0),
+    "the clock set forward by a day": (lambda: stamped(at(S(150, None), lambda s: s + 86400.0)), 0),
+    "the clock started anew twice": (lambda: stamped(lambda s: s % 1.0), 0),
+    "s since boot, then since 1970": (lambda: stamped(at(S(120), lambda s: s - START + 5.0)), 0),
     "no stamps": (lambda: stamped(lambda s: s + NAN), 0),
     "a stamp that stands": (lambda: stamped(lambda s: 0 * s + 5.0), 0),
     "all stamps 0": (lambda: stamped(lambda s: s - np.inf), 0),
@@ -126,7 +126,7 @@ UNSOUND = {
 
 
 @pytest.mark.parametrize("kind", STAMPS)
-def test_a_bad_stamp_costs_one_sample_and_a_gap_that_was_made_is_found(kind, tmp_path):
+def test_a_bad_stamp_costs_one_sample_and_a_clock_that_is_set_none(kind, tmp_path):
     make, lost = STAMPS[kind]
     messages = make()
     found = run_of(tmp_path, messages)
@@ -134,8 +134,8 @@ def test_a_bad_stamp_costs_one_sample_and_a_gap_that_was_made_is_found(kind, tmp
     assert account.came - account.kept == lost
     by_stamps = account.stamped and not account.steps and messages[100].stamp
     check_against_truth(found.run, 1e-4 if by_stamps else 2e-3)
-    assert bool(found.checks) == (lost > 0 or not account.stamped)
-    assert bool(account.steps) == any(check.kind == "gap" for check in inspect_runs([found.run]).checks)
+    assert bool(found.checks) == (lost > 0 or bool(account.steps) or not account.stamped)
+    assert not any(check.kind == "gap" for check in inspect_runs([found.run]).checks)
 
 
 @pytest.mark.parametrize("kind", PUBLISHERS)
