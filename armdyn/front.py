@@ -60,13 +60,7 @@ def predict(model: AnyModel, run: Run | str | Path) -> Run:
         InputError: a file cannot be read, or the recording has no channel that the model predicts.
     """
     known, read = _model_and_run(model, run)
-    start = known.guess_start_state(read)
-    predicted = known.predict(read, known.with_values(start).theta())
-    channels = {
-        name: Channel(predicted.time[rows], predicted.values[rows], read.channels[name].unit)
-        for name, rows in predicted.slices.items()
-    }
-    return Run(f"{read.name} predicted", channels)
+    return Run(f"{read.name} predicted", _predicted_channels(known, read))
 
 
 def residual(model: AnyModel, run: Run | str | Path) -> Run:
@@ -87,7 +81,7 @@ def residual(model: AnyModel, run: Run | str | Path) -> Run:
     known, read = _model_and_run(model, run)
     left = {
         name: Channel(c.time, read.channels[name].value - c.value, c.unit)
-        for name, c in predict(known, read).channels.items()
+        for name, c in _predicted_channels(known, read).items()
     }
     return Run(f"{read.name} residual", left)
 
@@ -111,7 +105,7 @@ def simulate(model: AnyModel, run: Run | str | Path) -> Run:
     known, read = _model_and_run(model, run)
     arm = known.capability(ArmModel)
     if arm is None:
-        return predict(known, read)
+        return Run(f"{read.name} simulated", _predicted_channels(known, read))
     if not can_simulate_motion(arm, read):
         raise InputError(
             f"{read.name}: a simulation needs 'tau' of every joint, or its command and a drive with a known gain"
@@ -126,6 +120,15 @@ def simulate(model: AnyModel, run: Run | str | Path) -> Run:
         for j, q in zip(arm.arm.joints, moved.T, strict=True)
     }
     return Run(f"{read.name} simulated", channels)
+
+
+def _predicted_channels(model: Model, run: Run) -> dict[str, Channel]:
+    """Predicted channels of a run, from the start state that its first samples show."""
+    predicted = model.predict(run, model.with_values(model.guess_start_state(run)).theta())
+    return {
+        name: Channel(predicted.time[rows], predicted.values[rows], run.channels[name].unit)
+        for name, rows in predicted.slices.items()
+    }
 
 
 def _model_and_run(model: AnyModel, run: Run | str | Path) -> tuple[Model, Run]:

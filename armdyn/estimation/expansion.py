@@ -70,18 +70,8 @@ class QuadraticExpansion(NamedTuple):
         return step, float(np.sqrt(max(step @ self.hessian @ step, 0.0)))
 
 
-class BoundedExpansion(NamedTuple):
-    """Expansion as `QuadraticExpansion`, whose minimum is that within the bounds.
-
-    Attributes:
-        cost: J at the point.
-        gradient: (p,) first derivatives of J.
-        hessian: (p, p) Gauss-Newton approximation, positive definite.
-    """
-
-    cost: float
-    gradient: np.ndarray
-    hessian: np.ndarray
+class BoundedExpansion(QuadraticExpansion):
+    """Expansion with a positive definite Hessian matrix, whose step ends at the minimum within the bounds."""
 
     def step(self, lower: np.ndarray, upper: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
         """The step of `Expansion`."""

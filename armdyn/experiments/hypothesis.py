@@ -120,11 +120,10 @@ class PredictedExperiment:
         model, free, changed = hypothesis.model, hypothesis.free, experiment.changed
         own = (*model.start_names, *changed) if experiment.motion is not None else ()
         self.names = (*free, *own)
-        begins = hypothesis.rest_angle if experiment.released is None else experiment.released
-        hangs, start_std = {"initial_angle": begins, "initial_rate": 0.0}, START_STD
-        if experiment.released is not None:
-            start_std = RELEASE_STD
-        begin = hangs | {name: value for name, (value, _) in changed.items()}
+        hangs = experiment.released is None
+        start = {"initial_angle": hypothesis.rest_angle if hangs else experiment.released, "initial_rate": 0.0}
+        start_std = START_STD if hangs else RELEASE_STD
+        begin = start | {name: value for name, (value, _) in changed.items()}
         self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
         stds = [changed[name][1] if name in changed else start_std[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]

@@ -234,17 +234,14 @@ def plan_experiment(
 
     Below a pivot that stands still, the experiments are swings that a hand releases, as long as the last run.
     """
+    proposals, pairs = list[ProposedExperiment](), tuple[InseparablePair, ...]()
     if rivals.pivot_stands:
-        proposals = []
-        for experiment in released_experiments(rivals):
-            if is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
-                say(f"weighing up: {experiment.kind}")
-                proposals.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
-        return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), ())
-    moving = designed_motion(rivals, seconds, limits, seed, say)
-    pairs = inseparable_pairs(rivals.hypotheses, moving.expected, moving.experiment)
-    proposals = [moving]
-    for experiment in other_experiments(rivals, seconds):
+        others = released_experiments(rivals)
+    else:
+        moving = designed_motion(rivals, seconds, limits, seed, say)
+        pairs = inseparable_pairs(rivals.hypotheses, moving.expected, moving.experiment)
+        proposals, others = [moving], other_experiments(rivals, seconds)
+    for experiment in others:
         if not is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
             continue
         say(f"weighing up: {experiment.kind}")
@@ -260,7 +257,8 @@ def is_safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool
     if experiment.motion is None:
         return True
     last = experiment.along_motion(last_motion(rivals.last, experiment.motion.duration))
-    plain = replace(last, changed={})
+    begun = None if experiment.released is None else released_angle(rivals.last)
+    plain = replace(last, changed={}, released=begun)
     for hypothesis in rivals.hypotheses:
         there, before = PredictedExperiment(hypothesis, experiment), PredictedExperiment(hypothesis, plain)
         allowed = max(swing, float(np.abs(before.swing(before.start)).max()))

@@ -31,18 +31,19 @@ const armdynFigures = ({ template, dark: darker }) => {
   };
   const shown = new Map();
   const settled = new Map();
+  const heard = new WeakSet();
   const draw = (place, { data, layout }) => {
-    const first = !shown.has(place);
     shown.set(place, { data, layout });
     const whole = { uirevision: "kept", ...fitted(painted(layout)), template: painted(template), autosize: true };
     const { top, y } = settled.get(place) ?? {};
     if (top) [whole.margin, whole.legend] = [{ ...whole.margin, t: top }, { ...whole.legend, y }];
     const done = Plotly.react(place, painted(data), whole, config);
-    if (first) {
+    if (!heard.has(place)) {  // a figure that was hidden meanwhile still has its listeners
+      heard.add(place);
       place.on("plotly_afterplot", () => settle(place));
       settle(place);
+      if (layout.meta?.time_axis) place.on("plotly_relayout", (change) => zoomed(place, change));
     }
-    if (first && layout.meta?.time_axis) place.on("plotly_relayout", (change) => zoomed(place, change));
     return done;
   };
   // A legend stands above the curves, however many rows it has, and below the tool bar where that is in its way.

@@ -11,6 +11,7 @@ from worlds.pendulum import Setup, record, weighed
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import PlannedExperiment
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import other_experiments, plan_experiment
 from armdyn.experiments.rivals import (
     NO_EFFECT_NAME,
@@ -147,6 +148,14 @@ def test_below_a_fixed_pivot_other_swings_are_compared(names, best, useless):
     separation = {p.experiment.kind: p.expected.separation for p in plan.proposals}
     assert plan.proposals[0].experiment.kind in best
     assert all(separation[kind] < 1.0 for kind in useless)
+
+
+def test_no_swing_beyond_the_limit_of_its_user_is_proposed():
+    model, names = pendulum_model(0.5, 0.1), ["linear_drag", "quadratic_drag"]
+    rivals = rivals_by_name(make_study(model, [decaying()], [], [CATALOGUE[name] for name in names]), names)
+    limits = GripperLimits(swing=0.4)
+    kinds = [{p.experiment.kind for p in plan_experiment(rivals, limits=given).proposals} for given in (None, limits)]
+    assert kinds[0] - kinds[1] == {"larger"}  # from .5 rad, and the recorded swing began at .25
 
 
 def test_the_swing_that_is_proposed_separates_as_much_as_was_promised():

@@ -110,16 +110,6 @@ MATLAB = {
 }
 
 
-@pytest.mark.parametrize("kind", MATLAB)
-def test_matlabs_arrays_are_columns(kind, tmp_path):
-    content, rate = MATLAB[kind]
-    savemat(tmp_path / "a.mat", content)
-    (foreign,) = read_foreign(tmp_path / "a.mat")
-    found = run_from_recording(foreign, guess_map([foreign], ALONE, rate))
-    assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
-    check_against_truth(found.run)
-
-
 def save_hdf5(path, content):
     """A file as MATLAB's ``save(..., '-v7.3')`` writes it: HDF5 behind a header, matrices transposed."""
     h5py = pytest.importorskip("h5py")
@@ -142,10 +132,11 @@ def save_hdf5(path, content):
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
+@pytest.mark.parametrize("save", [savemat, save_hdf5])
 @pytest.mark.parametrize("kind", MATLAB)
-def test_matlabs_arrays_in_hdf5_are_columns(kind, tmp_path):
+def test_matlabs_arrays_are_columns(kind, save, tmp_path):
     content, rate = MATLAB[kind]
-    save_hdf5(tmp_path / "a.mat", content)
+    save(tmp_path / "a.mat", content)
     (foreign,) = read_foreign(tmp_path / "a.mat")
     found = run_from_recording(foreign, guess_map([foreign], ALONE, rate))
     assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
