@@ -87,19 +87,30 @@ PUBLISHERS = {
     "zeros on a clock of their own, in the same order": (lambda: second(10, 0.0043, **OTHER), 30),
     "zeros before": (lambda: second(2, first=True, names=SHUFFLED, **OTHER), 150),
     "zeros before, in the same order": (lambda: second(3, first=True, **OTHER), 100),
-    "zeros with efforts of zero": (lambda: second(10, 0.0043, names=SHUFFLED, position=ZERO, velocity=ZERO, effort=ZERO), 30),  # noqa: E501
-    "zeros with efforts of zero, in the same order": (lambda: second(5, 0.0043, position=ZERO, velocity=ZERO, effort=ZERO), 60),  # noqa: E501
+    "zeros with efforts of zero": (
+        lambda: second(10, 0.0043, names=SHUFFLED, position=ZERO, velocity=ZERO, effort=ZERO), 30),
+    "zeros with efforts of zero, in the same order": (
+        lambda: second(5, 0.0043, position=ZERO, velocity=ZERO, effort=ZERO), 60),
     "a held posture": (lambda: second(3, position=HELD, velocity=(), effort=()), 100),
     "a held posture in another order": (lambda: second(3, names=SHUFFLED, position=HELD, velocity=(), effort=()), 100),
     "a held posture with speeds": (lambda: second(4, position=HELD, velocity=ZERO, effort=()), 75),
-    "a held posture that comes more often": (lambda: [x for m in sound() for x in (m, replace(m, received=m.received + 1e-4, names=SHUFFLED, position=HELD, velocity=(), effort=()), replace(m, received=m.received + 2e-4, stamp=m.stamp + 0.005, names=SHUFFLED, position=HELD, velocity=(), effort=()))], 600),  # noqa: E501
-    "a held posture of another year": (lambda: second(2, -3e7, names=SHUFFLED, position=HELD, velocity=(), effort=()), 150),  # noqa: E501
-    "zeros that are not stamped": (lambda: [replace(m, stamp=None) if m.position == ZERO else m for m in second(2, names=SHUFFLED, **OTHER)], 150),  # noqa: E501
+    "a held posture that comes more often": (
+        lambda: [x for m in sound() for x in (m, replace(m, received=m.received + 1e-4, names=SHUFFLED, position=HELD,
+        velocity=(), effort=()), replace(m, received=m.received + 2e-4, stamp=m.stamp + 0.005, names=SHUFFLED,
+        position=HELD, velocity=(), effort=()))], 600),
+    "a held posture of another year": (
+        lambda: second(2, -3e7, names=SHUFFLED, position=HELD, velocity=(), effort=()), 150),
+    "zeros that are not stamped": (
+        lambda: [replace(m, stamp=None) if m.position == ZERO else m for m in second(2, names=SHUFFLED, **OTHER)],
+        150),
     "zeros of two joints": (lambda: second(2, names=("j3", "j1"), position=(0.0, 0.0), velocity=(), effort=()), 150),
     "zeros of one joint": (lambda: second(2, names=("j3",), position=(0.0,), velocity=(), effort=()), 150),
-    "what the arm is told, without efforts": (lambda: [x for k, m in enumerate(sound()) for x in (m, replace(m, received=m.received + 1e-4, names=SHUFFLED, position=tuple(truth(TRUE[k] + 0.3)[0][[1, 2, 0]]), velocity=(), effort=()))], 300),  # noqa: E501
+    "what the arm is told, without efforts": (
+        lambda: [x for k, m in enumerate(sound()) for x in (m, replace(m, received=m.received + 1e-4, names=SHUFFLED,
+        position=tuple(truth(TRUE[k] + 0.3)[0][[1, 2, 0]]), velocity=(), effort=()))], 300),
     "zeros on a topic of their own": (lambda: second(1, topic="/joint_states_gui", **OTHER), 0),
-    "zeros more often on a topic of their own": (lambda: [*second(1, topic="/gui", **OTHER), *second(1, 0.005, topic="/gui", **OTHER)], 0),  # noqa: E501
+    "zeros more often on a topic of their own": (
+        lambda: [*second(1, topic="/gui", **OTHER), *second(1, 0.005, topic="/gui", **OTHER)], 0),
 }  # fmt: skip
 UNSOUND = {
     "efforts that are never sent": (lambda: [replace(m, effort=()) for m in sound()], ("tau.j1", "tau.j2", "tau.j3")),
@@ -107,21 +118,45 @@ UNSOUND = {
     "efforts of NaN": (lambda: [replace(m, effort=(NAN,) * 3) for m in sound()], ("tau.j1", "tau.j2", "tau.j3")),
     "one effort of NaN": (lambda: [replace(m, effort=(*m.effort[:2], NAN)) for m in sound()], ("tau.j3",)),
     "one effort of 0": (lambda: [replace(m, effort=(*m.effort[:2], 0.0)) for m in sound()], ("tau.j3",)),
-    "fewer efforts than names": (lambda: [replace(m, effort=m.effort[:2]) for m in sound()], ("tau.j1", "tau.j2", "tau.j3")),  # noqa: E501
+    "fewer efforts than names": (
+        lambda: [replace(m, effort=m.effort[:2]) for m in sound()], ("tau.j1", "tau.j2", "tau.j3")),
     "speeds that are never sent": (lambda: [replace(m, velocity=()) for m in sound()], ("v.j1", "v.j2", "v.j3")),
-    "efforts in every second message": (lambda: [replace(m, effort=() if k % 2 else m.effort) for k, m in enumerate(sound())], ()),  # noqa: E501
-    "efforts from the middle on": (lambda: [replace(m, effort=() if k < 150 else m.effort) for k, m in enumerate(sound())], ()),  # noqa: E501
-    "a NaN now and then": (lambda: [replace(m, position=(NAN, *m.position[1:])) if k % 50 == 7 else m for k, m in enumerate(sound())], ()),  # noqa: E501
-    "an effort of 1e30 once": (lambda: [replace(m, effort=(1e30, *m.effort[1:])) if k == 7 else m for k, m in enumerate(sound())], ()),  # noqa: E501
-    "messages that are no JSON": (lambda: [replace(m, raw=b"{") if k % 50 == 7 else m for k, m in enumerate(sound())], ()),  # noqa: E501
-    "messages of another kind on the topic": (lambda: [replace(m, raw=b'{"name": ["j1"], "position": "?"}') if k % 50 == 7 else m for k, m in enumerate(sound())], ()),  # noqa: E501
+    "efforts in every second message": (
+        lambda: [replace(m, effort=() if k % 2 else m.effort) for k, m in enumerate(sound())], ()),
+    "efforts from the middle on": (
+        lambda: [replace(m, effort=() if k < 150 else m.effort) for k, m in enumerate(sound())], ()),
+    "a NaN now and then": (
+        lambda: [replace(m, position=(NAN, *m.position[1:])) if k % 50 == 7 else m for k, m in enumerate(sound())],
+        ()),
+    "an effort of 1e30 once": (
+        lambda: [replace(m, effort=(1e30, *m.effort[1:])) if k == 7 else m for k, m in enumerate(sound())], ()),
+    "messages that are no JSON": (
+        lambda: [replace(m, raw=b"{") if k % 50 == 7 else m for k, m in enumerate(sound())], ()),
+    "messages of another kind on the topic": (
+        lambda: [replace(m, raw=b'{"name": ["j1"], "position": "?"}') if k % 50 == 7 else m for k,
+        m in enumerate(sound())], ()),
     "messages without names": (lambda: [replace(m, names=()) if k % 50 == 7 else m for k, m in enumerate(sound())], ()),
-    "a joint named twice": (lambda: [replace(m, names=(*NAMES, "j3"), position=(*m.position, m.position[2]), velocity=(), effort=()) for m in sound()], ("v.j1", "tau.j1")),  # noqa: E501
-    "wheels without efforts": (lambda: [replace(m, names=(*NAMES, "wheel"), position=(*m.position, 0.1), velocity=(*m.velocity, NAN), effort=(*m.effort, NAN)) for m in sound()], ("v.wheel", "tau.wheel")),  # noqa: E501
-    "joints in another order from the middle on": (lambda: [m if k < 150 else replace(m, names=SHUFFLED, position=(*m.position[1:], m.position[0]), velocity=(*m.velocity[1:], m.velocity[0]), effort=(*m.effort[1:], m.effort[0])) for k, m in enumerate(sound())], ()),  # noqa: E501
-    "two drivers with a joint each": (lambda: [x for m in sound() for x in (replace(m, names=NAMES[:2], position=m.position[:2], velocity=m.velocity[:2], effort=m.effort[:2]), replace(m, received=m.received + 0.001, names=NAMES[2:], position=m.position[2:], velocity=m.velocity[2:], effort=m.effort[2:]))], ()),  # noqa: E501
-    "a gripper's own messages": (lambda: [x for m in sound() for x in (m, replace(m, names=("finger",), position=(0.02,), velocity=(), effort=()))], ()),  # noqa: E501
-    "interfaces in place of joints": (lambda: [replace(m, names=tuple(f"{n}/{w}" for n in NAMES for w in ("position", "velocity", "effort")), position=tuple(np.column_stack([m.position, m.velocity, m.effort]).ravel()), velocity=(), effort=()) for m in sound()], ()),  # noqa: E501
+    "a joint named twice": (
+        lambda: [replace(m, names=(*NAMES, "j3"), position=(*m.position, m.position[2]), velocity=(),
+        effort=()) for m in sound()], ("v.j1", "tau.j1")),
+    "wheels without efforts": (
+        lambda: [replace(m, names=(*NAMES, "wheel"), position=(*m.position, 0.1), velocity=(*m.velocity, NAN),
+        effort=(*m.effort, NAN)) for m in sound()], ("v.wheel", "tau.wheel")),
+    "joints in another order from the middle on": (
+        lambda: [m if k < 150 else replace(m, names=SHUFFLED, position=(*m.position[1:], m.position[0]),
+        velocity=(*m.velocity[1:], m.velocity[0]), effort=(*m.effort[1:], m.effort[0])) for k,
+        m in enumerate(sound())], ()),
+    "two drivers with a joint each": (
+        lambda: [x for m in sound() for x in (replace(m, names=NAMES[:2], position=m.position[:2],
+        velocity=m.velocity[:2], effort=m.effort[:2]), replace(m, received=m.received + 0.001, names=NAMES[2:],
+        position=m.position[2:], velocity=m.velocity[2:], effort=m.effort[2:]))], ()),
+    "a gripper's own messages": (
+        lambda: [x for m in sound() for x in (m, replace(m, names=("finger",), position=(0.02,), velocity=(),
+        effort=()))], ()),
+    "interfaces in place of joints": (
+        lambda: [replace(m, names=tuple(f"{n}/{w}" for n in NAMES for w in ("position", "velocity", "effort")),
+        position=tuple(np.column_stack([m.position, m.velocity, m.effort]).ravel()), velocity=(),
+        effort=()) for m in sound()], ()),
 }  # fmt: skip
 
 
