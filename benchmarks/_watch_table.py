@@ -42,6 +42,7 @@ class WatchTable:
         option, usual = self.quiet
         parser.add_argument("--robots", default=",".join(self.robots), help="with commas")
         parser.add_argument("--seeds", type=int, default=self.seeds)
+        parser.add_argument("--first-seed", type=int, default=0)
         parser.add_argument("--only", default=",".join(self.kinds), help="with commas")
         parser.add_argument("--each", type=int, default=self.each, help="happenings of each kind, robot and seed")
         parser.add_argument(
@@ -53,7 +54,7 @@ class WatchTable:
         given = parser.parse_args()
         rows, quiet = list[Row](), getattr(given, option)
         for name in given.robots.split(","):
-            for seed in range(given.seeds):
+            for seed in range(given.first_seed, given.first_seed + given.seeds):
                 for what in given.only.split(","):
                     rows += [self.happened(name, seed, given.rate, what, k, given.per_hour) for k in range(given.each)]
                 rows += [self.silent(name, seed, given.rate, quiet, given.per_hour)] if quiet else []
