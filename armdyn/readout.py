@@ -329,6 +329,8 @@ def _lag_shares(time_constant: float, step: np.ndarray) -> tuple[np.ndarray, np.
 
 def _recursive(decay: np.ndarray, drive: np.ndarray, first: np.ndarray) -> np.ndarray:
     """(K, m) z with z_0 = first (1, m) and z_{k+1} = decay_k z_k + drive_k."""
+    if not decay.any():  # no lag, as where it is a candidate that is absent
+        return np.concatenate([first, drive])
     bands = np.vstack([np.ones(len(decay) + 1), np.append(-decay, 0.0)])
     return np.asarray(solve_banded((1, 0), bands, np.concatenate([first, drive]), check_finite=False))
 

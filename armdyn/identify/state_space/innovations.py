@@ -349,11 +349,12 @@ def kalman_update(variance: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray,
     """
     root, size = semidefinite_cholesky(variance), np.ones(variance.shape[:-2])
     for k in range(factor.shape[-1]):
-        seen = np.swapaxes(root, -1, -2) @ factor[..., k, None]
-        spread = 1.0 + np.swapaxes(seen, -1, -2) @ seen
-        root = root - root @ seen * (np.swapaxes(seen, -1, -2) / (spread + np.sqrt(spread)))
+        seen = root.swapaxes(-1, -2) @ factor[..., k, None]
+        across = seen.swapaxes(-1, -2)
+        spread = 1.0 + across @ seen
+        root = root - root @ seen * (across / (spread + np.sqrt(spread)))
         size = size * spread[..., 0, 0]
-    return root @ np.swapaxes(root, -1, -2), np.log(size)
+    return root @ root.swapaxes(-1, -2), np.log(size)
 
 
 @np.errstate(all="ignore")

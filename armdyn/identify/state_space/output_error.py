@@ -11,6 +11,7 @@ from itertools import islice
 
 import numpy as np
 
+from armdyn.identify.failed_fit import residual_variance_ratio
 from armdyn.identify.fit import Fit, continue_fit, fit
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_EVALUATIONS, GreyBox, LinearisationPoint
@@ -31,6 +32,9 @@ TRIED_START_STATE_FACTORS = (0.4, 0.7)
 swing is best imitated by a smaller one. For two free swings of a link the error falls from 0.94 to 0.50 rad."""
 MAX_FIT_STEPS, MAX_RANKING_FIT_STEPS = 30, 10
 """Largest number of steps of a fit, and of a fit that only ranks a set of effects among others."""
+WRONG_MINIMUM_SHARE = 1e-3
+"""Share of a signal's variance below which no fit in a wrong minimum leaves it: there the motion is in another phase,
+or a start state compensates a wrong decay. An error may still be far above the noise of a good sensor."""
 MAX_SAMPLES_PREDICTED_FOR_STARTS = 5_000_000
 """Number of samples that may be predicted (in five seconds) to try other start values where a fit has large errors. All
 start values are tried for recordings of up to 37,000 samples (five minutes of a swing), fewer for longer ones, none
@@ -275,6 +279,8 @@ def best_fit(
     if found[0].chi2_per_sample > (noise.minimum_chi2 if others else noise.gross_chi2):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
+    if residual_variance_ratio(best.blocks) < WRONG_MINIMUM_SHARE:
+        others = 0
     others = min(
         others, MAX_SAMPLES_PREDICTED_FOR_STARTS // (problem.samples * (3 * FIT_STEPS_BEFORE_SELECTION + MAX_FIT_STEPS))
     )

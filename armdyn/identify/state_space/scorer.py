@@ -129,10 +129,13 @@ class StateSpaceScorer(EffectSetScorer):
             promised = [self.evaluate(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.score > now.score + CONVERGED_NATS), key=lambda o: -o.score)
             options = _unlike([one.effects for one in promised], now.effects)[:OPTIMISED_EFFECT_SETS]
-            refused |= {frozenset(option) for option in options}
-            found = []
+            gains = {one.effects: one.score - now.score for one in promised}
+            found, share = list[EffectSetScore](), self.settings.search.missing_evidence_share
             for i, option in enumerate(options):
+                if gains[option] < share * max((one.score - now.score for one in found), default=0.0):
+                    break  # the options that follow promise less still
                 say(f"{i} of {len(options)} candidates tried")
+                refused.add(frozenset(option))
                 found.append(self._verify(option))
             better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
             following = next((one for one in better if one.score > self._again(now, one).score + CONVERGED_NATS), None)

@@ -8,6 +8,7 @@ from itertools import chain, tee
 
 import numpy as np
 
+from armdyn.estimation.expansion import QuadraticExpansion
 from armdyn.identify.failed_fit import residual_variance_ratio
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import predict_runs
@@ -76,8 +77,8 @@ class StateSpaceStudy(Study):
         return {}
 
     @cached_property
-    def _started(self) -> dict[Fit, Iterator[np.ndarray]]:
-        """Start values, as in `_starts`, by the fit that began there."""
+    def _started(self) -> dict[Fit, tuple[Iterator[np.ndarray], int]]:
+        """Start values, as in `_starts`, and number of further starts, by the fit that began there."""
         return {}
 
     @cached_property
@@ -130,7 +131,7 @@ class StateSpaceStudy(Study):
             found = min(found, other, key=lambda one: one.cost)
         if point is not None:
             found = replace(found, process_noise_values=self.own(point.values, motion.problem))
-        self._started[found] = starts
+        self._started[found] = starts, others
         self._fits[key] = found
         return found
 
@@ -141,6 +142,22 @@ class StateSpaceStudy(Study):
         the first one of the catalogue is preferred.
         """
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
+
+    def foretold_costs(self, effects: Sequence[Candidate], further: Sequence[Candidate]) -> dict[Candidate, float]:
+        """Foretell the cost of a set of effects with each of some further ones, without a fit.
+
+        Whole training runs are linearised once, at the quick fit of the set; each further effect then promises the cost
+        at the minimum of its own quadratic.
+
+        Args:
+            effects: the set.
+            further: further effects, each of which is added alone.
+        """
+        problem, found = self.problem, self.quick_fit(effects)
+        free = {c: found.free | problem.mask_of_unknowns(c.names) for c in further}
+        every = found.free | problem.mask_of_unknowns([name for c in further for name in c.names])
+        whole = problem.expansion(found.values, every)
+        return {c: _foretold_cost(problem, found.values, whole, every, own) for c, own in free.items()}
 
     def residual_may_be_noise(self, fit: Fit) -> bool:
         """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
@@ -199,11 +216,11 @@ class StateSpaceStudy(Study):
     def _of_held_out(self, found: Fit) -> list[Fit]:
         if found not in self._started:
             return super()._of_held_out(found)
-        problem, starts = self.motion.problem, self._started[found]
+        problem, (starts, others) = self.motion.problem, self._started[found]
 
         def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
             each = (np.where(own, transfer_values(v, problem, alone), start) for v in copy(starts))
-            return best_fit(alone, free, each)
+            return best_fit(alone, free, each, others)
 
         return predict_runs(found, self.held_out, fit_own)
 
@@ -213,3 +230,15 @@ class StateSpaceStudy(Study):
             return fit_run(alone, start if every_run_has_motion(alone) else find_start_state(alone, start, free), free)
 
         return predict_runs(found, runs, fit_own)
+
+
+def _foretold_cost(
+    problem: Problem, values: np.ndarray, whole: QuadraticExpansion, every: np.ndarray, own: np.ndarray
+) -> float:
+    """Cost of a fit at the minimum of an expansion at (P,) values by (P,) bool unknowns `every`, if `own` change."""
+    part = own[every]
+    quadratic = QuadraticExpansion(whole.cost, whole.gradient[part], whole.hessian[np.ix_(part, part)])
+    room = (problem.lower - values)[own], (problem.upper - values)[own]
+    step = np.clip(quadratic.step(*room, 0.0)[0], *room)
+    cost = 2.0 * (quadratic.cost + quadratic.gradient @ step) + step @ quadratic.hessian @ step
+    return float(cost) if np.isfinite(cost) else np.inf

@@ -289,3 +289,18 @@ def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_on
     found = diagnose(make_study(pendulum_model(0.38, 0.2), [train], [held_out], EFFECTS))
     leading = found.ranked_effects[0]
     assert {leading.effect, *leading.tied_with} == {"pivot_coulomb_friction", "pivot_load_friction"}
+
+
+def test_the_cost_with_one_more_effect_is_foretold_from_whole_runs_without_a_fit():
+    """Truth has viscous and dry friction; the fit of the pair costs what the fit of one of them foretells."""
+    run = swing(0.5, 20.0, viscous=0.05, coulomb=0.01)
+    pair = [CATALOGUE[name] for name in ("pivot_viscous_friction", "pivot_coulomb_friction")]
+    study = make_study(pendulum_model(LENGTH, 0.1), [run], [], [*pair, CATALOGUE["angle_offset"]])
+    viscous, dry, offset = (next(c for c in study.candidates if c.effect == n) for n in
+                            ("pivot_viscous_friction", "pivot_coulomb_friction", "angle_offset"))  # fmt: skip
+    alone = study.quick_fit((viscous,))
+    foretold = study.foretold_costs((viscous,), [dry, offset])
+    for one in (dry, offset):
+        fitted = study.fit_base_with_effects((viscous, one)).cost
+        assert foretold[one] == pytest.approx(fitted, rel=0.01)
+    assert foretold[dry] < alone.cost - 200.0 < foretold[offset] - 190.0

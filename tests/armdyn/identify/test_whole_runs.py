@@ -47,6 +47,9 @@ class Runs:
     def left(self, effects):
         return float(self.excess(frozenset(effects)).sum())
 
+    def foretold_costs(self, effects, further):
+        return {c: self.left((*effects, c)) for c in further}
+
     def residual_may_be_noise(self, fit):
         return bool(np.all(self.excess(fit) < 0.1))
 
