@@ -192,6 +192,10 @@ class Moment:
         effects: effects that act, in their order.
         by_name: values of the effects' parameters, by name.
         recorded: further recorded quantities that effects read; one that is missing has its usual value.
+        states: names of the states among `values`.
+
+    Attributes:
+        changed_rates: rates of states with the effects on them, as `rate` returned them.
     """
 
     def __init__(
@@ -202,13 +206,15 @@ class Moment:
         effects: Sequence[Effect],
         by_name: Mapping[str, Expression],
         recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
+        states: Collection[str] = (),
     ) -> None:
         self.time = time
+        self.changed_rates: dict[str, Expression] = {}
         self.added_states: list[AddedState] = []
         self.stages: dict[str, list[str]] = {}
         self.kinds: dict[str, type] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
-        self._recorded = recorded
+        self._recorded, self._states = recorded, states
 
     def __getitem__(self, name: str) -> Expression:
         """Value of the parameter or state `name`."""
@@ -241,6 +247,28 @@ class Moment:
                     stage = effect.apply(stage, values, self._recorded)
         self.added_states += stage.added_states
         return stage
+
+    def rate(self, state: str, value: Expression) -> Expression:
+        """Apply all effects that act on the rate of a state, and return the changed rate.
+
+        Equations need it only where an output feels this rate, as an accelerometer does: then the output feels laws
+        and other effects on the rate too. Return it as the rate of the state as well.
+
+        Args:
+            state: name of the state, whose rate is not just another state.
+            value: its time derivative without effects, in the state's unit per s.
+        """
+        if state not in self._states:
+            raise UnknownNameError("state", state, self._states)
+        if state in self.changed_rates:
+            raise ValueError(f"rate('{state}') is asked for twice: keep its result in a variable")
+        states = {name: self._values[name] for name in self._states}
+        if any(ca.is_equal(ca.SX(value), other, 2) for other in states.values()):
+            raise ValueError(f"rate('{state}') is just another state, which no effect changes: return it as it is")
+        given = {**states, **{channel: signal.value for channel, signal in self._inputs.items()}}
+        changed = self.stage(RATE_STAGE, Rate(state, value, self.time, given), state).value
+        self.changed_rates[state] = changed
+        return changed
 
 
 @dataclass(frozen=True, eq=False)

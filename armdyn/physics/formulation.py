@@ -67,9 +67,9 @@ def formulate(
     symbols = {channel: ca.SX.sym(channel.replace(".", "_"), DERIVATIVES_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
     recorded = {column: ca.SX.sym("recorded") for column in recorded_columns(effects)}
-    moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
+    moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded, tuple(states))
     found = _asked(physics, moment)
-    rates_of = _with_rates(moment, found, states, signals)
+    rates_of = _with_rates(physics, moment, found, states)
     readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
     memory = moment.added_states
     s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
@@ -114,16 +114,21 @@ def formulate(
 
 
 def _with_rates(
-    moment: Moment, found: Equations, states: Mapping[str, Expression], signals: Mapping[str, Signal]
+    physics: Physics, moment: Moment, found: Equations, states: Mapping[str, Expression]
 ) -> dict[str, Expression]:
     """The rate of every state; effects may change those that are no state themselves."""
-    given = {**states, **{channel: signal.value for channel, signal in signals.items()}}
-    own = RATE_STAGE in moment.stages
+    for name, changed in moment.changed_rates.items():
+        if not _same(found.rates[name], changed):
+            raise InputError(
+                f"the equations of '{physics.name}' ask for rate('{name}') and return another rate of '{name}': "
+                f'return what it gave, rates={{"{name}": ...}}'
+            )
+    own = moment.kinds.get(RATE_STAGE, Rate) is not Rate
     rates = dict[str, Expression]()
     for name in states:
-        rate = found.rates[name]
-        if not own and not any(_same(rate, other) for other in states.values()):
-            rate = moment.stage(RATE_STAGE, Rate(name, rate, moment.time, given), name).value
+        rate, changed = found.rates[name], name in moment.changed_rates
+        if not (own or changed or any(_same(rate, other) for other in states.values())):
+            rate = moment.rate(name, rate)
         rates[name] = rate
     return rates
 

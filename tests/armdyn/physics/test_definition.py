@@ -3,6 +3,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
+from scipy.integrate import solve_ivp
 
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
@@ -10,6 +11,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.studies import make_study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Reading, Stage, constant, physics, state
+from armdyn.physics.formulation import formulate
 from armdyn.physics.model import physics_model
 from armdyn.run import Channel, Run
 
@@ -180,3 +182,70 @@ def test_a_run_without_what_drives_the_motion_is_refused(run, complains):
     bare = {"q.mass": run.channels["q.mass"]}
     with complains(InputError):
         physics_model(oscillator()).predict(replace(run, channels=bare), physics_model(oscillator()).theta())
+
+
+def felt_mass(felt):
+    """A mass on a spring that carries an accelerometer; `felt` returns rates and outputs."""
+
+    @physics(
+        "felt_mass", summary="", source="", outputs={"q.mass": "m", "extra.felt": "m/s^2"}, period=1.0,
+        parameters=(constant("square", "1/s^2", 40.0, lower=0.0),),
+        states=(state("place", "m", typical=0.1), state("speed", "m/s", typical=0.3)),
+    )  # fmt: skip
+    def equations(at):
+        return felt(at, -at["square"] * at["place"])
+
+    return equations
+
+
+def told_of_rates(at, given):
+    changed = at.rate("speed", given)
+    return Equations({"place": at["speed"], "speed": changed}, {"q.mass": at["place"], "extra.felt": changed})
+
+
+@effect("cubic", acts_on="rate", summary="a drag on the rate", source="a test")
+def cubic(rate, k=quantity("s/m^2", typical=0.1)):
+    return rate.with_rate(-k * rate["speed"] ** 3)
+
+
+def test_an_accelerometer_feels_an_effect_on_the_rate_that_it_measures():
+    """Truth: x'' = -40 x - 0.5 v^3 by scipy; the accelerometer reads x''."""
+    time = np.arange(0.0, 3.0, 0.01)
+    found = solve_ivp(
+        lambda _, s: [s[1], -40.0 * s[0] - 0.5 * s[1] ** 3], (0.0, 3.0), [0.3, 0.0], t_eval=time, rtol=1e-10, atol=1e-12
+    )
+    place, speed = found.y
+    felt = -40.0 * place - 0.5 * speed**3
+    channels = {"q.mass": Channel(time, place, "m"), "extra.felt": Channel(time, felt, "m/s^2")}
+    run = Run("felt", channels)
+    model = physics_model(felt_mass(told_of_rates)).with_effect(cubic.on("speed"))
+    values = {"cubic.k[speed]": 0.5, "initial_place": 0.3, "initial_speed": 0.0}
+    model = model.with_values(values)
+    run = model.prepare_run(run)
+    predicted = model.predict(run, np.array([p.value for p in model.parameters.values()])).values_by_channel
+    assert np.abs(predicted["extra.felt"] - felt).max() < 1e-5 * np.abs(felt).max()
+    assert np.abs(predicted["q.mass"] - place).max() < 1e-5 * np.abs(place).max()
+
+
+@pytest.mark.parametrize(
+    "felt",
+    [
+        lambda at, given: Equations(
+            {"place": at["speed"], "speed": given}, {"q.mass": at["place"], "extra.felt": at.rate("speed", given) + 0.0}
+        ),
+        lambda at, given: Equations(
+            {"place": at.rate("place", at["speed"]), "speed": given}, {"q.mass": at["place"], "extra.felt": given}
+        ),
+        lambda at, given: Equations(
+            {"place": at["speed"], "speed": at.rate("speed", given)},
+            {"q.mass": at["place"], "extra.felt": at.rate("speed", given)},
+        ),
+        lambda at, given: Equations(
+            {"place": at["speed"], "speed": at.rate("sped", given)}, {"q.mass": at["place"], "extra.felt": given}
+        ),
+    ],
+    ids=["another rate", "a state", "twice", "no state"],
+)
+def test_a_rate_that_is_asked_for_wrongly_is_told(felt, complains):
+    with complains(InputError):
+        formulate(felt_mass(felt), (cubic.on("speed"),), ("square", "cubic.k[speed]"))
