@@ -44,6 +44,11 @@ TERM_FUNCTIONS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
 MAX_EVALUATED_TERMS_PER_JOINT, MAX_EVALUATED_TERMS_PER_KIND = 12, 3
 """Largest number of terms for one joint, and of one kind for one joint, that are fully evaluated: those with the
 largest predicted contribution."""
+MIN_SHARE_WITHOUT_TERM = 0.02
+"""Least share of the samples in which a term that acts beyond a place does not act. A term that acts in all of them is
+a simpler one, such as a constant, whose place nothing determines."""
+NOTHING_EXPLAINED_SHARE = 0.005
+"""Share of the squared error below which a step is told as 0 %."""
 MAX_CURVE_ERROR_SHARE_OF_FORMULA = 0.7
 """A curve is reported in place of a formula if it leaves less than this share of the squared error (above the noise)
 that the formula leaves."""
@@ -98,7 +103,31 @@ def _searched(
         promising = [effect for effect in effects if effect.name in names]
         study = given.with_other_catalogue([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)
+    found = Search(steps_that_explain(study, found.steps), found.ranked_effects, found.further_effect)
+    if everywhere := _acting_everywhere(found.last, terms):
+        say("searching without a place that the runs do not show")
+        return _searched(given, known, say, {name: t for name, t in terms.items() if name not in everywhere})
     return study, found if predicts_better(study, found) else Search(found.steps[:1])
+
+
+def steps_that_explain(study: Study, steps: Sequence[SearchStep]) -> tuple[SearchStep, ...]:
+    """Steps of a search without the last ones, where these explain 0 % together, and little of what was left before."""
+    for k, step in enumerate(steps[:-1]):
+        if study.explained_share(steps[0].fit, steps[-1].fit) - study.explained_share(
+            steps[0].fit, step.fit
+        ) < NOTHING_EXPLAINED_SHARE and study.squared_error(steps[-1].fit) > study.settings.search.needed_share(
+            int(steps[-1].fit.free.sum() - step.fit.free.sum())
+        ) * study.squared_error(step.fit):
+            return tuple(steps[: k + 1])
+    return tuple(steps)
+
+
+def _acting_everywhere(step: SearchStep, terms: Mapping[str, CandidateTerm]) -> set[str]:
+    """Names of the terms of a step that act beyond a place, where nearly all samples are beyond it."""
+    values = {c.parameter.name: v for c, v in zip(step.fit.problem.columns, step.fit.values, strict=True)}
+    placed = {c.effect: c for c in step.effects if c.effect in terms and terms[c.effect].acts_beyond}
+    places = {name: values[n] for name, c in placed.items() for n in c.names if n.startswith(f"{name}.place")}
+    return {name for name, place in places.items() if terms[name].share_without(place) < MIN_SHARE_WITHOUT_TERM}
 
 
 def predicts_better(study: Study, found: Search) -> bool:

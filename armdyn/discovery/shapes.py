@@ -58,10 +58,10 @@ def rate_terms(site: TermLocation, v: TermVariable) -> Shapes:
     yield _single(site, "square", f"something with the square of {spoken}", (v,), signed, [(v, 2)])
     yield power_term(site, v, 3, "cube", f"something with the cube of {spoken}")
     where = {"place": position_parameter(v)}
-    for side, least in (("above", "ca.fmax"), ("below", "ca.fmin")):
+    for side, least, beyond in (("above", "ca.fmax", 1), ("below", "ca.fmin", -1)):
         says = f"something that begins {side} a certain {spoken}"
         yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
-                      scale=0.3 * v.span)  # fmt: skip
+                      scale=0.3 * v.span, acts_beyond=beyond)  # fmt: skip
     if v.low < 0.0 < v.high:
         narrow = float(f"{FORCE_STEP_WIDTH_SHARE_OF_MAX * v.size:.2g}")
         yield _single(site, "step", f"something that turns round with {spoken}", (v,),
@@ -120,21 +120,22 @@ def position_parameter(v: TermVariable) -> TermParameter:
 
 def stop_terms(site: TermLocation, v: TermVariable) -> Shapes:
     """Candidate terms for stops: springs k max(0, v - place) beyond a position, and k min(0, v - place) below one."""
-    for side, least in (("above", "ca.fmax"), ("below", "ca.fmin")):
+    for side, least, beyond in (("above", "ca.fmax", 1), ("below", "ca.fmin", -1)):
         says = f"a spring that is touched {side} a certain {v.name}"
         yield _single(
             site, "stop", says, (v,), f"{site.resisting_sign}{least}(0, {v.name} - place)", [(v, 1)],
             {"place": position_parameter(v)},
-            size="stiffness", positive=True, scale=0.3 * v.span,
+            size="stiffness", positive=True, scale=0.3 * v.span, acts_beyond=beyond,
         )  # fmt: skip
 
 
 def one_sided_friction_terms(site: TermLocation, v: TermVariable, speed: TermVariable) -> Shapes:
     """Candidate terms for friction, viscous or dry, on one side only of a position."""
-    for side, sign in (("above", "+"), ("below", "-")):
+    for side, sign, beyond in (("above", "+", 1), ("below", "-", -1)):
         step = f"(1 {sign} ca.tanh(({v.name} - place) / {FORCE_STEP_WIDTH_BY_UNIT[v.unit]:g})) / 2"
         says = f"friction only {side} a certain {v.name}"
-        yield from _frictions(site, "one-sided rub", says, v, speed, step, {"place": position_parameter(v)})
+        where = {"place": position_parameter(v)}
+        yield from _frictions(site, "one-sided rub", says, v, speed, step, where, acts_beyond=beyond)
 
 
 def magnet_term(site: TermLocation, v: TermVariable) -> CandidateTerm:
@@ -171,11 +172,12 @@ def cable_terms(site: TermLocation, v: TermVariable) -> Shapes:
     """Candidate terms for a cable or hose that tightens: k (exp(max(0, v - place) / width) - 1), and mirrored."""
     toward = "" if site.resisting_sign else "-"
     where = {"place": position_parameter(v), "width": _width(v.unit, 0.4 * v.span, 0.05, 10.0)}
-    for back, away in ((site.resisting_sign, f"{v.name} - place"), (toward, f"place - {v.name}")):
+    above, below = (site.resisting_sign, f"{v.name} - place", 1), (toward, f"place - {v.name}", -1)
+    for back, away, beyond in (above, below):
         yield _single(
             site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
             f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], where,
-            size="tension", positive=True, scale=1.0,
+            size="tension", positive=True, scale=1.0, acts_beyond=beyond,
         )  # fmt: skip
 
 
@@ -282,6 +284,7 @@ def _frictions(
     share: str,
     where: Mapping[str, TermParameter],
     *counted: tuple[TermVariable, int],
+    acts_beyond: int = 0,
 ) -> Shapes:
     """Viscous friction, and dry friction, each times a factor that depends on the quantity `by`.
 
@@ -290,12 +293,12 @@ def _frictions(
     share_scale = float(np.prod([v.size**n for v, n in counted]))
     yield _single(
         site, kind, says, (by, speed), f"{site.resisting_sign}{speed.name} * {share}", [(speed, 1), *counted], where,
-        size="coefficient", positive=True, scale=speed.size * share_scale,
+        size="coefficient", positive=True, scale=speed.size * share_scale, acts_beyond=acts_beyond,
     )  # fmt: skip
     if site.dry_friction_site is not None:
         yield _single(
             site.dry_friction_site, kind, f"dry {says}", (by,), share, counted, where,
-            size="friction", positive=True, scale=share_scale,
+            size="friction", positive=True, scale=share_scale, acts_beyond=acts_beyond,
         )  # fmt: skip
 
 
@@ -311,10 +314,11 @@ def _single(
     size: str = "k",
     positive: bool = False,
     scale: float | None = None,
+    acts_beyond: int = 0,
 ) -> CandidateTerm:
     """A term of one shape; see `_size`."""
     sized = _size(site, powers, scale, positive=positive)
-    return CandidateTerm(kind, says, site, variables, {size: shape}, sized, constants or {})
+    return CandidateTerm(kind, says, site, variables, {size: shape}, sized, constants or {}, acts_beyond=acts_beyond)
 
 
 def _size(

@@ -171,6 +171,8 @@ class CandidateTerm:
         parameters: declarations of further parameters, such as a position, by name.
         preceding_code: lines of code that are needed before the shapes, such as a state or a function.
         name: name of the term's effect.
+        acts_beyond: 1 where the term acts above its place only, -1 where below it only, 0 where it acts everywhere; the
+            place is one of the first variable.
     """
 
     kind: str
@@ -182,6 +184,7 @@ class CandidateTerm:
     parameters: Mapping[str, TermParameter] = field(default_factory=dict)
     preceding_code: tuple[str, ...] = ()
     name: str = ""
+    acts_beyond: int = 0
 
     @property
     def stem(self) -> str:
@@ -212,6 +215,11 @@ class CandidateTerm:
         return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.location.formula_pattern.format(self.force)).replace(
             "**", "^"
         )
+
+    def share_without(self, place: float) -> float:
+        """Share of the samples in the runs in which the term does not act, if it acts beyond a `place` only."""
+        beyond = self.acts_beyond * (self.variables[0].samples - place)
+        return float(np.mean(beyond <= 0.0))
 
     def with_start_values(self, values: Mapping[str, float]) -> "CandidateTerm":
         """A copy of the term with other start values of its constants, given by name."""

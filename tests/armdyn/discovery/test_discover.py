@@ -3,12 +3,13 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_formula_candidates
-from armdyn.discovery.discover import describe_discovery, discover, predicts_better
+from armdyn.discovery.discover import describe_discovery, discover, predicts_better, steps_that_explain
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
@@ -19,6 +20,7 @@ from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
 from armdyn.identify.selection.search import Search
+from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.identify.studies import make_study
 from armdyn.identify.thresholds import THRESHOLD_RANGE_TYPICAL_SIZES
 from armdyn.parameter import quantity
@@ -62,6 +64,34 @@ def test_what_predicts_runs_that_were_not_fitted_no_better_is_not_told(left, bet
     study = SimpleNamespace(held_out_blocks=lambda fit: [SimpleNamespace(residual=np.array([r])) for r in blocks[fit]])
     steps = [SimpleNamespace(fit="as given"), SimpleNamespace(fit="with it")]
     assert predicts_better(study, SimpleNamespace(steps=steps, last=steps[-1])) is better
+
+
+@pytest.mark.parametrize(("left", "kept"), [([100.0, 0.3, 0.2], 3), ([100.0, 0.3, 0.29], 2), ([100.0, 30.0, 28.0], 3)])
+def test_last_steps_that_explain_nothing_go_unless_they_remove_much_of_what_was_left(left, kept):
+    steps = [SimpleNamespace(fit=SimpleNamespace(left=x, free=np.ones(k))) for k, x in enumerate(left)]
+    study = SimpleNamespace(
+        explained_share=lambda before, after: 1.0 - after.left / before.left,
+        squared_error=lambda fit: fit.left,
+        settings=DEFAULT_SETTINGS,
+    )
+    assert len(steps_that_explain(study, steps)) == kept
+
+
+def test_terms_that_begin_at_a_place_say_on_which_side_they_act(model):
+    """A cable that tightens above its place does nothing below it; a spring acts everywhere."""
+    run = world("cogging", 0).runs[0]
+    terms = list(named_terms(arm_formula_candidates(make_study(model, [run], [], ()).first())).values())
+    for term in terms:
+        (shape, *_), v = term.shapes.values(), term.variables[0] if term.variables else None
+        if not term.acts_beyond:
+            assert "place" not in term.parameters or term.kind in ("magnet", f"torque by {v.name_in_sentence}")
+            continue
+        place = (v.low + v.high) / 2
+        known = {"ca": ca, "place": place, "width": 0.1, "speed": 1.0}
+        off, on = (eval(shape, {**known, v.name: place + side * 0.4 * v.span})
+                   for side in (-term.acts_beyond, term.acts_beyond))  # fmt: skip
+        assert abs(off) < 1e-6 < abs(on)
+        assert term.share_without(v.low) + term.share_without(v.high) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.fixture(scope="module")
