@@ -57,7 +57,7 @@ class LineCandidate(NamedTuple):
         whole_speed: smallest value on the whole line of the largest possible tool speed [m/s].
         joint_margin: smallest distance of a joint from its position limit [rad or m].
         clearance: smallest distance of two links in the collision check [m]; nan until it is computed.
-        torque: largest share of a torque limit that holding still takes, without and with springs.
+        torque: largest share of a torque limit that creeping either way takes, without and with springs.
         score: score that the search maximises.
     """
 
@@ -103,7 +103,7 @@ def search_line(
     """Search for the line on which an arm can move its tool fast with much distance from its joint limits.
 
     The score is (smallest speed on the core + 0.3 smallest speed on the line) * min(1, margin / 0.5 rad). Lines with a
-    collision are rejected, and lines on which a joint's torque does not suffice to hold the arm still.
+    collision are rejected, and lines on which a joint's torque does not suffice to creep.
 
     Only lines on one side of the base are searched: to the right of a person at the base who looks along the direction.
     A coarse grid of reachable targets gives the first candidates. The best ones are planned, from the home posture and

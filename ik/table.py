@@ -30,7 +30,7 @@ LOOKUP_END_TOLERANCE = 1e-9
 
 NODE_ARRAYS = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
 LIMIT_ARRAYS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
-TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs")
+TORQUE_ARRAYS = ("inertial", "centrifugal", "damping", "gravity", "springs", "forward", "backward")
 ARRAY_AXES = (
     {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
     | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUE_ARRAYS), "kn")
@@ -202,7 +202,7 @@ class PathTable:
 
     @cached_property
     def torque_share(self) -> Array:
-        """Largest share of a joint's torque limit that holding still takes at the nodes, (k, 2).
+        """Largest share of a joint's torque limit that creeping either way takes at the nodes, (k, 2).
 
         The first column is without the robot's springs, the second with them.
         """

@@ -22,7 +22,7 @@ from urdf import Robot
 from urdf.bounds import MAX_IK_TABLE_ARRAY_BYTES
 from urdf.robot import Array
 
-TABLE_FORMAT_VERSION = 6
+TABLE_FORMAT_VERSION = 7
 """Version of the file format of IK tables; it is raised when a change of the code changes a robot's table."""
 REBUILD_REMEDY = "build it again with 'armdyn ik build'"
 

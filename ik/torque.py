@@ -10,7 +10,8 @@ Along a path, with v = q_s \dot s and a = q_s \ddot s + q_ss \dot s^2, it is lin
 
     inertial = M q_s,   centrifugal = M q_ss + C(q, q_s) q_s,   damping = d q_s,   gravity = g.
 
-(Bobrow, Dubowsky, Gibson 1985, The International Journal of Robotics Research 4(3).)
+(Bobrow, Dubowsky, Gibson 1985, The International Journal of Robotics Research 4(3).) Dry friction has the sign of each
+joint's velocity. At rest its direction is unknown, and limits hold for both.
 """
 
 from dataclasses import dataclass, fields
@@ -61,6 +62,7 @@ class JointTorque:
             d2q_ds2: second derivatives of q with respect to s, (k, n) [rad/m^2].
         """
         model, still = self._model, np.zeros_like(q)
+        rising, falling = (np.asarray(limit) for limit in (model.upperDryFrictionLimit, model.lowerDryFrictionLimit))
         gravity = inverse_dynamics(model, q, still, still)
         return PathTorque(
             inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
@@ -68,6 +70,8 @@ class JointTorque:
             damping=np.asarray(model.damping) * dq_ds,
             gravity=gravity,
             springs=self._robot.spring_torque(q, self._springs),
+            forward=np.where(dq_ds > 0.0, rising, np.where(dq_ds < 0.0, falling, 0.0)),
+            backward=np.where(dq_ds > 0.0, falling, np.where(dq_ds < 0.0, rising, 0.0)),
         )
 
 
@@ -81,6 +85,8 @@ class PathTorque:
         damping: torque per speed of the tool [N m s/m].
         gravity: torque at rest without springs [N m].
         springs: motor torque that the robot's springs cause [N m].
+        forward: torque of dry friction while the tool moves along the path [N m].
+        backward: the same while it moves back.
     """
 
     inertial: Array
@@ -88,6 +94,8 @@ class PathTorque:
     damping: Array
     gravity: Array
     springs: Array
+    forward: Array
+    backward: Array
 
     def __post_init__(self) -> None:
         freeze_arrays(self, *(item.name for item in fields(self)))
@@ -103,31 +111,35 @@ class PathTorque:
     def torque(self, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
         """Motor torques, (k, n) [N m], at tool speeds v [m/s] and accelerations a [m/s^2], scalars or (k,).
 
-        With `springs`, the torque of the robot's springs is included.
+        With `springs`, the torque of the robot's springs is included. At rest there is no dry friction in them.
         """
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity
+        torque = torque + np.where(speed > 0.0, self.forward, np.where(speed < 0.0, self.backward, 0.0))
         return torque + self.springs if springs else torque
 
     def holding_torque_shares(self, effort: Array) -> tuple[Array, Array]:
-        """Largest share of a joint's torque limit that holding still takes, without and with springs, (k,) each.
+        """Largest share of a joint's torque limit that creeping either way takes, without and with springs, (k,) each.
 
-        `effort` has the torque limits of the joints, (n,) [N m].
+        Without dry friction this is what holding still takes. `effort` has the torque limits of the joints, (n,) [N m].
         """
-        without, helped = (np.abs(self.torque(0.0, 0.0, springs)) / effort for springs in (False, True))
-        return without.max(axis=1), helped.max(axis=1)
+        still = [self.torque(0.0, 0.0, springs) for springs in (False, True)]
+        without, helped = (np.abs([held + self.forward, held + self.backward]) / effort for held in still)
+        return without.max(axis=(0, 2)), helped.max(axis=(0, 2))
 
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
         """Lowest and highest acceleration of the tool along the path within the torque limits, (k,) each [m/s^2].
 
-        The range may exclude 0, where the tool cannot keep its speed, or be empty (lowest > highest).
+        The range may exclude 0, where the tool cannot keep its speed, or be empty (lowest > highest). At rest it holds
+        for dry friction in both directions.
 
         Args:
             effort: torque limits of the joints, (n,) [N m].
             v: speed of the tool, a scalar or (k,) [m/s].
             springs: whether to include the torque of the robot's springs.
         """
-        taken = self.torque(v, 0.0, springs)
+        taken, rests = self.torque(v, 0.0, springs), np.asarray(v, dtype=np.float64)[..., None] == 0.0
         inertial = np.where(np.abs(self.inertial) < 1e-12, 1e-12, self.inertial)
-        ends = np.array([(effort - taken) / inertial, (-effort - taken) / inertial])
+        least, most = (np.where(rests, worst(self.forward, self.backward), 0.0) for worst in (np.minimum, np.maximum))
+        ends = np.array([(effort - taken - most) / inertial, (-effort - taken - least) / inertial])
         return ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)

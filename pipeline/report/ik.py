@@ -20,6 +20,7 @@ def ik_document(table: PathTable) -> Document:
     low, high = table.path.core
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
+    what = "creeping, against its dry friction," if np.any(table.torque.forward) else "holding still"
     kind = path = table.path.describe()["kind"]
     if isinstance(table.path, Line):
         path = f"{_vector(table.path.origin)} m + s {_vector(table.path.direction)}"
@@ -31,7 +32,7 @@ def ik_document(table: PathTable) -> Document:
         else ResultLevel.GOOD,
         verdict=f"{table.s[-1] - table.s[0]:.2f} m of {kind}, {core:.2f} m/s in its core, "
         f"every joint at least {table.joint_margin:.2f} rad from its limits, "
-        f"holding still takes up to {100 * overloaded:.0f} % of a torque limit.",
+        f"{what} takes up to {100 * overloaded:.0f} % of a torque limit.",
         subtitle=f"{len(table.s)} nodes, {1e3 * (table.s[1] - table.s[0]):g} mm apart, from {extent}",
         key_figures=[
             KeyFigure("robot", table.robot_name, ", ".join(table.joint_names)),
@@ -129,7 +130,7 @@ def _speed_section(table: PathTable) -> Section:
         )
     caption = (
         "What the joints' acceleration limits allow, and what their torques allow in the weaker direction; "
-        "negative where the torque does not even hold the arm."
+        "negative where the torque does not even suffice to creep."
     )
     return Section(
         "Speed and acceleration",

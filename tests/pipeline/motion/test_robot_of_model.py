@@ -52,6 +52,39 @@ def test_torques_of_the_description_are_those_of_the_model(model):
         assert torque(q[None], v[None], a[None])[0] == pytest.approx(np.array(function(q, v, a))[:, 0], abs=1e-9)
 
 
+def test_torque_limits_along_a_path_count_dry_friction_in_its_direction_and_both_at_rest(model):
+    for name in ("joint_asymmetric_friction", "joint_stribeck_friction"):
+        model = model.with_effect(CATALOGUE[name])
+    own = [n for n in model.names if "asymmetric" in n or n.startswith("joint_stribeck_friction.torque")]
+    dry = np.random.default_rng(2).uniform(1.0, 6.0, len(own))
+    model = model.with_values(dict(zip(own, dry.tolist(), strict=True)))
+    robot, function = robot_of_model(model), inverse_dynamics_function(model)
+    rng, effort = np.random.default_rng(3), 1.5 * robot.limits.effort
+    q, along, bend = 0.5 * rng.normal(size=(3, 20, 6))
+    terms = JointTorque(robot, springs=True).path_torque_terms(q, along, bend)
+
+    smooth = model.without_effect("joint_asymmetric_friction").without_effect("joint_stribeck_friction")
+    smooth_torque = inverse_dynamics_function(smooth)
+
+    def needed(k, v, a, direction):
+        # At creeping speed the whole of the Stribeck friction acts, as the table assumes at any speed.
+        creep = np.array(function(q[k], direction * 1e-9 * along[k], np.zeros(6)))[:, 0]
+        still = np.array(smooth_torque(q[k], np.zeros(6), np.zeros(6)))[:, 0]
+        moving = np.array(smooth_torque(q[k], along[k] * v, bend[k] * v**2 + along[k] * a))[:, 0]
+        return moving + creep - still
+
+    for v, directions in ((0.4, (1,)), (-0.4, (-1,)), (0.0, (1, -1))):
+        low, high = terms.acceleration_range(effort, v, springs=True)
+        for k in range(20):
+            if low[k] <= high[k]:
+                for a in (low[k], high[k]):
+                    shares = [np.abs(needed(k, v, a, way)) / effort for way in directions]
+                    assert np.max(shares) == pytest.approx(1.0, abs=1e-9)
+    assert (low <= high).sum() > 10
+    still = np.array([[np.abs(needed(k, 0.0, 0.0, way)) / effort for way in (1, -1)] for k in range(20)])
+    assert terms.holding_torque_shares(effort)[1] == pytest.approx(still.max(axis=(1, 2)), abs=1e-9)
+
+
 def test_a_posture_has_the_gravity_of_the_model(model, file):
     status, out, _ = called("arm", "show", "--model", file, "--json", "-")
     found = json.loads(out)
