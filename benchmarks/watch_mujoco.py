@@ -26,9 +26,11 @@ import _hidden_table as hidden_table
 import numpy as np
 from _watch_table import WatchTable
 
-from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.model import SENSOR_GAIN_EFFECT, ArmModel, arm_model
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.studies import make_study
+from armdyn.recording.channels import WRENCH_CHANNELS
 from armdyn.run import Run
 from armdyn.watch.event import EventKind, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample, statistics_of_recordings
@@ -43,14 +45,21 @@ WANTED = {
     "contact": EventKind.OUTSIDE_TORQUE, "load": EventKind.LOAD_CHANGED, "drift": EventKind.ROBOT_CHANGED,
 }  # fmt: skip
 ALLOWED = {EventKind.UNIDENTIFIED}
-DRY_FRICTION = "joint_coulomb_friction"
+DRY_FRICTION, SENSED = "joint_coulomb_friction", "+ft"
 Recording = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @lru_cache(maxsize=1)
 def worker_of(name: str, seed: int) -> Any:
-    """The arm."""
-    return worlds.Worker(name, seed)
+    """The arm; with a tool, and a sensor that carries it, if its name ends so."""
+    robot, _, tool = name.partition("+")
+    return (worlds.SensedWorker if tool else worlds.Worker)(robot, seed)
+
+
+def worked(name: str, seed: int, rng: np.random.Generator, *given: Any) -> Recording:
+    """Work of an arm, with what is read of it."""
+    stamps, q, read = worker_of(name, seed).work(rng, *given)
+    return stamps, q, read if name.endswith(SENSED) else read[:, : q.shape[1]]
 
 
 @lru_cache(maxsize=1)
@@ -59,20 +68,27 @@ def model_of(name: str, seed: int) -> ArmModel:
     worker, rng = worker_of(name, seed), np.random.default_rng([seed, 1])
     runs = []
     for k in range(3):
-        stamps, q, tau = worker.work(rng, worker.motion(rng, TRAINING), TRAINING, TRAINING_RATE)
-        runs.append(Run.from_arrays(stamps, {"q": q, "tau": tau}, joints=worker.joints, name=f"run {k}"))
+        stamps, q, read = worked(name, seed, rng, worker.motion(rng, TRAINING), TRAINING, TRAINING_RATE)
+        values = {"q": q, "tau": read[:, : q.shape[1]]}
+        values |= {f"{axis}.ft": column for axis, column in zip(WRENCH_CHANNELS, read[:, q.shape[1] :].T, strict=False)}
+        runs.append(Run.from_arrays(stamps, values, joints=worker.joints, name=f"run {k}"))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.urdf"
         file.write_text(worker.description)
         described = arm_model(str(file), joints=worker.joints)
-    return repair(make_study(described, runs[:2], runs[2:], hidden_table.JOINT_EFFECTS)).model
+    effects = hidden_table.JOINT_EFFECTS
+    if name.endswith(SENSED):
+        described = described.with_sensors({"ft": {"link": worlds.TOOL_LINK}})
+        # Its gains are calibrated: where all links are off, no torque tells them from the tool's mass.
+        effects += tuple(e for e in CATALOGUE.values() if e.acts_on == "wrench" and e.name != SENSOR_GAIN_EFFECT)
+    return repair(make_study(described, runs[:2], runs[2:], effects)).model
 
 
 @lru_cache(maxsize=1)
 def sound_of(name: str, seed: int, rate: float) -> FaultFreeStatistics:
     """Calibration by ten minutes of work without a fault."""
     worker, rng = worker_of(name, seed), np.random.default_rng([seed, 2])
-    runs = [worker.work(rng, worker.motion(rng, MINUTE), MINUTE, rate) for _ in range(CALIBRATION)]
+    runs = [worked(name, seed, rng, worker.motion(rng, MINUTE), MINUTE, rate) for _ in range(CALIBRATION)]
     return statistics_of_recordings(model_of(name, seed), [lambda run=run: samples(run) for run in runs])
 
 
@@ -119,11 +135,11 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
         "what": what, "robot": name, "seed": seed, "number": number, "begin": begin, "joint": worker.joints[joint],
         "truth": truth, "found": first is not None and first.time <= begin + within,
         "after": None if first is None else first.time - begin, "named": named is not None, "right": right,
-        "fits": fits, "wrong": [_told(e) for e in wrong], "events": [_told(e) for e in events],
+        "fits": fits, "wrong": [told(e) for e in wrong], "events": [told(e) for e in events],
     }  # fmt: skip
 
 
-def _told(event: WatchEvent) -> str:
+def told(event: WatchEvent) -> str:
     return f"{event.time:.2f} {event.kind.value}: {event.sentence}"
 
 
@@ -132,24 +148,24 @@ def quiet(name: str, seed: int, rate: float, minutes: int, per_hour: float) -> h
     worker, rng = worker_of(name, seed), np.random.default_rng([seed, 4])
     watch, events, spent = Watch(model_of(name, seed), sound_of(name, seed, rate), per_hour), [], 0.0
     for minute in range(minutes):
-        recording = worker.work(rng, worker.motion(rng, MINUTE), MINUTE, rate)
+        recording = worked(name, seed, rng, worker.motion(rng, MINUTE), MINUTE, rate)
         start = time.process_time()
         events += watch.events_of(samples(recording, minute * (MINUTE + 1.0)))
         spent += time.process_time() - start
-    return {"what": "quiet", "robot": name, "seed": seed, "minutes": minutes, "events": [_told(e) for e in events],
+    return {"what": "quiet", "robot": name, "seed": seed, "minutes": minutes, "events": [told(e) for e in events],
             "share": spent / (MINUTE * max(minutes, 1))}  # fmt: skip
 
 
 def show(rows: Sequence[hidden_table.Row]) -> None:
     """Print the table."""
-    for what in WANTED:
+    for what in dict.fromkeys(row["what"] for row in rows if row["what"] != "quiet"):
         for robot in [*dict.fromkeys(row["robot"] for row in rows), ""]:
             some = [row for row in rows if row["what"] == what and robot in ("", row["robot"])]
             if some:
                 share = {key: 100.0 * np.mean([r[key] for r in some]) for key in ("found", "named", "right", "fits")}
                 late = [r["after"] for r in some if r["after"] is not None]
                 print(
-                    f"  {what:8s}{robot or 'all':7s} of {len(some):3d}: found {share['found']:5.1f} %, after "
+                    f"  {what:8s}{robot or 'all':9s} of {len(some):3d}: found {share['found']:5.1f} %, after "
                     f"{np.median(late) if late else np.nan:6.3g} s; kind {share['named']:5.1f} %, joint too "
                     f"{share['right']:5.1f} %, size too {share['fits']:5.1f} %; wrong events "
                     f"{sum(len(r['wrong']) for r in some)}"
@@ -157,7 +173,7 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
     for row in rows:
         if row["what"] == "quiet":
             print(
-                f"  quiet   {row['robot']:7s} {row['minutes']} min: {len(row['events'])} events, "
+                f"  quiet   {row['robot']:9s} {row['minutes']} min: {len(row['events'])} events, "
                 f"{100 * row['share']:.1f} % of a core"
             )
 

@@ -259,7 +259,7 @@ class ArmModel(Model):
         arm, joints = self.arm.model, self.arm.joints
         torques = {name: joints.index(joint) for name, joint in self.force_channels(run).items()}
         found = torque_noise(run, self.rigid_body_model_at(theta), arm, joints, torques)
-        for sensor in self._sensors_at(theta):
+        for sensor in self.sensors_at(theta):
             found |= sensor.noise(run)
         return found
 
@@ -279,7 +279,7 @@ class ArmModel(Model):
         found: dict[str, tuple[np.ndarray, Mapping[Any, np.ndarray]]] = {
             name: predictor.predict(*given) for name, predictor in self._predictors(run).items()
         }
-        for sensor in self._sensors_at(theta):
+        for sensor in self.sensors_at(theta):
             found |= {name: sensor.predict(run, name) for name in sensor.channels(run)}
         for name, (values, derivatives) in found.items():
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
@@ -290,11 +290,11 @@ class ArmModel(Model):
         """(n,) predicted torques by channel; see `predict`."""
         given = self._arguments(theta)
         found = {name: predictor.values(*given) for name, predictor in self._predictors(run).items()}
-        for sensor in self._sensors_at(theta):
+        for sensor in self.sensors_at(theta):
             found |= {name: sensor.values(run, name) for name in sensor.channels(run)}
         return found
 
-    def _sensors_at(self, theta: np.ndarray) -> list[SensorWithEffects]:
+    def sensors_at(self, theta: np.ndarray) -> list[SensorWithEffects]:
         """The force/torque sensors at (p,) parameters."""
         if not self.sensors:
             return []

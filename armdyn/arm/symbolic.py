@@ -169,15 +169,13 @@ def rigid_torques(
         a: (n,) per s^2.
     """
     inner = parent_joints(arm)
-    placements = list(arm.jointPlacements)[1:]
     axes = joint_axes(arm)
     rotations: list[tuple[Expression, Expression]] = []
     moves: list[tuple[Expression, Expression, Expression]] = []
     forces: list[tuple[Expression, Expression]] = []
     for i, axis in enumerate(axes):
         linear, angular = axis[:3], axis[3:]
-        R = ca.SX(np.asarray(placements[i].rotation)) @ _turned(angular, q[i])
-        p = ca.SX(placements[i].translation) + ca.SX(np.asarray(placements[i].rotation) @ linear) * q[i]
+        R, p = joint_placement(arm, i, axis, q[i])
         w, dw, acceleration = (ca.SX(3, 1), ca.SX(3, 1), -gravity) if inner[i] < 0 else moves[inner[i]]
         # Acceleration of the link's origin minus gravity, then everything in the link's own axes.
         acceleration = acceleration + ca.cross(dw, p) + ca.cross(w, ca.cross(w, p))
@@ -201,6 +199,23 @@ def rigid_torques(
             outer, (inner_force, inner_moment) = R @ force, forces[inner[i]]
             forces[inner[i]] = inner_force + outer, inner_moment + R @ moment + ca.cross(p, outer)
     return ca.vertcat(*tau)
+
+
+def joint_placement(
+    arm: pin.Model, joint: int, axis: np.ndarray, position: Expression
+) -> tuple[Expression, Expression]:
+    """(3, 3) rotation to the link before a joint from the joint's link, and (3,) origin of the latter in the former, m.
+
+    Args:
+        arm: placements of the joints.
+        joint: index of the joint.
+        axis: (6,) its linear and angular axis, see `joint_axes`.
+        position: of the joint, rad or m.
+    """
+    placement = arm.jointPlacements[joint + 1]
+    rotation = np.asarray(placement.rotation)
+    R = ca.SX(rotation) @ _turned(axis[3:], position)
+    return R, ca.SX(placement.translation) + ca.SX(rotation @ axis[:3]) * position
 
 
 def _inertia_matrix(link: Expression) -> Expression:

@@ -45,19 +45,19 @@ class RandomEffects:
         return cls(np.zeros((len(noise), unknowns)), np.zeros((len(noise), unknowns, unknowns)), noise)
 
     @classmethod
-    def fitted(cls, equations: NormalEquations, groups: int, independent: float, shared: float) -> Self:
-        """Fit to units k = 0, 1, ..., of which unit k belongs to group k modulo `groups`.
+    def fitted(cls, equations: NormalEquations, kinds: np.ndarray, independent: float, shared: float) -> Self:
+        """Fit to units k = 0, 1, ..., of which unit k belongs to group k modulo g.
 
         Args:
             equations: the units.
-            groups: number of groups g.
+            kinds: (g,) the same number for groups whose unknowns scatter alike.
             independent: number of independent units of each group.
-            shared: weight of the mean scatter of all groups beside a group's own, in independent units.
+            shared: weight of the mean scatter of all groups of a kind beside a group's own, in independent units.
         """
-        p = equations.slope.shape[1]
+        p, groups = equations.slope.shape[1], len(kinds)
         S, b = equations.gram.reshape(-1, groups, p, p), equations.slope.reshape(-1, groups, p)
         level = np.maximum(np.einsum("...ii->...i", S).mean(axis=0), MIN_MEAN_INFORMATION)
-        unit = 1.0 / np.sqrt(level)
+        unit, known = 1.0 / np.sqrt(level), np.maximum((level > MIN_MEAN_INFORMATION).sum(axis=-1), 1)
         S, b = S * unit[:, :, None] * unit[:, None, :] + MIN_NOISE * np.eye(p), b * unit
         mean = solve_positive(S.sum(axis=0), b.sum(axis=0))
         error = b - _times(S, mean)
@@ -68,9 +68,9 @@ class RandomEffects:
             own, covariance = _times(P, u), P - P @ M @ S @ P
             left = n[:, None] * u
             squares = (left * solve_positive(S, left)).sum(axis=-1)
-            n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / p, MIN_NOISE)
+            n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / known, MIN_NOISE)
             each = (own[..., None] * own[..., None, :] + covariance).mean(axis=0)
-            P = (independent * each + shared * each.mean(axis=0)) / (independent + shared)
+            P = pooled(each, kinds, independent, shared)
         return cls(mean * unit, P * unit[:, :, None] * unit[:, None, :], n)
 
     def integrated_out(self, equations: NormalEquations, columns: np.ndarray) -> NormalEquations:
@@ -98,6 +98,21 @@ class RandomEffects:
         ratio = np.linalg.slogdet(spread / n[:, :, None])[1]
         log_std = equations.log_std + 0.5 * (ratio + equations.count * np.log(n[:, 0]))
         return replace(equations, gram=gram, slope=slope, square=square / n[:, 0], log_std=log_std)
+
+
+def pooled(own: np.ndarray, kinds: np.ndarray, independent: float, shared: float) -> np.ndarray:
+    """Statistics (g, ...) of groups, drawn to the mean of all groups of the same kind (g,).
+
+    Args:
+        own: each group's own statistics.
+        kinds: the same number for groups that are alike.
+        independent: weight of the own ones.
+        shared: weight of the mean.
+    """
+    means = np.empty_like(own)
+    for kind in np.unique(kinds):
+        means[kinds == kind] = own[kinds == kind].mean(axis=0)
+    return np.asarray((independent * own + shared * means) / (independent + shared))
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

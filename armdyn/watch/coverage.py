@@ -14,6 +14,7 @@ class Skipped(Enum):
     NO_TIME = "no time"
     NO_POSITION = "no position"
     NO_TORQUE = "no torque"
+    NO_WRENCH = "no wrench"
     NO_VALUE = "no position and no torque"
     IMPOSSIBLE = "a torque that no drive has"
     NOT_LATER = "time does not increase"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from armdyn.arm.model import ArmModel
+from armdyn.watch.channels import WatchedChannels
 
 EVENT_SCHEMA = "armdyn.watch/1"
 MIN_TOLD_STDS = 3.0
@@ -37,6 +37,7 @@ class WatchEvent:
         false_alarms_per_hour: rate of events of all kinds on a fault-free robot.
         sentence: the event in words.
         joint: name of the joint with the clearest evidence; None for an event of the source, as all that follows.
+        channel: the same for an axis of a force/torque sensor, such as ``"fz.ft"``.
         size: estimated size since the last event about it, in `unit`; a torque's sign is that of what acts on the arm.
         std: standard deviation of the size, in `unit`.
         unit: unit of size, std and total.
@@ -50,6 +51,7 @@ class WatchEvent:
     false_alarms_per_hour: float
     sentence: str
     joint: str | None = None
+    channel: str | None = None
     size: float | None = None
     std: float | None = None
     unit: str | None = None
@@ -60,8 +62,8 @@ class WatchEvent:
         """The event as a dictionary for JSON."""
         given = {
             "schema": EVENT_SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint,
-            "since": self.since, "size": self.size, "std": self.std, "total": self.total, "unit": self.unit,
-            "what": self.what,
+            "channel": self.channel, "since": self.since, "size": self.size, "std": self.std, "total": self.total,
+            "unit": self.unit, "what": self.what,
             "false_alarms_per_hour": self.false_alarms_per_hour, "sentence": self.sentence,
         }  # fmt: skip
         return {name: value for name, value in given.items() if value is not None}
@@ -72,7 +74,7 @@ class ChangeEstimate:
     """Estimated size of a change, and its standard deviation.
 
     Attributes:
-        joint: index of the joint.
+        channel: index of the channel.
         size: estimated size, in `unit`.
         std: standard deviation of the size, in `unit`.
         unit: unit of both.
@@ -80,7 +82,7 @@ class ChangeEstimate:
         total: size since the start, where an earlier event was about it.
     """
 
-    joint: int
+    channel: int
     size: float
     std: float
     unit: str
@@ -100,35 +102,38 @@ class EventReporter:
     """Creates the events of an arm.
 
     Args:
-        model: the arm.
+        channels: the channels that are watched.
         per_hour: false alarms per hour, for all events together.
     """
 
-    def __init__(self, model: ArmModel, per_hour: float) -> None:
-        self.joints, self.per_hour = model.arm.joints, per_hour
-        self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
+    def __init__(self, channels: WatchedChannels, per_hour: float) -> None:
+        self.channels, self.per_hour = channels, per_hour
 
-    def torque_estimate(self, joint: int, residual: float, std: float) -> ChangeEstimate:
-        """The estimate of an outside torque on a joint, from the residual that it leaves and its deviation, N m or N.
+    def torque_estimate(self, channel: int, residual: float, std: float) -> ChangeEstimate:
+        """The estimate of an outside torque on a joint, or force on a sensor, from the residual that it leaves.
 
-        The drives hold against what acts on the arm, so that the residual has the other sign.
+        Residual and standard deviation are in N m or N. The drives hold against what acts on the arm, so that the
+        residual of a joint has the other sign.
         """
-        return ChangeEstimate(joint, -float(residual), float(std), self.units[joint])
+        size = float(self.channels.reaction[channel] * residual)
+        return ChangeEstimate(channel, size, float(std), self.channels.units[channel])
 
     def event(
         self, kind: EventKind, time: float, since: float, found: ChangeEstimate, sentence: str
     ) -> list[WatchEvent]:
         """The event at `time`, s, that began at `since`, s; none if its size is below `MIN_TOLD_STDS`.
 
-        `sentence` follows the joint's name in its text.
+        `sentence` follows the name of joint or axis in its text.
         """
         if not found.is_certain:
             return []
-        joint = self.joints[found.joint]
+        joint, axis = self.channels.joint(found.channel), None
+        if joint is None:
+            axis = self.channels.names[found.channel]
         return [
             WatchEvent(
-                time, kind, since, found.what, self.per_hour, f"{joint}: {sentence}",
-                joint, found.size, found.std, found.unit, found.total,
+                time, kind, since, found.what, self.per_hour, f"{self.channels.labels[found.channel]}: {sentence}",
+                joint, axis, found.size, found.std, found.unit, found.total,
             )
         ]  # fmt: skip
 

@@ -22,6 +22,7 @@ from armdyn.watch.changes import (
     FaultFreeBaseline,
     MotionBlocks,
 )
+from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.observer import (
     CANDIDATE_BANDWIDTHS,
     DEFAULT_OBSERVER_BANDWIDTH,
@@ -47,10 +48,10 @@ from armdyn.watch.variances import (
     ErrorBand,
     excess,
 )
-from armdyn.watch.watched import LOAD_PARAMETERS, WatchedChanges
+from armdyn.watch.watched import WatchedChanges
 
 JointSample = tuple[float, FloatArray, FloatArray]
-"""Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
+"""Time, s; (nj,) positions, rad or m; (nc,) measured torques, N m or N, then the axes of sensors, N and N m."""
 MIN_FAULT_FREE_SECONDS = 15.0
 """Least length of the fault-free recordings, s: seven stretches."""
 CROSS_VALIDATION_FOLDS = 4
@@ -70,13 +71,14 @@ class FaultFreeStatistics:
         bandwidth: K of the observer, 1/s.
         contrast: variance of the contrast, which is the residual less its running mean.
         residual: variance of the residual.
-        contrast_distributions: apart from reversals, and anywhere, by joint, distribution of the largest contrast, in
+        contrast_distributions: apart from reversals, and anywhere, by channel, distribution of the largest contrast, in
             standard deviations; near reversals, where there are few samples, the second holds.
         onset: estimator of a torque that began a moment ago; None without recordings.
         onset_distributions: likewise, distribution of its largest estimate, in standard deviations.
         baselines: by number of blocks in a window.
-        load_score_distribution: distribution of the load's largest score; None if the recordings are too short.
-        joint_score_distributions: by joint and kind of change, distribution of the largest score; None likewise.
+        shared_score_distributions: by shared change, distribution of the largest score; None if the recordings are too
+            short.
+        own_score_distributions: by channel and kind of change, distribution of the largest score; None likewise.
         seconds: length of the recordings, s; None without recordings.
     """
 
@@ -88,8 +90,8 @@ class FaultFreeStatistics:
     onset: OnsetTorqueEstimator | None
     onset_distributions: tuple[tuple[StatisticDistribution, ...], ...]
     baselines: Mapping[int, FaultFreeBaseline]
-    load_score_distribution: StatisticDistribution | None
-    joint_score_distributions: tuple[tuple[StatisticDistribution, ...], ...] | None
+    shared_score_distributions: tuple[StatisticDistribution, ...] | None
+    own_score_distributions: tuple[tuple[StatisticDistribution, ...], ...] | None
     seconds: float | None
 
     @property
@@ -103,26 +105,33 @@ class FaultFreeStatistics:
         basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
         return (
             basis
-            if self.load_score_distribution is not None
+            if self.shared_score_distributions is not None
             else f"{basis} They are too short to tell slow changes: record more."
         )
 
 
-def joint_samples_of_recording(run: Run, model: ArmModel) -> Iterator[JointSample]:
-    """The samples of a recording, at the times of its first torque channel.
+def joint_samples_of_recording(
+    run: Run, model: ArmModel, channels: WatchedChannels | None = None
+) -> Iterator[JointSample]:
+    """The samples of a recording of all or some channels, at the times of its first torque, or of a sensor without one.
 
     Raises:
         InputError: a torque or a position is missing.
     """
+    channels = WatchedChannels.of(model, [run]) if channels is None else channels
     names = model.predicted_channels(run)
     joints = model.arm.joints
-    missing = [joint for joint in model.joints if f"tau.{joint}" not in names]
+    asked = [name for name, is_asked in zip(channels.names, channels.asked, strict=True) if is_asked]
+    missing, where = [name for name in asked if name not in names], run.source or run.name
+    torques = [name.removeprefix("tau.") for name in missing if name.startswith("tau.")]
+    if torques:
+        raise InputError(f"{where}: holds no torque of {', '.join(torques)}: record every joint's")
     if missing:
-        raise InputError(f"{run.source or run.name}: holds no torque of {', '.join(missing)}: record every joint's")
-    time = run.channels[names[0]].time
+        raise InputError(f"{where}: holds no {', '.join(missing)}, as the sound recordings do: record every axis")
+    time = run.channels[asked[0]].time
     columns = []
-    for name in [f"q.{joint}" for joint in joints] + [f"tau.{joint}" for joint in joints]:
-        channel = run.channels.get(name)
+    for name in [*(f"q.{joint}" for joint in joints), *channels.names]:
+        channel = run.channels.get(name) if name in asked or name.startswith("q.") else None
         if channel is None:
             columns.append(np.zeros(len(time)))
         elif np.array_equal(channel.time, time):
@@ -142,7 +151,10 @@ def _at(time: FloatArray, channel: Channel) -> FloatArray:
 
 
 def statistics_of_recordings(
-    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]], further: Sequence[Effect] = ()
+    model: ArmModel,
+    recordings: Sequence[Callable[[], Iterable[JointSample]]],
+    further: Sequence[Effect] = (),
+    channels: WatchedChannels | None = None,
 ) -> FaultFreeStatistics:
     """Statistics from recordings of a fault-free robot.
 
@@ -150,19 +162,21 @@ def statistics_of_recordings(
         model: the arm.
         recordings: functions that return the samples; each is called several times.
         further: effects that may change besides `USUAL_CHANGES`.
+        channels: the channels of the samples; None for all of the arm's.
 
     Raises:
         InputError: the recordings are shorter than `MIN_FAULT_FREE_SECONDS`, or an effect cannot be watched.
     """
-    changes = WatchedChanges.of(model, further)
-    bandwidth = _quickest(model, recordings)
-    seen = _Seen.of(_settled(model, recordings, bandwidth))
+    channels = WatchedChannels.of(model) if channels is None else channels
+    changes = WatchedChanges.of(model, further, channels)
+    bandwidth = _quickest(model, channels, recordings)
+    seen = _Seen.of(_settled(model, channels, recordings, bandwidth))
     if seen.length < MIN_FAULT_FREE_SECONDS:
         raise InputError(
             f"the sound recordings last {seen.length:.1f} s together: record {MIN_FAULT_FREE_SECONDS:g} s or more of "
             "usual motion"
         )
-    asked = np.array([joint in model.joints for joint in model.arm.joints])
+    asked = channels.asked
     reversal, one = REVERSAL_SHARE * seen.sticking.max(axis=0), np.ones(len(asked))
     contrast, residual = (
         ErrorBand.of(each, seen.sources, seen.sticking, reversal, one).only(asked)
@@ -176,7 +190,7 @@ def statistics_of_recordings(
     blocks = MotionBlocks(changes, residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
-    for elapsed, step in _settled(model, recordings, bandwidth):
+    for elapsed, step in _settled(model, channels, recordings, bandwidth):
         k, interval, before = (
             min(int(elapsed * CROSS_VALIDATION_FOLDS / seen.length), CROSS_VALIDATION_FOLDS - 1),
             elapsed - before,
@@ -203,25 +217,26 @@ def statistics_of_recordings(
         )
         for each in zip(*largest, strict=True)
     ]
-    baselines, load, own = (
-        _baselines(NormalEquations.stacked(list(blocks.equations)), len(asked))
-        if blocks.equations
-        else ({}, None, None)
+    baselines, several, own = (
+        _baselines(NormalEquations.stacked(list(blocks.equations)), changes) if blocks.equations else ({}, None, None)
     )
     onset = seen.onset(asked, reversal, np.ones(len(seen.time), dtype=bool))
     return FaultFreeStatistics(
-        changes, bandwidth, contrast, residual, tuple(laws[:2]), onset, tuple(laws[2:]), baselines, load, own,
+        changes, bandwidth, contrast, residual, tuple(laws[:2]), onset, tuple(laws[2:]), baselines, several, own,
         seen.length,
     )  # fmt: skip
 
 
 def _settled(
-    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]], bandwidth: float
+    model: ArmModel,
+    channels: WatchedChannels,
+    recordings: Sequence[Callable[[], Iterable[JointSample]]],
+    bandwidth: float,
 ) -> Iterator[tuple[float, ObserverOutput]]:
     """Outputs of the settled observer, each after the settled time that came before it, s."""
     elapsed = 0.0
     for recording in recordings:
-        observer, before = Observer(model, bandwidth), np.inf
+        observer, before = Observer(model, bandwidth, channels), np.inf
         for sample in recording():
             step = observer.process_sample(*sample)
             if isinstance(step, ObserverOutput) and step.settled:
@@ -262,12 +277,16 @@ class _Seen:
         return OnsetTorqueEstimator(found.weights, found.band.only(asked))
 
 
-def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]) -> float:
-    """The bandwidth, 1/s, with the least error over the share of a torque that arrives in time (mean log of joints)."""
+def _quickest(
+    model: ArmModel, channels: WatchedChannels, recordings: Sequence[Callable[[], Iterable[JointSample]]]
+) -> float:
+    """The bandwidth, 1/s, with the least error over the share of a torque that arrives in time (mean of logs)."""
     hidden = {}
     for bandwidth in CANDIDATE_BANDWIDTHS:
-        steps = takewhile(lambda each: each[0] < MIN_FAULT_FREE_SECONDS, _settled(model, recordings[:1], bandwidth))
-        contrast = np.array([step.contrast for _, step in steps])
+        steps = takewhile(
+            lambda each: each[0] < MIN_FAULT_FREE_SECONDS, _settled(model, channels, recordings[:1], bandwidth)
+        )
+        contrast = np.array([step.contrast[channels.asked] for _, step in steps])
         if len(contrast):
             size = np.maximum(np.mean(contrast**2, axis=0), MIN_TORQUE_VARIANCE)
             hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(visible_share_of_step(bandwidth))
@@ -275,18 +294,22 @@ def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointS
 
 
 def _baselines(
-    blocks: NormalEquations, joints: int
+    blocks: NormalEquations, changes: WatchedChanges
 ) -> tuple[
-    dict[int, FaultFreeBaseline], StatisticDistribution | None, tuple[tuple[StatisticDistribution, ...], ...] | None
+    dict[int, FaultFreeBaseline],
+    tuple[StatisticDistribution, ...] | None,
+    tuple[tuple[StatisticDistribution, ...], ...] | None,
 ]:
-    """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
-    count, kinds = len(blocks.square) // joints, blocks.slope.shape[1] - LOAD_PARAMETERS
+    """Baselines by window size, and distributions of the largest scores of shared and of each channel's changes."""
+    shared, alike = changes.shared, changes.channels.kind
+    channels, kinds = len(alike), len(changes.names)
+    count = len(blocks.square) // channels
     sizes = [size for size in WINDOW_SIZES_IN_BLOCKS if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + joints * kinds))
+    scores = np.zeros((count, len(shared) + channels * kinds))
     baselines = {}
     for size in sizes:
-        windows = blocks.windows(size, joints)
-        baselines[size] = FaultFreeBaseline.of(windows, joints, size)
+        windows = blocks.windows(size, channels)
+        baselines[size] = FaultFreeBaseline.of(windows, shared, alike, size)
         ends = np.arange(size - 1, count)
         fold = ends * CROSS_VALIDATION_FOLDS // count
         for k in np.unique(fold):
@@ -294,21 +317,25 @@ def _baselines(
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                elsewhere = FaultFreeBaseline.of(windows.only(np.repeat(others, joints)), joints, size)
-                load, own = elsewhere.scores(windows.only(np.repeat(mine, joints)))
-                scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
+                elsewhere = FaultFreeBaseline.of(windows.only(np.repeat(others, channels)), shared, alike, size)
+                several, own = elsewhere.scores(windows.only(np.repeat(mine, channels)))
+                together = np.column_stack([several, own.reshape(len(own), -1)])
+                scores[ends[mine]] = np.maximum(scores[ends[mine]], together)
     # Neighbouring windows share blocks for at least the length of the shortest window.
     largest = block_maxima(scores, WINDOW_SIZES_IN_BLOCKS[0])
     if not sizes or len(largest) < MIN_STRETCHES_FOR_TAIL:
         return {}, None, None
-    first, *laws = (
-        ExponentialTail.of(values, WINDOW_SIZES_IN_BLOCKS[0] * BLOCK_MOTION_SECONDS, 2) for values in largest.T
-    )
-    return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
+    laws = [ExponentialTail.of(values, WINDOW_SIZES_IN_BLOCKS[0] * BLOCK_MOTION_SECONDS, 2) for values in largest.T]
+    own_laws = laws[len(shared) :]
+    by_channel = tuple(tuple(own_laws[i : i + kinds]) for i in range(0, len(own_laws), kinds))
+    return baselines, tuple(laws[: len(shared)]), by_channel
 
 
 def statistics_of_model_error(
-    model: ArmModel, history: Sequence[Mapping[str, Any]], further: Sequence[Effect] = ()
+    model: ArmModel,
+    history: Sequence[Mapping[str, Any]],
+    further: Sequence[Effect] = (),
+    channels: WatchedChannels | None = None,
 ) -> FaultFreeStatistics:
     """Statistics from the errors that the last repair wrote to the model file (`history`), taken as Gaussian.
 
@@ -317,24 +344,26 @@ def statistics_of_model_error(
     """
     last: Mapping[str, Any] = next((change for change in reversed(history) if change.get("rmse")), {})
     errors = {**last.get("rmse", {}), **last.get("held_out_rmse", {})}
-    missing = [joint for joint in model.joints if not errors.get(f"tau.{joint}", 0.0) > 0.0]
+    channels = WatchedChannels.of(model) if channels is None else channels
+    asked = dict(zip(channels.names, channels.asked, strict=True))
+    missing = [name.removeprefix("tau.") for name in asked if asked[name] and not errors.get(name, 0.0) > 0.0]
     if missing:
         raise InputError(
             f"the model says nothing of its error on {', '.join(missing)}: repair it first, or measure it on sound "
             "recordings, --calibrate RUN"
         )
     none = [0.0] * (VARIANCE_SOURCE_COUNT - 1)
-    size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, *none] for joint in model.arm.joints])
+    size = np.array([[errors[name] ** 2 if asked[name] else np.inf, *none] for name in asked])
     n, alike = len(size), ERROR_CORRELATION_SECONDS / USED_SAMPLE_INTERVAL_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
     crossings = 3600.0 * DEFAULT_OBSERVER_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
-    changes = WatchedChanges.of(model, further)
+    changes = WatchedChanges.of(model, further, channels)
     kinds = len(changes.names)
-    baseline = FaultFreeBaseline.of_model_error(RandomEffects.of_noise(np.full(n, alike), kinds))
+    baseline = FaultFreeBaseline.of_model_error(changes.shared, RandomEffects.of_noise(np.full(n, alike), kinds))
     baselines = dict.fromkeys(WINDOW_SIZES_IN_BLOCKS, baseline)
     values, band = 3600.0 / BLOCK_MOTION_SECONDS, ErrorBand(size, np.full(n, np.inf), np.ones(n))
     return FaultFreeStatistics(
         changes, DEFAULT_OBSERVER_BANDWIDTH, band, band, ((GaussianDistribution(crossings),) * n,) * 2, None, (),
-        baselines, GaussianDistribution(values, LOAD_PARAMETERS),
+        baselines, tuple(GaussianDistribution(values, len(change.columns)) for change in changes.shared),
         ((GaussianDistribution(values),) * kinds,) * n, None,
     )  # fmt: skip

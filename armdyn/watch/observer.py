@@ -1,10 +1,11 @@
-r"""The observer: it takes one sample at a time and returns the residual of each joint's torque with little delay.
+r"""The observer: it takes one sample at a time and returns the residual of each channel with little delay.
 
-With the low-pass F = (K / (s + K))^3 the residual of joint j is
+The channels are the joints' torques and the axes of force/torque sensors. With the low-pass F = (K / (s + K))^3 the
+residual of a channel tau is
 
     r = F[tau] - R(q_f, v_f, a_f),    q_f = F[q],  v_f = s F[q],  a_f = s^2 F[q],
 
-where R is the torque that the model predicts. This is the residual of the momentum observer (De Luca & Mattone, ICRA
+where R is what the model predicts. This is the residual of the momentum observer (De Luca & Mattone, ICRA
 2005), in which torque and motion pass the same low-pass and nothing is differentiated. Here F has order 3 instead of 1:
 the positions then also give speed and acceleration, and effects that depend on acceleration are included. An outside
 torque appears in r after the delay of F, 3 / K on average. The contrast c = r - b removes slow errors: b is the running
@@ -31,9 +32,11 @@ from armdyn.arm.motion import CREEP_SPEED
 from armdyn.arm.physics import Expression
 from armdyn.arm.slots import slots_of
 from armdyn.arm.symbolic import rigid_torques, torques_added_by_effects
+from armdyn.arm.wrench.symbolic import needs_more_than_an_instant, sensor_reading
 from armdyn.codegen import PreallocatedFunction, compile_functions
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
+from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.coverage import Skipped
 
 FILTER_ORDER = 3
@@ -65,8 +68,8 @@ FIRST_STAGE_STATE_INDEX = RESIDUAL_MEAN_STATE_INDEX + 6
 STATES_PER_JOINT = FIRST_STAGE_STATE_INDEX + TORQUE_LOW_PASS_STAGES + 1 + PREDICTION_LOW_PASS_STAGES
 """States per joint: last position and its 3 stages of F; the same for its torque; running means of residual, of
 prediction without dry friction and of the dry friction; prediction a moment ago; friction of unknown value; time apart
-from reversals, s; stages of torque; prediction and its stages. The last entry of the state is the time since the start,
-s."""
+from reversals, s; stages of torque; prediction and its stages. An axis of a sensor has all but those of the position.
+The last entry of the state is the time since the start, s."""
 REVERSAL_SHARE = 0.05
 """Share of the dry friction's size that its uncertain part has near a reversal, until F has forgotten it
 (0.12 s for K = 75 1/s)."""
@@ -75,21 +78,23 @@ VARIANCE_SOURCE_COUNT = 4
 
 
 class ObserverOutput(NamedTuple):
-    """Output of the observer for one sample and nj joints; torques in N m or N, delayed by F.
+    """Output of the observer for one sample, nj joints and nc channels, see `WatchedChannels`; delayed by F.
+
+    Torques are in N m or N, as forces are.
 
     Attributes:
         time: time of the sample, s.
-        predicted: (nj,) torque that the model predicts.
-        residual: (nj,) measured minus predicted torque.
-        contrast: (nj,) residual minus its running mean.
-        sources: (nj, 4) terms that the error's variance is a sum of, with a factor each, (N m)^2 except the first: 1
+        predicted: (nc,) torque that the model predicts.
+        residual: (nc,) measured minus predicted torque.
+        contrast: (nc,) residual minus its running mean.
+        sources: (nc, 4) terms that the error's variance is a sum of, with a factor each, (N m)^2 except the first: 1
             (noise); the squared deviations of the prediction without dry friction, and of the dry friction, from their
             running means (errors of links and gains, and of friction); the squared change of the prediction during the
             delay of F (errors of time).
-        sticking: (nj,) dry friction of unknown value: what it leaves in the residual has any value up to this size.
-        friction: (2, nj) dry friction that the model predicts, and its running mean.
+        sticking: (nc,) dry friction of unknown value: what it leaves in the residual has any value up to this size.
+        friction: (2, nc) dry friction that the model predicts, and its running mean.
         motion: (3, nj) filtered positions, rad or m, speeds and accelerations.
-        stages: (nj, 14) stages of torque; prediction and its stages.
+        stages: (nc, 14) stages of torque; prediction and its stages.
         settled: whether filters and mean have forgotten their initial state.
     """
 
@@ -113,21 +118,26 @@ class Observer:
     Args:
         model: the arm.
         bandwidth: K, 1/s; reduced where the sampling rate is too low for it.
+        channels: the channels; None for all of the arm's.
 
     Attributes:
         bandwidth: K in use, 1/s.
         mean_is_held: whether the running mean of the residual is held constant, as during an outside torque.
     """
 
-    def __init__(self, model: ArmModel, bandwidth: float = DEFAULT_OBSERVER_BANDWIDTH) -> None:
-        self._joints = len(model.arm.joints)
-        self._asked = np.array([joint in model.joints for joint in model.arm.joints])
-        self._function = compiled_observer(model)
+    def __init__(
+        self, model: ArmModel, bandwidth: float = DEFAULT_OBSERVER_BANDWIDTH, channels: WatchedChannels | None = None
+    ) -> None:
+        channels = WatchedChannels.of(model) if channels is None else channels
+        self._joints, self._channels, self._asked = len(channels.joints), len(channels.names), channels.asked
+        self._function = compiled_observer(model, channels)
         self._fastest = 2.0 * np.nan_to_num(np.asarray(model.arm.model.velocityLimit), nan=np.inf, posinf=np.inf)
         self._fastest[self._fastest <= 0.0] = np.inf
         effort = np.asarray(model.arm.model.effortLimit)
-        self._strongest = IMPOSSIBLE_EFFORTS * np.where(np.isfinite(effort) & (effort > 0.0), effort, LARGEST_EFFORT)
-        self._state = np.zeros(STATES_PER_JOINT * self._joints + 1)
+        effort = np.where(np.isfinite(effort) & (effort > 0.0), effort, LARGEST_EFFORT)
+        sensed = np.full(self._channels - self._joints, LARGEST_EFFORT)
+        self._strongest = IMPOSSIBLE_EFFORTS * np.concatenate([effort, sensed])
+        self._state = np.zeros(_block(STATES_PER_JOINT, self._joints, self._channels) + 1)
         self._last: tuple[float, FloatArray] | None = None
         self._intervals: list[float] = []
         self.bandwidth = bandwidth
@@ -145,14 +155,14 @@ class Observer:
         Args:
             time: time of the sample, s.
             q: (nj,) positions, rad or m.
-            tau: (nj,) measured torques, N m or N.
-            shift: (nj,) torque of changes that were reported before, which is subtracted from the residual.
+            tau: (nc,) measured torques, N m or N.
+            shift: (nc,) torque of changes that were reported before, which is subtracted from the residual.
         """
         tau = np.where(self._asked, tau, 0.0)
         if not np.isfinite(time):
             return Skipped.NO_TIME
         if not ((np.abs(tau) <= self._strongest).all() and np.isfinite(q).all()):
-            return _reason(q, tau)
+            return self._reason(q, tau)
         step = 0.0
         if self._last is not None:
             step = time - self._last[0]
@@ -163,11 +173,14 @@ class Observer:
             ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
-        found = self._function(self._state, step, float(self.mean_is_held), K, q, tau, np.broadcast_to(shift, q.shape))
+        found = self._function(
+            self._state, step, float(self.mean_is_held), K, q, tau, np.broadcast_to(shift, tau.shape)
+        )
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling_time(K))
-        stages = self._state[FIRST_STAGE_STATE_INDEX * self._joints : -1].reshape(-1, self._joints).T
+        first = _block(FIRST_STAGE_STATE_INDEX, self._joints, self._channels)
+        stages = self._state[first:-1].reshape(-1, self._channels).T
         sources, sticking, friction, motion = (part.copy() for part in found[4:])
         return ObserverOutput(
             time, predicted, residual, contrast, sources, sticking[:, 0], friction.T, motion.T, stages, settled
@@ -182,10 +195,16 @@ class Observer:
         return self.bandwidth < before
 
     def restart_mean(self, residual: FloatArray) -> None:
-        """Restart the running mean of the residual at (nj,) values, after a change was added to the model."""
-        self._state[RESIDUAL_MEAN_STATE_INDEX * self._joints : (RESIDUAL_MEAN_STATE_INDEX + 1) * self._joints] = (
-            residual
-        )
+        """Restart the running mean of the residual at (nc,) values, after a change was added to the model."""
+        begin = _block(RESIDUAL_MEAN_STATE_INDEX, self._joints, self._channels)
+        self._state[begin : begin + self._channels] = residual
+
+    def _reason(self, q: FloatArray, tau: FloatArray) -> Skipped:
+        """Why a sample with these positions (nj,) and torques (nc,) cannot be watched."""
+        known, torques = np.isfinite(tau), np.isfinite(tau[: self._joints]).all()
+        if not np.isfinite(q).all():
+            return Skipped.NO_POSITION if known.all() else Skipped.NO_VALUE
+        return Skipped.IMPOSSIBLE if known.all() else Skipped.NO_WRENCH if torques else Skipped.NO_TORQUE
 
     @property
     def delay(self) -> float:
@@ -193,12 +212,10 @@ class Observer:
         return FILTER_ORDER / self.bandwidth
 
 
-def _reason(q: FloatArray, tau: FloatArray) -> Skipped:
-    """Why a sample with these positions and torques (nj,) cannot be watched."""
-    known = np.isfinite(q).all(), np.isfinite(tau).all()
-    if all(known):
-        return Skipped.IMPOSSIBLE
-    return Skipped.NO_TORQUE if known[0] else Skipped.NO_POSITION if known[1] else Skipped.NO_VALUE
+def _block(index: int, joints: int, channels: int) -> int:
+    """Where a block of the state begins: those of the positions have one entry for each joint."""
+    of_positions = min(index, FILTER_ORDER + 1)
+    return of_positions * joints + (index - of_positions) * channels
 
 
 def settling_time(bandwidth: float) -> float:
@@ -212,7 +229,7 @@ def visible_share_of_step(bandwidth: float) -> float:
     return float(1.0 - np.exp(-x) * (1.0 + x + x**2 / 2.0))
 
 
-def observer_function(model: ArmModel) -> ca.Function:
+def observer_function(model: ArmModel, channels: WatchedChannels) -> ca.Function:
     """One step of the observer, whose equations stand at the top of this module.
 
     ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, sticking,
@@ -223,18 +240,19 @@ def observer_function(model: ArmModel) -> ca.Function:
     Raises:
         InputError: an effect depends on time or has states; a function of one instant cannot contain it.
     """
-    n = len(model.arm.joints)
-    state, q, tau, shift = (ca.SX.sym(name, size) for name, size in
-                            (("state", STATES_PER_JOINT * n + 1), ("q", n), ("tau", n), ("shift", n)))  # fmt: skip
+    joints, n = len(channels.joints), len(channels.names)
+    sizes = {"state": _block(STATES_PER_JOINT, joints, n) + 1, "q": joints, "tau": n, "shift": n}
+    state, q, tau, shift = (ca.SX.sym(name, size) for name, size in sizes.items())
     step, hold, K = (ca.SX.sym(name) for name in ("step", "hold", "bandwidth"))
-    parts = [state[k * n : (k + 1) * n] for k in range(STATES_PER_JOINT)]
+    parts = [state[_block(k, joints, n) : _block(k + 1, joints, n)] for k in range(STATES_PER_JOINT)]
     fresh = ca.logic_or(step <= 0.0, step > MAX_SAMPLE_GAP_SECONDS)
     h = ca.if_else(fresh, 1.0, step)
     past = parts[: FILTER_ORDER + 1], parts[FILTER_ORDER + 1 : RESIDUAL_MEAN_STATE_INDEX]
     position, torque = (_filtered(signal, states, K, h, fresh) for signal, states in zip((q, tau), past, strict=True))
     x1, x2, x3 = position[1:]
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
-    predicted, smooth, friction, way = predicted_reading(model, x3, v, a, K)
+    predicted, smooth, friction, way = predicted_reading(model, channels, x3, v, a, K)
+    way = ca.vertcat(way, ca.SX.ones(n - joints))
     residual = torque[-1] - predicted - shift
     mean, expected, rubbed, before, doubted, seen = parts[RESIDUAL_MEAN_STATE_INDEX:FIRST_STAGE_STATE_INDEX]
     early = parts[FIRST_STAGE_STATE_INDEX:]
@@ -272,14 +290,14 @@ def observer_function(model: ArmModel) -> ca.Function:
     )  # fmt: skip
 
 
-def compiled_observer(model: ArmModel) -> PreallocatedFunction:
+def compiled_observer(model: ArmModel, channels: WatchedChannels) -> PreallocatedFunction:
     """The `observer_function` of a model, compiled if a C compiler is installed."""
-    functions = {"watch": observer_function(without_past_dependent_effects(model))}
-    return PreallocatedFunction(compile_functions(f"watch_{len(model.arm.joints)}", functions)["watch"])
+    functions = {"watch": observer_function(without_past_dependent_effects(model), channels)}
+    return PreallocatedFunction(compile_functions(f"watch_{len(channels.names)}", functions)["watch"])
 
 
 def without_past_dependent_effects(model: ArmModel) -> ArmModel:
-    """The model without effects whose torque depends on the past.
+    """The model without effects whose torque depends on the past; a sensor's drift does not go on for ever either.
 
     Raises:
         InputError: an effect has states of its own, which the observer cannot contain.
@@ -291,6 +309,7 @@ def without_past_dependent_effects(model: ArmModel) -> ArmModel:
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"
             )
+    late |= {e.name for e in model.effects if e.acts_on == "wrench" and needs_more_than_an_instant(e)}
     return model.with_only_effects({effect.name for effect in model.effects} - late)
 
 
@@ -308,12 +327,13 @@ def _filtered(
 
 
 def predicted_reading(
-    model: ArmModel, q: Expression, v: Expression, a: Expression, K: Expression
+    model: ArmModel, channels: WatchedChannels, q: Expression, v: Expression, a: Expression, K: Expression
 ) -> tuple[Expression, Expression, Expression, Expression]:
-    """Predicted torques, without and size of the dry friction in them, expected signs of the velocities, (nj,) each.
+    """Predicted torques, without and size of the dry friction in them, (nc,) each; (nj,) signs of the velocities.
 
     Args:
         model: the arm.
+        channels: the channels.
         q: (nj,) positions behind F, rad or m.
         v: (nj,) velocities.
         a: (nj,) accelerations.
@@ -327,4 +347,7 @@ def predicted_reading(
     added, gain, offset = torques_added_by_effects(model, (q, v, a), way, load, ones, theta)
     signs = [torques_added_by_effects(model, (q, v, a), sign * ones, load, ones, theta)[0] for sign in (1, -1)]
     smooth = gain * (load + (signs[0] + signs[1]) / 2.0) + offset
-    return gain * (load + added) + offset, smooth, ca.fabs(gain * (signs[0] - signs[1])) / 2.0, way
+    friction = ca.fabs(gain * (signs[0] - signs[1])) / 2.0
+    sensed = ca.vertcat(*(sensor_reading(model, name, (q, v, a)) for name in channels.sensors))
+    predicted, smooth = (ca.vertcat(own, sensed) for own in (gain * (load + added) + offset, smooth))
+    return predicted, smooth, ca.vertcat(friction, ca.SX.zeros(sensed.numel())), way

@@ -7,18 +7,20 @@ contrast ends it, or, for a torque too small for the contrast, an onset of oppos
 said to be gone before the slow sums have found none.
 """
 
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from armdyn.estimation.equations import NormalEquations
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import LOAD_PRIOR
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, RUNNING_MEAN_SECONDS, ObserverOutput
 from armdyn.watch.variances import AdaptiveErrorStd, excess
+from armdyn.watch.watched import LOAD_PRIOR
 
 MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
@@ -33,13 +35,16 @@ MAX_WEAR_SHARE = 1.0 / 3.0
 """Share of a joint's dry friction by which wear or temperature may have changed it, seen when the joint next moves or
 reverses: friction of gears changes by tens of percent (Bittencourt & Axelsson, IEEE/ASME Trans. Mechatronics 19(4),
 2014)."""
+ZEROED_SECONDS, EXPECTED_READINGS = 0.5, 500
+"""Time before an event in which a sensor may have been zeroed, s, and number of readings that are kept from it, at
+1 kHz."""
 LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
 @dataclass(eq=False)
 class _Excess:
-    """A statistic of each joint (nj,) at one sample.
+    """A statistic of each channel (nc,) at one sample.
 
     Attributes:
         value: its value, N m or N.
@@ -55,21 +60,21 @@ class _Excess:
 
     @cached_property
     def excess(self) -> FloatArray:
-        """(nj,) what friction cannot leave, N m or N."""
+        """(nc,) what friction cannot leave, N m or N."""
         return excess(self.value, self.bound)
 
     @cached_property
     def ratio(self) -> FloatArray:
-        """(nj,) the same over the threshold."""
+        """(nc,) the same over the threshold."""
         return np.asarray(self.excess / (self.threshold * self.spread))
 
     def without(self, explained: FloatArray, share: float) -> bool:
-        """Whether no joint exceeds a share of its threshold without what is explained (nj,)."""
+        """Whether no joint exceeds a share of its threshold without what is explained (nc,)."""
         return bool((replace(self, value=self.value - explained).ratio < share).all())
 
     @property
     def std(self) -> FloatArray:
-        """(nj,) standard deviation of the value, N m or N, with a friction that is uniform within its bound."""
+        """(nc,) standard deviation of the value, N m or N, with a friction that is uniform within its bound."""
         return np.asarray(np.hypot(self.spread, self.bound / np.sqrt(3.0)))
 
 
@@ -80,15 +85,16 @@ class _Open:
     Attributes:
         begun: time of detection, s.
         since: estimated start, s.
-        began: onset in `joint`, N m or N.
-        largest: (nj,) largest contrast, N m or N.
-        std: (nj,) its standard deviations.
-        joint: index of the joint with the clearest evidence.
-        doubted: whether it may be a load, or wear.
+        began: onset in `channel`, N m or N.
+        largest: (nc,) largest contrast, N m or N.
+        std: (nc,) its standard deviations.
+        channel: index of the channel with the clearest evidence.
+        doubted: whether it may be a load, wear, or a sensor that was zeroed.
         lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
         told: whether an event has told it as an outside torque.
         hinted: whether an event has told it at all.
         gone: time at which it fell below that, s.
+        readings: (nc,) readings that were expected in the moments in which a sensor may have been zeroed.
     """
 
     begun: float
@@ -96,12 +102,13 @@ class _Open:
     began: float
     largest: FloatArray
     std: FloatArray
-    joint: int
+    channel: int
     doubted: bool
     lasting: bool
     told: bool = False
     hinted: bool = False
     gone: float | None = None
+    readings: list[FloatArray] = field(default_factory=list)
 
 
 class ContactDetector:
@@ -115,16 +122,20 @@ class ContactDetector:
 
     def __init__(self, reporter: EventReporter, sound: FaultFreeStatistics, per_hour: float) -> None:
         self._report, self._sound = reporter, sound
-        each = per_hour / len(reporter.joints) / (2 if sound.onset is None else 4)
+        channels, changes = reporter.channels, sound.changes
+        each = per_hour / len(channels.names) / (2 if sound.onset is None else 4)
         self._thresholds, self._sudden = (
             np.array([[law.threshold(each) for law in laws] for laws in two])
             for two in (sound.contrast_distributions, sound.onset_distributions)
         )
-        self._level = AdaptiveErrorStd(len(reporter.joints))
-        self._onset_level = AdaptiveErrorStd(len(reporter.joints))
+        self._load = changes.shared[0].columns
+        self._sensors = [channels.of_sensor(name) for name in channels.sensors]
+        self._expected: deque[tuple[float, FloatArray]] = deque(maxlen=EXPECTED_READINGS)
+        self._level = AdaptiveErrorStd(len(channels.names))
+        self._onset_level = AdaptiveErrorStd(len(channels.names))
         self._open: _Open | None = None
         self._quiet = 0.0
-        self._moved = np.full(len(reporter.joints), np.inf)  # since it stood or reversed, as long as the mean followed
+        self._moved = np.full(len(channels.names), np.inf)  # since it stood or reversed, as long as the mean followed
         self._outlasted: _Open | None = None
         self._doubted = self._last = -np.inf
         self._maybe_load: _Open | None = None
@@ -140,7 +151,7 @@ class ContactDetector:
         return self._open is not None and not self._open.doubted
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
-        """(nj,) thresholds of the residuals' deviation from their running mean, N m or N."""
+        """(nc,) thresholds of the residuals' deviation from their running mean, N m or N."""
         at = self._sound.contrast.at(step.sources, step.sticking)
         return np.asarray(at.bound + _of_now(self._thresholds, at.near) * self._level.std(at))
 
@@ -158,14 +169,21 @@ class ContactDetector:
         past, self._maybe_load = self._maybe_load, None
         return [] if past is None else self._ended(past, time)
 
-    def process_sample(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
+    def process_sample(self, step: ObserverOutput, columns: FloatArray, delay: float) -> list[WatchEvent]:
         """Process one output of the observer; return the events.
 
         Args:
             step: the observer's output.
-            load: (nj, 4) columns of the load, see `WatchedChanges`.
+            columns: (nc, S + C) columns of the changes, see `WatchedChanges`.
             delay: mean delay of the observer, s.
         """
+        load = columns[:, self._load]
+        if self._sensors:
+            expected = step.predicted + step.residual - step.contrast
+            if self._open is None:
+                self._expected.append((step.time, expected))
+            elif step.time - self._open.begun <= FILTER_STEP_TIMES * delay:
+                self._open.readings.append(expected)
         at = self._sound.contrast.at(step.sources, step.sticking)
         contrast = _Excess(step.contrast, self._level.std(at), at.bound, _of_now(self._thresholds, at.near))
         seen = [contrast]
@@ -192,7 +210,9 @@ class ContactDetector:
         self, now: _Open, step: ObserverOutput, seen: list[_Excess], load: FloatArray, delay: float
     ) -> list[WatchEvent]:
         contrast = seen[0]
-        left, most = (float(np.linalg.norm(each)) for each in (contrast.value / contrast.std, now.largest / now.std))
+        # Errors of a sensor grow as the tool turns away from where the mean was held, so that the present ones count.
+        std = contrast.std if self._sensors else now.std
+        left, most = (float(np.linalg.norm(each)) for each in (contrast.value / contrast.std, now.largest / std))
         if left > most:
             now.largest, now.std = contrast.value, contrast.std
         shown = float(contrast.ratio.max()) >= CONTACT_END_THRESHOLD_SHARE
@@ -200,8 +220,8 @@ class ContactDetector:
         if now.lasting:
             there = shown and left > CONTACT_END_THRESHOLD_SHARE * most
         else:
-            back = seen[-1].value[now.joint] * now.began
-            opposite = step.time - now.begun > CONTACT_END_SECONDS and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
+            back, ratio = seen[-1].value[now.channel] * now.began, seen[-1].ratio[now.channel]
+            opposite = step.time - now.begun > CONTACT_END_SECONDS and back < 0.0 and ratio >= 1.0
             there = now.gone is None and not opposite
         if there:
             now.gone = None
@@ -216,7 +236,7 @@ class ContactDetector:
         if step.time - now.begun > MAX_CONTACT_SECONDS:
             self._open, self._outlasted, self._quiet = None, now, step.time
         elif not now.told and now.lasting:
-            now.doubted = now.doubted and self._as_change(step, contrast, load, 1.0)
+            now.doubted = now.doubted and self._as_change(step, contrast, load, now.readings, 1.0)
             if not now.doubted and step.time - now.begun > FILTER_STEP_TIMES * delay:
                 return self._told(now, step, contrast)
         return []
@@ -224,9 +244,11 @@ class ContactDetector:
     def _begun(
         self, step: ObserverOutput, clearest: _Excess, contrast: _Excess, load: FloatArray, delay: float
     ) -> list[WatchEvent]:
-        joint, lasting = int(np.argmax(clearest.ratio)), clearest is contrast
+        channel, lasting = int(np.argmax(clearest.ratio)), clearest is contrast
         since = self._quiet - (delay if lasting else 0.0)
+        readings = [reading for then, reading in self._expected if step.time - then <= ZEROED_SECONDS]
         if self._outlasted is not None:
+            readings = self._outlasted.readings
             before, self._outlasted = self._outlasted, None
             left, most = (
                 np.linalg.norm(each / before.std) for each in (contrast.value + before.largest, before.largest)
@@ -234,25 +256,43 @@ class ContactDetector:
             if lasting and left < 0.5 * most:
                 return self._ended(before, step.time) if before.told else []
         # An onset detects the start, but does not yet identify size and joint.
-        doubted = not lasting or self._as_change(step, contrast, load, 0.5)
+        doubted = not lasting or self._as_change(step, contrast, load, readings, 0.5)
         now = self._open = _Open(
-            step.time, since, float(clearest.value[joint]), contrast.value, contrast.std, joint, doubted, lasting
+            step.time,
+            since,
+            float(clearest.value[channel]),
+            contrast.value,
+            contrast.std,
+            channel,
+            doubted,
+            lasting,
+            readings=readings,
         )
         recent, self._doubted = 0.0 <= step.time - self._doubted < LOAD_REPORT_PAUSE_SECONDS, step.time
         if recent and doubted:
             return []
-        torque = self._report.torque_estimate(joint, clearest.value[joint], clearest.std[joint])
-        torque = replace(torque, what="outside_torque, payload")
+        torque = self._report.torque_estimate(channel, clearest.value[channel], clearest.std[channel])
+        zeroed = self._report.channels.joint(channel) is None
+        names = ["outside_torque", *(change.name for change in self._sound.changes.shared[: 2 if zeroed else 1])]
+        torque = replace(torque, what=", ".join(names))
         sentence = (
-            "something touches the arm, or it took up a load; one moment cannot tell which: "
+            f"something touches the arm, or it took up a load{', or the sensor was zeroed' * zeroed}; one moment "
+            "cannot tell which: "
             f"{torque} so far, since {since:.2f} s."
         )
         found = self._report.event(EventKind.UNIDENTIFIED, step.time, now.since, torque, sentence)
         now.hinted = bool(found)
         return found
 
-    def _as_change(self, step: ObserverOutput, contrast: _Excess, load: FloatArray, share: float) -> bool:
-        """Whether a load, or more or less friction, explains what is seen but for a share of the threshold.
+    def _as_change(
+        self,
+        step: ObserverOutput,
+        contrast: _Excess,
+        load: FloatArray,
+        readings: Sequence[FloatArray],
+        share: float,
+    ) -> bool:
+        """Whether a load, a joint's friction or a zeroed sensor explains what is seen but for a share of the threshold.
 
         The contrast does not serve for a load: its running mean contains part of one that was lifted just before. Wear
         shows after a joint has reversed, or stood; if it is more, one factor explains residual and contrast.
@@ -268,24 +308,41 @@ class ContactDetector:
             residual.without(load @ best, share)
             or residual.without(np.clip(step.residual, -limit, limit), share)
             or (residual.without(more * now, share) and contrast.without(more * (now - before), share))
+            or self._as_zeroed(readings, contrast, share)
         )
+
+    def _as_zeroed(self, readings: Sequence[FloatArray], contrast: _Excess, share: float) -> bool:
+        """Whether one sensor lacks what it would have read at one of some moments, or a part, as the low-pass is late.
+
+        A sensor that is zeroed reads nothing at this moment.
+        """
+        for at in self._sensors:
+            e, c = np.array(readings)[:, at] / contrast.spread[at], contrast.value[at] / contrast.spread[at]
+            part = np.clip(-(e @ c) / np.maximum((e * e).sum(axis=1), np.finfo(float).tiny), 0.0, 1.0)
+            seen = contrast.value - np.zeros((len(e), 1))
+            seen[:, at] = (c + part[:, None] * e) * contrast.spread[at]
+            if (replace(contrast, value=seen).ratio < share).all(axis=1).any():
+                return True
+        return False
 
     def _told(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> list[WatchEvent]:
         """The event that something acts, as soon as the filter shows it and it is certain."""
-        now.joint = int(np.argmax(np.where(contrast.ratio >= CONTACT_END_THRESHOLD_SHARE, np.abs(contrast.value), 0.0)))
-        value, std = contrast.value[now.joint], contrast.std[now.joint]
-        torque = self._report.torque_estimate(now.joint, value, np.hypot(std, HIDDEN_STEP_SHARE * value))
+        kind = self._report.channels.kind
+        clear = (contrast.ratio >= CONTACT_END_THRESHOLD_SHARE) & (kind == kind[int(np.argmax(contrast.ratio))])
+        now.channel = int(np.argmax(np.where(clear, np.abs(contrast.value), 0.0)))
+        value, std = contrast.value[now.channel], contrast.std[now.channel]
+        torque = self._report.torque_estimate(now.channel, value, np.hypot(std, HIDDEN_STEP_SHARE * value))
         sentence = f"something outside acts on the arm: {torque}, since {now.since:.2f} s."
         found = self._report.event(EventKind.OUTSIDE_TORQUE, step.time, now.since, torque, sentence)
         now.told, self._doubted = bool(found), -np.inf if found else self._doubted
         return found
 
     def _ended(self, now: _Open, time: float) -> list[WatchEvent]:
-        torque = self._report.torque_estimate(now.joint, now.largest[now.joint], now.std[now.joint])
+        torque = self._report.torque_estimate(now.channel, now.largest[now.channel], now.std[now.channel])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
         return self._report.event(EventKind.RECOVERED, time, now.since, torque, sentence)
 
 
 def _of_now(thresholds: FloatArray, near: np.ndarray) -> FloatArray:
-    """(nj,) of (2, nj) thresholds apart from reversals and near them, for joints (nj,) that are near."""
+    """(nc,) of (2, nj) thresholds apart from reversals and near them, for channels (nc,) that are near."""
     return np.where(near, thresholds[1], thresholds[0])

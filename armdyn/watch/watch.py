@@ -16,7 +16,6 @@ from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, Observer, ObserverOutput
 from armdyn.watch.touch import ContactDetector
 from armdyn.watch.variances import excess
-from armdyn.watch.watched import LOAD_PARAMETERS
 
 BLOCKS_AFTER_DETECTION = 7
 """Blocks to wait after detection in a window of at most this length, so that the whole window lies after the change."""
@@ -26,13 +25,17 @@ MAX_IDENTIFICATION_WAIT_BLOCKS = 21
 
 @dataclass(frozen=True)
 class _Change:
-    """A candidate change: joint and index of its change, or -1, 0: load; window in blocks; evidence in nats."""
+    """A candidate change: joint and index of its change, or -1 and that of a shared one; blocks; evidence in nats."""
 
     joint: int
     kind: int
     window: int
     score: float
     evidence: float
+
+    @property
+    def is_load(self) -> bool:
+        return self.joint < 0 and self.kind == 0
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,11 @@ class Watch:
     Args:
         model: the arm.
         sound: statistics of the fault-free arm.
-        per_hour: false alarms per hour; half for outside torques, a quarter each for the load and the joints' changes.
+        per_hour: false alarms per hour; half for outside torques, a quarter for the load, and one for the changes of
+            joints and sensors.
 
     Attributes:
+        channels: the channels that are watched.
         observer: filters that compute the residuals.
         touches: detector of outside torques.
         false_alarms_per_hour: the same as `per_hour`.
@@ -74,34 +79,37 @@ class Watch:
     """
 
     def __init__(self, model: ArmModel, sound: FaultFreeStatistics, per_hour: float) -> None:
-        joints = model.arm.joints
         self.model, self.sound, self.false_alarms_per_hour = model, sound, per_hour
-        self._report = EventReporter(model, per_hour)
-        self.observer = Observer(model, sound.bandwidth)
+        self.channels = channels = sound.changes.channels
+        self._report = EventReporter(channels, per_hour)
+        self.observer = Observer(model, sound.bandwidth, channels)
         self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
         self._blocks = MotionBlocks(sound.changes, sound.residual)
         share = per_hour / 4.0
-        self._load_threshold = (
-            sound.load_score_distribution.threshold(share) if sound.load_score_distribution is not None else np.inf
+        joints, sensors = len(channels.joints), len(channels.sensors)
+        each = share / (joints * len(sound.changes.names) + sensors)
+        several = sound.shared_score_distributions or ()
+        self._shared_thresholds = np.array(
+            [law.threshold(each if k else share) for k, law in enumerate(several)] or [np.inf] * (1 + sensors)
         )
-        laws, each = sound.joint_score_distributions or (), share / (len(joints) * len(sound.changes.names))
+        laws = (sound.own_score_distributions or ())[:joints]
         # A change that no sample of a sound robot depends on has the score 0.
         self._own_thresholds = np.maximum(
             [[law.threshold(each) for law in joint] for joint in laws], np.finfo(float).tiny
         )
-        self._carried = int(joints.index(model.joints[-1]))
         self.coverage = Coverage()
         self.latest: ObserverOutput | None = None
         self.begin_source()
 
     def begin_source(self) -> None:
         """Begin with another source, such as the next recording; nothing that was found in the last one holds."""
-        joints = len(self.model.arm.joints)
+        changes = self.sound.changes
         self.observer.restart()
         self.coverage.begin()
         self.touches.reset(-np.inf)
         self._blocks.clear()
-        self._load, self._own = np.zeros(LOAD_PARAMETERS), np.zeros((joints, len(self.sound.changes.names)))
+        self._shared = np.zeros(changes.shared_parameters)
+        self._own = np.zeros((len(self.channels.names), len(changes.names)))
         self._has_told = False
         self._alarm: _Alarm | None = None
         self._refining: _Change | None = None
@@ -118,7 +126,7 @@ class Watch:
         Args:
             time: time of the sample, s.
             q: (nj,) positions, rad or m; nan for a missing one.
-            tau: (nj,) measured torques, N m or N; nan for a missing one.
+            tau: (nc,) measured torques, N m or N, then the axes of sensors; nan for a missing one.
         """
         self.observer.mean_is_held = self.touches.is_active
         step = self.observer.process_sample(time, q, tau, self._known_at(time))
@@ -149,7 +157,7 @@ class Watch:
                     self.observer.restart_mean(np.sign(left) * excess(left, step.sticking))
                     self.touches.reset(time)
                     return events
-        events += self.touches.process_sample(step, self._blocks.columns[:, :LOAD_PARAMETERS], self.observer.delay)
+        events += self.touches.process_sample(step, self._blocks.columns, self.observer.delay)
         if self.touches.is_certainly_outside_torque and not going_on:
             self._blocks.drop_partial()  # it contains samples from before the detection
         if going_on and not self.touches.is_certainly_outside_torque:
@@ -158,8 +166,8 @@ class Watch:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each joint's torque."""
-        return self._report.units
+        """Unit of each channel."""
+        return self.channels.units
 
     def wait(self, idle: float) -> list[WatchEvent]:
         """The events after `idle` s, on the observer's own clock, without a sample that can be watched."""
@@ -177,7 +185,7 @@ class Watch:
         return [self._report.source_event(EventKind.SILENT, time, since, why, sentence)]
 
     def _known_at(self, time: float) -> FloatArray | float:
-        """(nj,) torque of the reported changes at a sample that comes now, N m or N.
+        """(nc,) torque of the reported changes at a sample that comes now, N m or N.
 
         An older one would be late, and a load's torque that is late resembles viscous friction.
         """
@@ -189,9 +197,9 @@ class Watch:
         return self._known(columns)
 
     def _known(self, columns: FloatArray) -> FloatArray:
-        """(nj,) torque of the reported changes for the columns (nj, 4 + C) of the changes, N m or N."""
-        own = (columns[:, LOAD_PARAMETERS:] * self._own).sum(axis=1)
-        return np.asarray(columns[:, :LOAD_PARAMETERS] @ self._load + own)
+        """(nc,) torque of the reported changes for the columns (nc, S + C) of the changes, N m or N."""
+        shared = len(self._shared)
+        return np.asarray(columns[:, :shared] @ self._shared + (columns[:, shared:] * self._own).sum(axis=1))
 
     def _changes(self, time: float) -> list[WatchEvent]:
         """The events that the last blocks of motion give, at a time, s."""
@@ -252,42 +260,52 @@ class Watch:
     def _best(self, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
         found: tuple[int, NormalEquations] | None = None
+        joints = len(self.channels.joints)
         highest = 1.0
         for window in windows:
             if len(self._blocks.equations) < window:
                 continue
             baseline = self.sound.baselines[window]
             sums = self._blocks.window(window)
-            load, own = (part[0] for part in baseline.scores(sums))
-            over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
+            several, own = (part[0] for part in baseline.scores(sums))
+            over = max(
+                float((several / self._shared_thresholds).max()), float((own[:joints] / self._own_thresholds).max())
+            )
             if over >= highest:
                 found, highest = (window, sums), over
         if found is None:
             return None, []
         chosen, sums = found
         baseline = self.sound.baselines[chosen]
-        load, own = (part[0] for part in baseline.scores(sums))
-        of_load, each = (part[0] for part in baseline.explained(sums))
+        several, own = (part[0] for part in baseline.scores(sums))
+        of_shared, each = (part[0] for part in baseline.explained(sums))
         # Evidence in nats: half the fall of chi2 over its sound mean, less half log(blocks) per parameter (BIC).
-        alike, cost = baseline.spread + float(baseline.joints_spread.mean()), 0.5 * float(np.log(chosen))
-        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETERS * cost)]
+        alike = float(baseline.spread.sum() + baseline.own_spread[:joints].mean())
+        cost = 0.5 * float(np.log(chosen))
+        every = [
+            _Change(-1, k, chosen, float(several[k]), float(of_shared[k]) / alike - len(change.columns) * cost)
+            for k, change in enumerate(self.sound.changes.shared)
+        ]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
-            for j, k in np.ndindex(own.shape)
+            for j, k in np.ndindex(own[:joints].shape)
         ]
         best = max(every, key=lambda change: change.evidence)
-        if best.score < (self._load_threshold if best.joint < 0 else self._own_thresholds[best.joint, best.kind]):
+        thresholds = self._shared_thresholds if best.joint < 0 else self._own_thresholds[best.joint]
+        if best.score < thresholds[best.kind]:
             return None, []
         return best, [change for change in every if change is not best]
 
     def _identified(self, time: float, best: _Change, others: list[_Change]) -> list[WatchEvent]:
         """Report a change, and subtract it from now on."""
         found, since = self._size(best), self._start_of(best)
-        known = self._load if best.joint < 0 else self._own[best.joint, best.kind : best.kind + 1]
+        known = self._own[best.joint, best.kind : best.kind + 1]
+        if best.joint < 0:
+            known = self._shared[self.sound.changes.shared[best.kind].columns]
         before = float(known[found.parameter])
         total = before + found.size
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
-        kind = EventKind.RECOVERED if over else EventKind.LOAD_CHANGED if best.joint < 0 else EventKind.ROBOT_CHANGED
+        kind = EventKind.RECOVERED if over else EventKind.LOAD_CHANGED if best.is_load else EventKind.ROBOT_CHANGED
         tied = [self.sound.changes.names[each.kind] for each in others]
         says = f"{found.quantity} {found.estimate}"
         if before:
@@ -304,7 +322,7 @@ class Watch:
 
     def _noticed(self, best: _Change) -> _Alarm:
         torque = None
-        if best.kind == self.sound.changes.steady:
+        if best.joint >= 0 and best.kind == self.sound.changes.steady:
             window, baseline = self._blocks.window(best.window), self.sound.baselines[best.window]
             torque = self._report.torque_estimate(best.joint, *baseline.joint_change(window, best.joint, best.kind))
         return _Alarm(best.window, self._start_of(best), torque)
@@ -315,8 +333,8 @@ class Watch:
         gains = []
         for size in sizes:
             baseline = self.sound.baselines[max(w for w in self.sound.baselines if w <= size)]
-            load, own = baseline.explained(self._blocks.window(size))
-            gains.append(float(load[0]) if change.joint < 0 else float(own[0, change.joint, change.kind]))
+            several, own = (part[0] for part in baseline.explained(self._blocks.window(size)))
+            gains.append(float((several if change.joint < 0 else own[change.joint])[change.kind]))
         return self._blocks.start_times[-sizes[int(np.argmax(gains))]]
 
     def _passed(self, time: float, alarm: _Alarm) -> list[WatchEvent]:
@@ -338,11 +356,11 @@ class Watch:
 
     def _name(self, change: _Change) -> str:
         if change.joint < 0:
-            return "payload"
+            return self.sound.changes.shared[change.kind].name
         return f"{self.sound.changes.names[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
     def _size(self, change: _Change) -> _Size:
-        """What the evidence is about: a load's mass, or else the clearest part of its mass times position."""
+        """What the evidence is about: a load's mass, or the clearest of its mass times position, or of an offset."""
         window, baseline = self._blocks.window(change.window), self.sound.baselines[change.window]
         values, stds = self._estimate(change, window, baseline)
         # Of a change that goes on, halves of the window differ by more than chance.
@@ -352,20 +370,26 @@ class Watch:
             name, unit = self.sound.changes.names[change.kind], self.sound.changes.units[change.joint][change.kind]
             estimate = ChangeEstimate(change.joint, float(values[0]), float(stds[0]), unit, name)
             return _Size(estimate, 0, f"{name} changed by")
+        shared = self.sound.changes.shared[change.kind]
         estimates = [
-            ChangeEstimate(self._carried, float(value), float(std), unit, "payload")
-            for value, std, unit in zip(values, stds, ("kg", *["kg m"] * 3), strict=True)
+            ChangeEstimate(channel, float(value), float(std), unit, shared.name)
+            for channel, value, std, unit in zip(shared.channels, values, stds, shared.units, strict=True)
         ]
-        which = 0 if estimates[0].is_certain else int(np.argmax(np.abs(values) / stds))
+        which = int(np.argmax(np.abs(values) / stds))
+        if not change.is_load:
+            axes = [str(estimate) for estimate in estimates if estimate.is_certain and estimate is not estimates[which]]
+            quantity = f"{shared.name} changed" + (f", in other axes by {', '.join(axes)}, here by" if axes else " by")
+            return _Size(estimates[which], which, quantity)
+        which = 0 if estimates[0].is_certain else which
         quantity = "the tool carries" if which == 0 else f"what the tool carries shifts along {'xyz'[which - 1]} by"
         return _Size(estimates[which], which, quantity)
 
     def _estimate(
         self, change: _Change, window: NormalEquations, baseline: FaultFreeBaseline
     ) -> tuple[FloatArray, FloatArray]:
-        """Values and standard deviations of a change in a window: (4,) of a load, (1,) of a joint's change."""
+        """Values and standard deviations of a change in a window: (p,) of a shared one, (1,) of a joint's change."""
         if change.joint < 0:
-            return baseline.load_change(window)
+            return baseline.shared_change(window, change.kind)
         size, std = baseline.joint_change(window, change.joint, change.kind)
         return np.array([size]), np.array([std])
 
@@ -373,7 +397,7 @@ class Watch:
         values, _ = self._estimate(change, window, self.sound.baselines[change.window])
         self._has_told = True
         if change.joint < 0:
-            self._load = self._load + values
+            self._shared[self.sound.changes.shared[change.kind].columns] += values
         else:
             self._own[change.joint, change.kind] += values[0]
 

@@ -175,7 +175,7 @@ def _events(job: BatchJob, run: "Run") -> tuple[str, ...]:
 
     model, sound = _sound(job.model, job.model_content_digest, job.effects, job.calibrate)
     found = Watch(model, sound, WATCH_FALSE_ALARMS_PER_HOUR).events_of(
-        joint_samples_of_recording(model.with_estimated_channels(run), model)
+        joint_samples_of_recording(model.with_estimated_channels(run), model, sound.changes.channels)
     )
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
@@ -186,13 +186,16 @@ def _sound(
 ) -> "tuple[ArmModel, FaultFreeStatistics]":
     """The model of an arm, and the statistics of its recordings in good condition; cached for the jobs of one arm."""
     from armdyn.arm.model import ArmModel
+    from armdyn.watch.channels import WatchedChannels
     from armdyn.watch.fault_free import statistics_of_recordings
     from pipeline.watch.sources import read_arm_runs, sample_sources
 
     model = _known(path, key, effects).file.model.capability(ArmModel)
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
-    return model, statistics_of_recordings(model, sample_sources(model, read_arm_runs(model, calibrate)))
+    runs = read_arm_runs(model, calibrate)
+    channels = WatchedChannels.of(model, runs)
+    return model, statistics_of_recordings(model, sample_sources(model, runs, channels), channels=channels)
 
 
 @lru_cache(maxsize=64)

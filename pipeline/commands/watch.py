@@ -77,6 +77,7 @@ def watch(
     from armdyn.effects.user import load_effects
     from armdyn.errors import error_location
     from armdyn.model_file import read_model_file
+    from armdyn.watch.channels import WatchedChannels
     from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import SampleLog
@@ -95,17 +96,22 @@ def watch(
         sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
         given = given.adapted_to([*sound_runs, *watched])
         further = find_several(changes, own) if changes is not None else ()
+        channels = WatchedChannels.of(given, [*sound_runs, *watched], sensed=ros is None)
         say("measuring a sound robot")
         with error_location(model):
             if sound_runs:
-                sound = statistics_of_recordings(given, sample_sources(given, sound_runs), further)
+                sources = sample_sources(given, sound_runs, channels)
+                sound = statistics_of_recordings(given, sources, further, channels)
             else:
-                sound = statistics_of_model_error(given, file.history, further)
+                sound = statistics_of_model_error(given, file.history, further, channels)
         say("preparing")
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:
-        kept = SampleLog(log, given) if log is not None else None
+        kept = SampleLog(log, channels) if log is not None else None
         out = _Out(model, effects, json_file, sound, stack)
+        why = "joint states have none" if ros is not None else "a recording lacks it"
+        for sensor in given.sensors.keys() - {*channels.sensors}:
+            out.note(f"The wrench of the sensor {sensor} is not watched: {why}.")
         if kept is not None:
             stack.callback(kept.close)
         shown = None
@@ -116,7 +122,7 @@ def watch(
             out.note(f"watching at {shown.address}")
             if not no_browser and sys.stdout.isatty():
                 shown.open()
-        ended, recorded = threading.Event(), [*zip(files, sample_sources(given, watched), strict=True)]
+        ended, recorded = threading.Event(), [*zip(files, sample_sources(given, watched, channels), strict=True)]
         for name, samples in _sources(watching, ros, arm, recorded, ended):
             out.source, heard = name, time.monotonic()
             watching.begin_source()
@@ -166,7 +172,7 @@ def _sources(
     else:
         if sys.stdin is None:
             raise InputError("standard input is closed: give recordings, or write lines to it")
-        yield None, samples_from_lines(sys.stdin, watching.model, ended=ended)
+        yield None, samples_from_lines(sys.stdin, watching.channels, ended=ended)
 
 
 class _Out:

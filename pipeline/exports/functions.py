@@ -135,23 +135,26 @@ def _of_arm(model: ArmModel) -> tuple[list[ExportedFunction], list[str]]:
 
 def _observer_of(model: ArmModel) -> ExportedFunction:
     """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`."""
+    from armdyn.watch.channels import WatchedChannels
     from armdyn.watch.observer import (
         DEFAULT_OBSERVER_BANDWIDTH,
         MAX_SAMPLE_GAP_SECONDS,
-        STATES_PER_JOINT,
         observer_function,
         without_past_dependent_effects,
     )
 
-    n = len(model.arm.joints)
+    channels = WatchedChannels.of(model)
+    function = observer_function(without_past_dependent_effects(model), channels)
+    read = f"{len(channels.joints)} joints" + "".join(f", and 6 axes of {name}" for name in channels.sensors)
     inputs = {
-        "state": f"the last call's state_next; {STATES_PER_JOINT} n + 1 zeros at first, n = {n} joints",
+        "state": f"the last call's state_next; {function.numel_in('state')} zeros at first, n = {read}",
         "step": f"since the last sample [s]; 0, less, or more than {MAX_SAMPLE_GAP_SECONDS:g} begins anew",
         "hold": "1 while something acts that the running mean must not take for usual, else 0",
         "bandwidth": f"of the low-pass, the same in every call [1/s]; {DEFAULT_OBSERVER_BANDWIDTH:g} is usual, "
         "0.8 / step the most",
         "q": "positions [rad or m]; leave a sample out where something is missing",
-        "tau": "torques that the drives read [N m or N]",
+        "tau": "torques that the drives read [N m or N]"
+        + "".join(f", then forces [N] and torques [N m] of {name}" for name in channels.sensors),
         "shift": "what of these is known and no model's matter, usually zeros",
     }
     outputs = {
@@ -162,10 +165,10 @@ def _observer_of(model: ArmModel) -> ExportedFunction:
         "sources": "4 n numbers: the variance of a sound error beyond sticking is their sum, by factors of recordings",
         "sticking": "what dry friction of unknown value, near a reversal, may add or take [N m or N]",
         "friction": "2 n numbers: dry friction that the model predicts, and its mean as in contrast [N m or N]",
-        "motion": "3 n numbers: positions, velocities and accelerations behind the low-pass",
+        "motion": "positions, then velocities and accelerations behind the low-pass",
     }
     summary = "One sample of the observer of outside torques: no allocation, the same time for every sample."
-    return ExportedFunction(observer_function(without_past_dependent_effects(model)), summary, inputs, outputs)
+    return ExportedFunction(function, summary, inputs, outputs)
 
 
 def _of_pendulum(model: PendulumModel) -> tuple[list[ExportedFunction], list[str]]:

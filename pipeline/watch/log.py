@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.arm.model import ArmModel
 from armdyn.atomic import CrashSafeGrowingFile
+from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.fault_free import JointSample
 
 
@@ -16,7 +16,7 @@ class SampleLog:
 
     Args:
         file: first recording; ``run_2.csv`` follows ``run.csv``.
-        model: model of the arm, which names the columns.
+        channels: the channels, which name the columns.
 
     Attributes:
         file: recording to which samples are written at present.
@@ -25,14 +25,18 @@ class SampleLog:
         InputError: the file cannot be written.
     """
 
-    def __init__(self, file: Path, model: ArmModel) -> None:
+    def __init__(self, file: Path, channels: WatchedChannels) -> None:
         self._first, self._count = file, 1
-        joints, slides = model.arm.joints, model.arm.slides
-        units = [("m", "N") if slide else ("rad", "N m") for slide in slides]
-        self._asked = np.array([joint in model.joints for joint in joints])
-        heads = ["time [s]", *(f"q.{joint} [{unit}]" for joint, (unit, _) in zip(joints, units, strict=True))]
+        self._asked = channels.asked
+        slides = [unit == "N" for unit in channels.units]
+        heads = ["time [s]"]
         heads += [
-            f"tau.{joint} [{unit}]" for joint, (_, unit) in zip(joints, units, strict=True) if joint in model.joints
+            f"q.{joint} [{'m' if slide else 'rad'}]" for joint, slide in zip(channels.joints, slides, strict=False)
+        ]
+        heads += [
+            f"{name} [{unit}]"
+            for name, unit, is_asked in zip(channels.names, channels.units, channels.asked, strict=True)
+            if is_asked
         ]
         self._heads = ",".join(heads)
         self.file = file

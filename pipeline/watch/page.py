@@ -76,7 +76,7 @@ class LivePage(Closable):
         """Curves and events as JSON, for the page's script."""
         with self._lock:
             state = {
-                "joints": list(self._watch.model.arm.joints), "units": self._watch.units, "points": list(self._points),
+                "channels": list(self._watch.channels.labels), "units": self._watch.units, "points": list(self._points),
                 "events": list(self._events), "basis": self._watch.sound.sentence,
                 "state": ("ended; " if self._ended else "") + self._watch.coverage.sentence,
             }  # fmt: skip

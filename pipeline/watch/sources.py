@@ -20,6 +20,7 @@ from armdyn.recording.channels import Conversion, FloatArray
 from armdyn.recording.checks import MIN_SAMPLE_INTERVAL_SECONDS, check_stamps
 from armdyn.recording.csv_run import header_columns
 from armdyn.run import Run, read_run
+from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.fault_free import JointSample, joint_samples_of_recording
 from armdyn.watch.observer import INTERVALS_FOR_SAMPLING_RATE, MAX_SAMPLE_GAP_SECONDS
 from pipeline.interrupts import deferred_signals
@@ -73,9 +74,11 @@ def read_arm_runs(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
     return runs
 
 
-def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:
-    """One function for each run, whose call returns an iterator over all samples of the run."""
-    return [partial(joint_samples_of_recording, run, model) for run in runs]
+def sample_sources(
+    model: ArmModel, runs: Sequence[Run], channels: WatchedChannels
+) -> list[Callable[[], Iterator[JointSample]]]:
+    """One function for each run, whose call returns an iterator over all samples of some channels of the run."""
+    return [partial(joint_samples_of_recording, run, model, channels) for run in runs]
 
 
 def check_sampling(time: FloatArray) -> None:
@@ -97,7 +100,7 @@ def check_sampling(time: FloatArray) -> None:
 
 
 def samples_from_lines(
-    stream: TextIO, model: ArmModel, name: str = "standard input", ended: threading.Event | None = None
+    stream: TextIO, channels: WatchedChannels, name: str = "standard input", ended: threading.Event | None = None
 ) -> Iterator[JointSample | None]:
     """Samples from lines of CSV, whose first line names the columns: ``time [s],q.elbow [rad],...``.
 
@@ -105,16 +108,18 @@ def samples_from_lines(
 
     Args:
         stream: the lines.
-        model: model of the arm, which names the joints.
+        channels: the channels.
         name: name of the stream for error messages.
         ended: set by a signal, which ends the samples.
 
     Raises:
         InputError: the lines are not those of a recording of this arm, as in a file.
     """
-    joints = model.arm.joints
-    wanted = ["time", *(f"q.{joint}" for joint in joints), *(f"tau.{joint}" for joint in model.joints)]
-    asked = np.array([joint in model.joints for joint in joints])
+    joints, read = (
+        channels.joints,
+        [name for name, is_asked in zip(channels.names, channels.asked, strict=True) if is_asked],
+    )
+    wanted = ["time", *(f"q.{joint}" for joint in joints), *read]
     cells: list[int] = []
     conversions: list[Conversion] = []
     width, times = 0, list[float]()
@@ -128,9 +133,10 @@ def samples_from_lines(
                     columns = header_columns(line.strip().removeprefix(BYTE_ORDER_MARK))
                     missing = [head for head in wanted if head not in columns]
                     if missing:
+                        sensed = "".join(f", and fx.{name} [N] to tz.{name} [N m]" for name in channels.sensors)
                         raise InputError(
                             f"its first line has no {', '.join(missing)}: write the heads of a recording, time [s], "
-                            "q.<joint> [rad] and tau.<joint> [N m] of every joint"
+                            f"q.<joint> [rad] and tau.<joint> [N m] of every joint{sensed}"
                         )
                     cells, conversions = [[*columns].index(head) for head in wanted], [columns[one] for one in wanted]
                     width = len(columns)
@@ -147,8 +153,8 @@ def samples_from_lines(
                 times.append(float(values[0]))
                 if len(times) > INTERVALS_FOR_SAMPLING_RATE:
                     check_sampling(np.array(times))
-            tau = np.zeros(len(joints))
-            tau[asked] = values[1 + len(joints) :]
+            tau = np.zeros(len(channels.names))
+            tau[channels.asked] = values[1 + len(joints) :]
             yield float(values[0]), values[1 : 1 + len(joints)], tau
 
 

@@ -4,7 +4,7 @@ The truth is MuJoCo's inverse dynamics of a robot with a body on its tool's link
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path as FilePath
 from xml.etree import ElementTree as ET
@@ -18,6 +18,7 @@ from armdyn.arm.model import ArmModel, arm_model
 from armdyn.run import Run
 from urdf.find import distribution_file
 
+from . import coloured
 from .mujoco_plant import Path, bare
 
 LINK, SENSOR = "tool0", "ft"
@@ -194,3 +195,51 @@ def drawn(seed: int) -> Tool:
         inertia,
         {n: faults[n] for n in order if n in faults},
     )
+
+
+FRICTION, JOINT_ERROR, WRENCH_ERROR = 2.0, 0.15, 0.01
+"""Dry friction, N m; error of a model of the joints, N m, new every half a second; and of a wrench, a share of it."""
+
+
+def worked(
+    tool: Tool,
+    seed: int,
+    seconds: float = 60.0,
+    rate: float = 125.0,
+    *,
+    begin: float = np.inf,
+    end: float = np.inf,
+    push: np.ndarray | None = None,
+    load: float = 0.0,
+    zeroed: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(n,) stamps, (n, nj) positions, and (n, nj + 6) torques and a wrench, of an arm at work.
+
+    From `begin` [s] on a force (3,) N, along the axes of the base, pushes the sensor's origin until `end`, there are
+    `load` kg more at the tool's centre, or the sensor is zeroed.
+    """
+    rng = np.random.default_rng([seed, 43])
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    q, v, a = Path.drawn(rng, robot(), SLOW, seconds).at(time)
+    torque, wrench, axes = measured(tool, q, v, a)
+    after = time >= begin
+    if load:
+        heavier = measured(replace(tool, mass=tool.mass + load), q[after], v[after], a[after])
+        torque[after], wrench[after] = heavier[:2]
+    wrench = wrench * (1.0 + WRENCH_ERROR * np.random.default_rng(44).standard_normal(wrench.shape[1]))
+    if push is not None:
+        model = compiled(tool)
+        data, J = mujoco.MjData(model), np.zeros((3, model.nv))
+        for i in np.flatnonzero(after & (time < end)):
+            data.qpos[:] = q[i]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, J, None, data.site(SENSOR).id)
+            torque[i] -= J.T @ push
+            wrench[i, :3] += axes[i].T @ push
+    if zeroed:
+        wrench[after] -= wrench[after][0]
+    slow = coloured(rng.standard_normal(torque.shape), np.exp(-1.0 / (0.5 * rate)))
+    torque = torque + FRICTION * np.sign(v) + JOINT_ERROR * slow + 0.05 * rng.standard_normal(torque.shape)
+    wrench = wrench + np.repeat([FORCE_NOISE, TORQUE_NOISE], 3) * rng.standard_normal(wrench.shape)
+    return time, q + POSITION_NOISE * rng.standard_normal(q.shape), np.hstack([torque, wrench])

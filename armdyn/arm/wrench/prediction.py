@@ -158,7 +158,7 @@ class SensorWithEffects:
         joints: Sequence[np.ndarray],
         bodies: RigidBodyChanges,
     ) -> None:
-        self._arm, self._sensor, self._given = arm, sensor, (reading, theta)
+        self._arm, self.sensor, self._given = arm, sensor, (reading, theta)
         self.cut = cut = cut_at_sensor(arm, sensor)
         self._joint_of = {cut.moved[i]: i for i in bodies.links if cut.behind(i)}
         links = {body: bodies.links[i] for body, i in self._joint_of.items()}
@@ -173,14 +173,20 @@ class SensorWithEffects:
             self._joint_of[BASE_INDEX] = BASE_INDEX
         self._bodies = RigidBodyChanges(links, bodies.gravity, derivatives)
 
+    @property
+    def links(self) -> list[np.ndarray]:
+        """(10,) inertial parameters of each link of the cut arm; of those before the sensor as described."""
+        described = [inertia.toDynamicParameters() for inertia in list(self.cut.model.inertias)[1:]]
+        return [link + self._bodies.links.get(body, 0.0) for body, link in enumerate(described)]
+
     def channels(self, run: Run) -> tuple[str, ...]:
         """Channels of a run that the sensor predicts."""
-        return self._sensor.recorded(run)
+        return self.sensor.recorded(run)
 
     def predict(self, run: Run, name: str) -> tuple[np.ndarray, dict[int | str, np.ndarray]]:
         """(n,) samples of a channel, and (n, k) derivatives by the parameters of each joint, base, and the sensor."""
         values, own, by_bodies = self._predictor(run, name).predict(*self._given, self._bodies)
-        return values, {self._sensor.name: own} | {self._joint_of[body]: columns for body, columns in by_bodies.items()}
+        return values, {self.sensor.name: own} | {self._joint_of[body]: columns for body, columns in by_bodies.items()}
 
     def values(self, run: Run, name: str) -> np.ndarray:
         """(n,) samples of a channel; see `predict`."""
@@ -189,15 +195,14 @@ class SensorWithEffects:
     def noise(self, run: PreparedRun) -> dict[str, float]:
         """Standard deviation of the noise of a prepared run by channel."""
         cut, rigid = self.cut, self.cut.model.copy()
-        for body, change in self._bodies.links.items():
-            changed = rigid.inertias[body + 1].toDynamicParameters() + change
-            if changed[0] > 0.0:  # a body without mass has no centre
+        for body, changed in enumerate(self.links):
+            if body in self._bodies.links and changed[0] > 0.0:  # a body without mass has no centre
                 rigid.inertias[body + 1] = pin.Inertia.FromDynamicParameters(changed)
-        axes = {n: axis for n, axis in zip(self._sensor.channels, cut.axes, strict=True) if n in run.preparations}
+        axes = {n: axis for n, axis in zip(self.sensor.channels, cut.axes, strict=True) if n in run.preparations}
         return torque_noise(run, rigid, cut.model, self._arm.joints, axes, cut.moved)
 
     def _predictor(self, run: Run, name: str) -> "WrenchPredictor":
-        return wrench_predictor(run, self._arm, self._sensor, name)
+        return wrench_predictor(run, self._arm, self.sensor, name)
 
 
 @cached_with_first_argument

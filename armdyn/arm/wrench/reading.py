@@ -1,14 +1,15 @@
 """What a force/torque sensor with effects reads of a wrench, as functions of one axis each."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
 
 from armdyn.arm.composition import VectorisedExpression
-from armdyn.arm.physics import Wrench
+from armdyn.arm.physics import Expression, Wrench
 from armdyn.arm.wrench.sensor import WRENCH_AXES, WrenchAxes
 from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
@@ -36,6 +37,19 @@ class WrenchReading:
     recorded: tuple[RecordedColumn, ...]
 
 
+def read_wrench(
+    effects: Sequence[Effect],
+    along: WrenchAxes,
+    wrench: Wrench,
+    parameters: Mapping[str, Expression],
+    recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
+) -> Wrench:
+    """The wrench that a sensor reads along these axes, with effects in the given order; see `Effect.apply`."""
+    for e in effects:
+        wrench = e.apply(wrench, parameters, recorded)
+    return wrench if along is WrenchAxes.SENSOR else wrench.mixed(ca.diagcat(wrench.axes.T, wrench.axes.T))
+
+
 def wrench_reading(effects: Sequence[Effect], axes: WrenchAxes = WrenchAxes.SENSOR) -> WrenchReading:
     """Apply effects to a sensor, in the given order, whose channels are along these axes.
 
@@ -56,14 +70,11 @@ def _composed(effects: tuple[Effect, ...], along: WrenchAxes) -> WrenchReading:
     given = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
     recorded = dict(zip(columns, ca.vertsplit(further), strict=True)) if columns else {}
     wrench = Wrench(time, ca.reshape(axes, 3, 3), place, *ca.vertsplit(true, 3))
-    for e in effects:
-        wrench = e.apply(wrench, given, recorded)
+    wrench = read_wrench(effects, along, wrench, given, recorded)
     if ca.depends_on(wrench.delay, inputs):
         raise InputError(
             f"effects {', '.join(e.name for e in effects)}: the delay of a wrench can depend on parameters only"
         )
-    if along is WrenchAxes.BASE:
-        wrench = wrench.mixed(ca.diagcat(wrench.axes.T, wrench.axes.T))
     reading = ca.vertcat(wrench.force, wrench.torque)
     derivatives = ca.densify(ca.horzcat(reading, ca.jacobian(reading, theta), ca.jacobian(reading, true)))
     rows = tuple(VectorisedExpression(row.T, inputs, theta) for row in ca.vertsplit(derivatives))

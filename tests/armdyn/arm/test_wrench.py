@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -10,6 +11,7 @@ from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.motion import Motion
 from armdyn.arm.wrench.prediction import CutMotionSamples
 from armdyn.arm.wrench.sensor import chosen_sensors, cut_at_sensor
+from armdyn.arm.wrench.symbolic import sensor_reading
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
@@ -240,3 +242,25 @@ def test_a_controller_is_told_the_inertia_of_a_tool():
     turn = robot().model.frames[robot().model.getFrameId(LINK)].placement.rotation
     assert found["command"].startswith("set_target_payload(1.300, [")
     assert np.array(found["inertia"]) == pytest.approx(turn.T @ TOOL.inertia @ turn)
+
+
+@pytest.mark.parametrize("axes", ["sensor", "base"])
+def test_a_reading_of_an_instant_is_that_of_a_run(axes):
+    model, rng = sensed_model(axes=axes), np.random.default_rng(0)
+    ways = ("payload", "payload_inertia", "cable_pull", "wrench_rotation", "wrench_crosstalk", "wrench_gain")
+    for name in (*ways, "wrench_offset"):
+        model = model.with_effect(CATALOGUE[name])
+    model = model.with_values({name: float(rng.uniform(0.02, 0.2)) for name in model.names})
+    q, v, a = (ca.SX.sym(name, 6) for name in "qva")
+    reading = ca.Function("reading", [q, v, a], [sensor_reading(model, "ft", (q, v, a))])
+    time, rate = np.arange(0.0, 4.0, 0.01), 0.7 * np.arange(1, 7)
+    angle = rate * time[:, None]
+    motion = 0.5 * np.sin(angle), 0.5 * rate * np.cos(angle), -0.5 * rate**2 * np.sin(angle)
+    values = {"q": motion[0]} | {f"{axis}.ft": np.zeros(len(time)) for axis in AXES}
+    run = Run.from_arrays(time, values, joints=robot().joint_names)
+    predicted = model.predict_values(run, model.theta())
+    expected = np.column_stack([predicted[f"{axis}.ft"] for axis in AXES])
+    found = np.array([np.array(reading(*state))[:, 0] for state in zip(*motion, strict=True)])
+    # Velocities and accelerations of a run are those of a spline through its positions.
+    np.testing.assert_allclose(found[20:-20], expected[20:-20], atol=5e-4)
+    assert np.abs(expected).max() > 2.0

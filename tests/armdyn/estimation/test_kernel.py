@@ -206,7 +206,7 @@ def test_random_effects_say_how_the_slopes_of_other_units_scatter():
         X, r = np.repeat(X, alike, axis=1), np.repeat(r, alike, axis=1)
         return NormalEquations.of_units(X, r, np.ones(r.shape))
 
-    found, others = RandomEffects.fitted(equations(), 2, units, 0.0), equations()
+    found, others = RandomEffects.fitted(equations(), np.zeros(2), units, 0.0), equations()
     np.testing.assert_allclose(found.mean, m, atol=4.0 * np.max(std) / np.sqrt(units))
     P, n = (np.tile(part, (units, *[1] * (part.ndim - 1))) for part in (found.scatter, found.noise))
     S, away = others.gram, others.slope - (others.gram @ np.tile(found.mean, (units, 1))[..., None])[..., 0]

@@ -5,9 +5,11 @@ import pytest
 
 from armdyn.estimation.equations import NormalEquations
 from armdyn.watch.changes import FaultFreeBaseline
+from armdyn.watch.watched import LOAD_PRIOR, LOAD_UNITS, SharedChange
 
 FRICTION, OFFSET = 0, 2
 MORE = 0.3
+LOAD = (SharedChange("payload", np.arange(4), LOAD_PRIOR, LOAD_UNITS, (0,) * 4),)
 
 
 def windows(rng, count, more=0.0):
@@ -24,7 +26,7 @@ def windows(rng, count, more=0.0):
 
 def test_friction_is_found_beside_an_offset_that_scatters():
     rng = np.random.default_rng(0)
-    baseline = FaultFreeBaseline.of(windows(rng, 200), 1, 3)
+    baseline = FaultFreeBaseline.of(windows(rng, 200), LOAD, np.zeros(1), 3)
     _, quiet = baseline.scores(windows(rng, 200))
     assert np.sqrt(np.mean(quiet**2, axis=(0, 1))) == pytest.approx(np.ones(4), abs=0.4)
     changed = windows(rng, 200, MORE)
@@ -39,7 +41,7 @@ def test_friction_is_found_beside_an_offset_that_scatters():
 
 def test_a_joint_that_never_moves_tells_nothing_and_breaks_nothing():
     still = NormalEquations.of_units(np.zeros((60, 5, 8)), np.zeros((60, 5)), np.ones((60, 5)))
-    load, own = FaultFreeBaseline.of(still, 2, 3).scores(still)
+    load, own = FaultFreeBaseline.of(still, LOAD, np.zeros(2), 3).scores(still)
     assert np.isfinite(own).all()
     assert own.max() < 1e-3
     assert load.max() < 1e-3

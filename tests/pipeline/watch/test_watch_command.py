@@ -20,6 +20,7 @@ from armdyn.arm.model import arm_model
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
+from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.fault_free import statistics_of_recordings
 from armdyn.watch.watch import Watch
 from pipeline.watch.log import SampleLog
@@ -189,7 +190,7 @@ def test_the_page_shows_residuals_with_their_limits_and_events(complains):
         strange = urllib.request.Request(page.address + "state", headers={"Host": "elsewhere.example"})
         with complains(urllib.error.HTTPError):
             urllib.request.urlopen(strange)
-    assert (state["joints"], state["units"]) == (list(arm.joints), ["N m"] * 6)
+    assert (state["channels"], state["units"]) == (list(arm.joints), ["N m"] * 6)
     assert state["state"].startswith("watching at 16.0 s; watched 15.")
     assert "outside_torque" in {event["event"] for event in state["events"]}
     stamp, residual, mean, limit = state["points"][-1]
@@ -245,7 +246,7 @@ def test_a_full_disk_costs_the_log_and_not_the_watch(folder, calibrated, armdyn)
 
 def test_no_part_of_a_log_writes_over_a_file(tmp_path):
     (tmp_path / "day_2.csv").write_text("kept")
-    log = SampleLog(tmp_path / "day.csv", arm_model(robot="ur5"))
+    log = SampleLog(tmp_path / "day.csv", WatchedChannels.of(arm_model(robot="ur5")))
     log.write((0.0, np.zeros(6), np.zeros(6)))
     assert len((tmp_path / "day.csv").read_text().splitlines()) == 2  # at once, in case the power fails
     log.next_file()
