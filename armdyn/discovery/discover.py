@@ -47,8 +47,9 @@ largest predicted contribution."""
 MIN_SHARE_WITHOUT_TERM = 0.02
 """Least share of the samples in which a term that acts beyond a place does not act. A term that acts in all of them is
 a simpler one, such as a constant, whose place nothing determines."""
-NOTHING_EXPLAINED_SHARE = 0.005
-"""Share of the squared error below which a step is told as 0 %."""
+NOTHING_EXPLAINED_SHARE, LEAST_SHARE_OF_REST = 0.005, 0.5
+"""Share of the squared error below which a step is told as 0 %, and least share of what was left before that it must
+remove to be told nevertheless: a second law may be small beside the first and bring the error down to the noise."""
 MAX_CURVE_ERROR_SHARE_OF_FORMULA = 0.7
 """A curve is reported in place of a formula if it leaves less than this share of the squared error (above the noise)
 that the formula leaves."""
@@ -112,12 +113,11 @@ def _searched(
 
 def steps_that_explain(study: Study, steps: Sequence[SearchStep]) -> tuple[SearchStep, ...]:
     """Steps of a search without the last ones, where these explain 0 % together, and little of what was left before."""
+    given, last = steps[0].fit, steps[-1].fit
     for k, step in enumerate(steps[:-1]):
-        if study.explained_share(steps[0].fit, steps[-1].fit) - study.explained_share(
-            steps[0].fit, step.fit
-        ) < NOTHING_EXPLAINED_SHARE and study.squared_error(steps[-1].fit) > study.settings.search.needed_share(
-            int(steps[-1].fit.free.sum() - step.fit.free.sum())
-        ) * study.squared_error(step.fit):
+        more = study.explained_share(given, last) - study.explained_share(given, step.fit)
+        left = study.squared_error(last) / study.squared_error(step.fit)
+        if more < NOTHING_EXPLAINED_SHARE and left > 1.0 - LEAST_SHARE_OF_REST:
             return tuple(steps[: k + 1])
     return tuple(steps)
 

@@ -84,6 +84,7 @@ class EffectSetOptimiser:
         self.base, self.point = self._begun(wanted, options)
         known = (problem.prior_weight > 0.0) | self.start_unknowns | self.base
         self.influential = self.box.influential(self.point) | known
+        self._declared = problem.null
         self.thresholds, problem.jumps = find_thresholds(self.box, self.point, self.base, self.influential)
         problem.set_thresholds(self.threshold_values)
         self._given = values.copy()
@@ -97,6 +98,32 @@ class EffectSetOptimiser:
     def threshold_values(self) -> dict[str, float]:
         """Start values, by parameter name, of thresholds: parameters without influence while their effect is absent."""
         return {self.problem.columns[k].parameter.name: place for k, place in self.thresholds.items()}
+
+    def move_thresholds(self, free: np.ndarray) -> list[str]:
+        """Search the thresholds of absent effects anew, beside a set of effects, and start from them.
+
+        Beside the model as given, a stop in a pivot that rubs is looked for where the friction is missing.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted with the set.
+
+        Returns:
+            Names of the parameters of thresholds that moved by a typical size or more.
+        """
+        problem, point = self.problem, self.optimise(free)
+        absent = np.zeros(len(free), dtype=bool)
+        absent[[k for k in self.thresholds if not free[k]]] = True
+        problem.set_thresholds({problem.columns[k].name: self._declared[k] for k in np.flatnonzero(absent)})
+        found, _ = find_thresholds(self.box, self._without(point, free), free, ~absent)
+        moved = {k: at for k, at in found.items() if abs(at - self.thresholds[k]) >= problem.typical[k]}
+        self.thresholds |= moved
+        problem.set_thresholds(self.threshold_values)
+        for k, at in moved.items():
+            self._settled = {key: one for key, one in self._settled.items() if not one[0][k]}
+            for _, kept in self._settled.values():
+                kept.values[k] = at
+            self._given[k] = at
+        return [problem.columns[k].name for k in moved]
 
     def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, LinearisationPoint]:
         """Unknowns of the base that the runs identify, and the point optimised from (P,) options or shown values.

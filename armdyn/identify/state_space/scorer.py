@@ -122,7 +122,7 @@ class StateSpaceScorer(EffectSetScorer):
         Args:
             say: called with a text on the progress.
         """
-        now, refused = self.optimise(()), {frozenset[Candidate]()}
+        now, refused, looked = self.optimise(()), {frozenset[Candidate]()}, False
         while True:
             say(f"{len(now.effects)} effects chosen")
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
@@ -139,9 +139,32 @@ class StateSpaceScorer(EffectSetScorer):
                 found.append(self._verify(option))
             better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
             following = next((one for one in better if one.score > self._again(now, one).score + CONVERGED_NATS), None)
-            if following is None:
-                return self.optimise(now.effects)
-            now = self.optimise(following.effects)
+            if following is not None:
+                now = self.optimise(following.effects)
+                continue
+            now = self.optimise(now.effects)
+            moved = set() if looked or not self._lacks_more(now) else self._moved_thresholds(now)
+            if not moved:
+                return now
+            looked = True
+            say("searching places beside what was found")
+            refused = {one for one in refused if moved.isdisjoint(one)}
+            now = self.optimise(now.effects)
+
+    def _lacks_more(self, now: EffectSetScore) -> bool:
+        """Whether a set has effects, and whole runs show that more than noise is left."""
+        study = self._study
+        return bool(now.effects) and not study.residual_may_be_noise(study.quick_fit((*study.present, *now.effects)))
+
+    def _moved_thresholds(self, now: EffectSetScore) -> set[Candidate]:
+        """Effects whose threshold was found elsewhere beside a set; all that was computed with them is forgotten."""
+        names = set(self._study.move_thresholds(self._free(now.effects)))
+        moved = {c for c in self.candidates if not names.isdisjoint(c.names)}
+        if moved:
+            self._settled = {key for key in self._settled if moved.isdisjoint(key)}
+            self._verified = {key: one for key, one in self._verified.items() if moved.isdisjoint(key)}
+            self._tables, self._known = {}, {}
+        return moved
 
     def ties(self, whole: EffectSetScore, other: EffectSetScore, without: EffectSetScore) -> bool:
         """Whether the runs cannot tell two sets apart, by their evidence or by their residuals.

@@ -143,6 +143,16 @@ class StateSpaceStudy(Study):
         """
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
 
+    def move_thresholds(self, free: np.ndarray) -> list[str]:
+        """Search thresholds anew beside a set of effects; see `EffectSetOptimiser.move_thresholds`."""
+        moved = self.motion.move_thresholds(free)
+        self.problem.set_thresholds(self.motion.threshold_values)
+        for starts in [key for key in self._starts if not key.isdisjoint(moved)]:
+            del self._starts[starts]
+        for fitted in [key for key in self._fits if not key[0].isdisjoint(moved)]:
+            del self._fits[fitted]
+        return moved
+
     def foretold_costs(self, effects: Sequence[Candidate], further: Sequence[Candidate]) -> dict[Candidate, float]:
         """Foretell the cost of a set of effects with each of some further ones, without a fit.
 
@@ -156,8 +166,9 @@ class StateSpaceStudy(Study):
         problem, found = self.problem, self.quick_fit(effects)
         free = {c: found.free | problem.mask_of_unknowns(c.names) for c in further}
         every = found.free | problem.mask_of_unknowns([name for c in further for name in c.names])
-        whole = problem.expansion(found.values, every)
-        return {c: _foretold_cost(problem, found.values, whole, every, own) for c, own in free.items()}
+        values = np.where(every & ~found.free, problem.null, found.values)
+        whole = problem.expansion(values, every)
+        return {c: _foretold_cost(problem, values, whole, every, own) for c, own in free.items()}
 
     def residual_may_be_noise(self, fit: Fit) -> bool:
         """Whether the residual of a fit may be noise alone, in training and in held-out runs."""
