@@ -95,7 +95,7 @@ def time_in_seconds(time: Any, unit: str) -> FloatArray:
     """Convert time stamps to s, (n,), from numbers in `unit`, durations or dates.
 
     Raises:
-        InputError: the unit is no unit of time.
+        InputError: the unit is not a unit of time.
     """
     array = np.asarray(time)
     if array.dtype.kind in "mM":

@@ -36,7 +36,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory, and the missing directories above it; an existing directory is no error.
+    """Make a directory, and the missing directories above it; an existing directory is not an error.
 
     Raises:
         InputError: the directory cannot be made, or a file has its name.

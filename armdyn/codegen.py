@@ -39,7 +39,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
 
     The compiled library is stored in the user's private cache under a hash of its source and a hash of its content, so
     that the compiler runs once for the same equations, and again where the library was damaged. A failing compiler, a
-    full disk or a cache that others can write to is no error: CasADi's virtual machine gives the same numbers, more
+    full disk or a cache that others can write to is not an error: CasADi's virtual machine gives the same numbers, more
     slowly.
 
     Args:

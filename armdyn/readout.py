@@ -83,7 +83,7 @@ class InterpolatingSampler(Sampler):
         return found + _rows(bend, middle[:, None] + [-1, 0, 1], len(nodes))
 
     def _instants(self, delay: float, derivative: int) -> csr_matrix:
-        """The `matrix` for samples at instants, which are no means."""
+        """The `matrix` for samples at instants, which are not means."""
         nodes = self.nodes
         at = np.clip(self._time, nodes[0], None) - delay
         inside = np.clip(at, nodes[0], nodes[-1])

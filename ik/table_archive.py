@@ -55,7 +55,9 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
     with zipfile.ZipFile(source) as packed:
         for member in packed.infolist():  # a few kilobytes of zeros expand to as many gigabytes as one likes
             if member.file_size > MAX_IK_TABLE_ARRAY_BYTES:
-                raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD_REMEDY}")
+                raise StaleTableError(
+                    f"{source}: '{member.filename[:60]}' is not an array of a table; {REBUILD_REMEDY}"
+                )
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         allow_overwrite(source)  # a table that may be built again

@@ -41,7 +41,7 @@ class JointTorque:
 
     def __init__(self, robot: Robot, load_mass: float = 0.0, springs: bool | None = None) -> None:
         if not (np.isfinite(load_mass) and load_mass >= 0.0):
-            raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
+            raise InputError(f"load mass: {load_mass} kg is not a mass; give a number of kg, 0 or more")
         self._robot, self._model = robot, pin.Model(robot.model)
         frame = robot.model.frames[robot.tool_frame_id]
         lever = frame.placement.act(robot.tool_offset)

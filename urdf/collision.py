@@ -36,7 +36,7 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
         )
     for shape in shapes.geometryObjects:
         if hasattr(shape.geometry, "vertices") and not np.isfinite(shape.geometry.vertices()).all():
-            raise UrdfError(f"mesh {shape.meshPath} holds a corner that is no number; mend or replace it")
+            raise UrdfError(f"mesh {shape.meshPath} holds a corner that is not a number; mend or replace it")
     locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
     model, shapes = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
     return model, shapes

@@ -114,7 +114,7 @@ class _Description:
                 if element is not None and joint.get("name") in joints and float(element.get(key, "0")):
                     names.append(f"{joint.get('name')} {float(element.get(key, '0')):g}")
         return [
-            f"{key} of <dynamics> ({', '.join(names)}) is no part of the model: add {effect}, or let repair find it"
+            f"{key} of <dynamics> ({', '.join(names)}) is not a part of the model: add {effect}, or let repair find it"
             for (key, effect), names in said.items()
             if names
         ]

@@ -238,7 +238,7 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
         mesh = coal.MeshLoader().load(str(path), scale)
         mesh.computeLocalAABB()
     if not np.isfinite(mesh.vertices()).all():
-        raise UrdfError(f"mesh {path} holds a corner that is no number; mend or replace it")
+        raise UrdfError(f"mesh {path} holds a corner that is not a number; mend or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 

@@ -59,7 +59,7 @@ def read_mjcf(path: Path) -> CompiledMjcf:
     check_sizes(path)
     model, noticed = _compiled(path)
     if any("NaN" in text for text in noticed):  # MuJoCo ignores this entry
-        raise UrdfError(f"{path}: {_nan_in(path)} holds 'nan', which is no number; correct it")
+        raise UrdfError(f"{path}: {_nan_in(path)} holds 'nan', which is not a number; correct it")
     bodies = _names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, lambda i: f"body_{i}")
     joints = _names(model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, lambda j: f"{bodies[model.jnt_bodyid[j]]}_joint")
     _check_numbers(path, model, bodies, joints)
@@ -132,7 +132,7 @@ def _check_numbers(path: Path, model: Any, bodies: tuple[str, ...], joints: tupl
         if isinstance(values, np.ndarray) and values.dtype.kind == "f" and not np.isfinite(values).all():
             i, (kind, names) = int(np.argwhere(~np.isfinite(values))[0][0]), owners[prefix]
             who = f"'{names[i]}'" if names else str(i + 1)
-            raise UrdfError(f"{path}: {kind} {who}: its {what} holds what is no finite number; correct it")
+            raise UrdfError(f"{path}: {kind} {who}: its {what} holds what is not a finite number; correct it")
 
 
 class _Tree:

@@ -47,7 +47,7 @@ def check_sizes(path: Path) -> None:
     """Check the files that an MJCF file names, its counts and its pictures; reports the files to Python's audit.
 
     Raises:
-        UrdfError: a file is no regular one or too large, or a number is too large; the message names file and element.
+        UrdfError: a file is not regular or is too large, or a number is too large; the message names file and element.
     """
     pixels = 0
     for file, root in _parts(path):
@@ -89,7 +89,7 @@ def _named(element: ET.Element, bases: set[Path], folders: set[str]) -> Iterator
 def _check_file(file: Path, what: str) -> int:
     """Check a file, which `what` names in messages, and return the number of points of a picture."""
     if not file.is_file():
-        raise UrdfError(f"{what} is no file, or a pipe that may never be written to; name a file")
+        raise UrdfError(f"{what} is not a file, or a pipe that may never be written to; name a file")
     most = MAX_MESH_BYTES if file.suffix.lower() in (".stl", ".png") else MAX_TEXT_MESH_BYTES
     if file.stat().st_size > most:
         raise UrdfError(f"{what} is larger than {most / MIB:g} MiB; reduce it")

@@ -78,7 +78,7 @@ class Limits:
                 value = f"{values[wrong[0]]:g}" if wrong.size else f"given for {values.size} joints"
                 raise UrdfError(f"the {name} limit of a joint is {value}; give one above 0 and at most {largest:g}")
         if not (np.isfinite(self.lower).all() and np.isfinite(self.upper).all() and np.all(self.lower < self.upper)):
-            raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
+            raise UrdfError("the position limits of a joint are not a range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
         """Distance of each joint from its nearer position limit [rad or m], negative beyond the limit.

@@ -175,7 +175,7 @@ def _check(settings: RobotSettings) -> None:
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
         if file is not None and not 0 < len(file.strip()) <= MAX_NAME_CHARACTERS:
-            raise UrdfError(f"{table} = '{file:.60}' is no name: give one of 1 to {MAX_NAME_CHARACTERS} characters")
+            raise UrdfError(f"{table} = '{file:.60}' is not a name: give one of 1 to {MAX_NAME_CHARACTERS} characters")
     places: dict[str, tuple[float, ...]] = {f"[[frames]] {frame.name}": frame.position for frame in settings.frames}
     places["[tool] offset"] = settings.tool.offset
     if settings.line is not None:

@@ -1,4 +1,4 @@
-"""Find joints of a description that are no part of the arm but move in recordings, such as a lift below the arm.
+"""Find joints of a description that are not part of the arm but move in recordings, such as a lift below the arm.
 
 Their recorded motion moves the rigid bodies, so that weight and inertia of the moved bodies are in the right place.
 """
@@ -42,7 +42,7 @@ def with_joints_moving_as_recorded(arm: Arm, runs: Sequence[Run]) -> Arm:
 
 
 def moving_joints_outside_arm_model(arm: Arm, runs: Sequence[Run]) -> list[str]:
-    """Names of joints that are no part of the arm's model but change its torques in a recording."""
+    """Names of joints that are not part of the arm's model but change its torques in a recording."""
     if not any(joint not in arm.joints for run in runs for joint in run.joints):
         return []
     full = pin.buildModelFromXML(arm.robot.urdf_xml)

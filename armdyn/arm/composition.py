@@ -260,7 +260,7 @@ class ComposedJoint:
 
     @property
     def needs_more_than_an_instant(self) -> str:
-        """Why torques are no function of one instant; empty if they are."""
+        """Why torques are not a function of one instant; empty if they are."""
         if self.after.added_states:
             return "has a state of its own"
         time = self.before.time

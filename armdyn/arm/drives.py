@@ -163,7 +163,7 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
                 driven[joint] = name
             kinds = {slides[joint] for joint in entry.joints}
             if len(kinds) > 1:
-                raise InputError("joints that turn and joints that slide: write a table for each")
+                raise InputError("joints: some turn and some slide: write a table for each kind")
             found[name] = _servo(entry, slides=kinds.pop())
     return found
 

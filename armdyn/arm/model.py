@@ -129,7 +129,7 @@ class ArmModel(Model):
 
     @property
     def excluded_effects(self) -> frozenset[str]:
-        """Names of effects that are stated or identified for all drives of a kind, so that they are no candidates."""
+        """Names of effects that are stated or identified for all drives of a kind, so that they are not candidates."""
         drives = self.drives.values()
         identified = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),

@@ -1,7 +1,7 @@
 """Which parameters of a simulator's joint an effect changes, read from its equation: no list of effects is kept.
 
 A slot is a parameter that simulators know: a torque's factor of the velocity is a joint's damping, whatever the effect
-is called that adds it. An effect whose equation is no sum of slots has none, and says why.
+is called that adds it. An effect whose equation is not a sum of slots has none, and says why.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ class EffectSlots:
     """Slots of one effect.
 
     Attributes:
-        names: the slots; empty if its equation is no sum of slots.
+        names: the slots; empty if its equation is not a sum of slots.
         depends_on: what it depends on that no slot holds, or how; empty if it has slots.
     """
 
@@ -126,7 +126,7 @@ def simplest_effect(*slots: str) -> Effect:
 
 
 class _NotLinearError(Exception):
-    """An expression is no sum of slots; the text says in what it is not linear."""
+    """An expression is not a sum of slots; the text says in what it is not linear."""
 
 
 def _torque_slots(torque: Expression, motion: tuple[Expression, ...]) -> dict[str, Expression]:

@@ -41,7 +41,7 @@ def physics_curve_candidates(fit: Fit) -> Iterator[CandidateTerm]:
 
 
 def _states(fit: Fit) -> Iterator[tuple[TermLocation, list[TermVariable]]]:
-    """Every state whose rate is no state itself, with states and inputs and their ranges in the runs."""
+    """Every state whose rate is not a state itself, with states and inputs and their ranges in the runs."""
     model = cast(PhysicsModel, fit.problem.model)
     units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
     samples: dict[str, list[np.ndarray]] = {name: [] for name in units}

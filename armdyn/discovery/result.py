@@ -121,7 +121,7 @@ class Discovery(Displayable):
 
     @property
     def laws_outside_catalogue(self) -> tuple[DiscoveredLaw, ...]:
-        """The discovered laws that are no effects of the catalogue."""
+        """The discovered laws that are not effects of the catalogue."""
         return tuple(one for one in self.laws if one.term is not None)
 
     @property

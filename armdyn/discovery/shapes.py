@@ -288,7 +288,7 @@ def _frictions(
 ) -> Shapes:
     """Viscous friction, and dry friction, each times a factor that depends on the quantity `by`.
 
-    A factor that is no plain number has the unit of the powers `counted`.
+    A factor that is not a plain number has the unit of the powers `counted`.
     """
     share_scale = float(np.prod([v.size**n for v, n in counted]))
     yield _single(

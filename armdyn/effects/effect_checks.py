@@ -136,7 +136,7 @@ def _wrong_with(q: Quantity, *, of_catalogue: bool) -> str | None:
         (not spread_fits, f"spread is {q.spread!r}: write a number of more than 0, or leave it out"),
         (
             of_catalogue and si.replace(" ", "") != q.unit.replace(" ", "") and q.unit != "Nm",
-            f"'{q.unit}' is no SI unit: write '{si}' and the numbers in it",
+            f"'{q.unit}' is not an SI unit: write '{si}' and the numbers in it",
         ),
     )
     return next((said for wrong, said in faults if wrong), None)
@@ -240,7 +240,7 @@ def _why(error: BaseException) -> str:
         )
     if isinstance(error, SystemExit):
         return "it calls sys.exit: raise an exception instead"
-    return f"it fails with {type(error).__name__}: {text[:200]}: mend its file"
+    return f"it fails with {': '.join(filter(None, [type(error).__name__, text[:200]]))}: mend its file"
 
 
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:

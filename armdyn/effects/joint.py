@@ -207,7 +207,7 @@ def payload(
 
 
 @effect(
-    summary="The body that the last link carries is no point: it has an inertia about its own centre.",
+    summary="The body that the last link carries is not a point: it has an inertia about its own centre.",
     source="second moments of mass in the pseudo-inertia: Wensing, Kim & Slotine, IEEE RA-L 3, 2018",
     reach="last",
     needs=("tx", "ty", "tz"),

@@ -57,7 +57,7 @@ def require_pendulum(study: Study) -> None:
     """Refuse a study for which no experiment of a pendulum can be planned.
 
     Raises:
-        InputError: the model is no pendulum, a gripper moves in some runs only, or a run has no channel by which an
+        InputError: the model is not a pendulum, a gripper moves in some runs only, or a run has no channel by which an
             experiment is judged.
     """
     model = study.model

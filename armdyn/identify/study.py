@@ -50,7 +50,7 @@ class Study(ABC):
     sums_predict: ClassVar[bool] = False
     """Whether one linearisation predicts the fit of any set of effects."""
     ignores_input_errors: ClassVar[bool] = False
-    """Whether a residual near the noise may come from errors of the measured inputs, and is no missing effect."""
+    """Whether a residual near the noise may come from errors of the measured inputs, and is not a missing effect."""
 
     @one_thread
     def __init__(

@@ -1,7 +1,8 @@
 """Find parts of a recording in which a channel is constant: a stuck sensor, or a joint that sticks at one position.
 
 A lost connection occurs at some time; a joint held by friction stops at some position: in every pass it stops there
-from full speed, until the drive has pulled enough. A joint that its drive stops slows down before.
+from full speed, until the drive has pulled enough, and goes on. A joint that its drive stops slows down before, and
+every joint stands where it turns round, or where its command stands.
 """
 
 from collections.abc import Iterable, Iterator
@@ -53,16 +54,18 @@ class Stop:
         start: time of the first sample at rest, s.
         end: time of the last sample at rest, s.
         position: position of the joint, rad or m.
+        passed: whether the joint goes on in the direction from which it came.
     """
 
     start: float
     end: float
     position: float
+    passed: bool
 
 
 def stuck_sensor_checks(run: Run) -> Iterator[Check]:
     """Findings on stuck sensors: channels that keep one value and then jump, or have no noise for some time."""
-    sticks = [name for name, channel in _joints(run) if repeated_stops(channel)]
+    sticks = [name for name, _ in _joints(run) if repeated_stops(run, name)]
     for name, channel in run.channels.items():
         found = None if name in sticks else longest_constant_stretch(channel)
         if found is None:
@@ -110,7 +113,7 @@ def longest_constant_stretch(channel: Channel) -> tuple[int, int] | None:
 def sticking_joint_checks(run: Run) -> Iterator[Check]:
     """Findings on joints that stick at one position whenever they pass it."""
     for name, channel in _joints(run):
-        for stands in repeated_stops(channel):
+        for stands in repeated_stops(run, name):
             place, longest = float(np.mean([stand.position for stand in stands])), longest_stop(stands)
             yield Check(
                 "sticking", Severity.SUSPECT, run.name, (name,),
@@ -123,19 +126,25 @@ def sticking_joint_checks(run: Run) -> Iterator[Check]:
 
 
 @cached_with_first_argument
-def repeated_stops(channel: Channel) -> list[list[Stop]]:
+def repeated_stops(run: Run, name: str) -> list[list[Stop]]:
     """Stops of a joint that repeat at one position, grouped by position.
 
-    A group has more stops, closer together, than stops at random positions would have.
+    A group has more stops, closer together, than stops at random positions would have. Left out are the ends of the
+    range, and stops that something else explains: the joint turns round, or its command stands too.
 
-    The ends of the range are left out, because a joint reverses there.
+    Args:
+        run: the recording.
+        name: channel of the joint's position.
     """
+    channel, command = run.channels[name], run.all_channels.get(f"q_cmd.{name.removeprefix('q.')}")
     low, high = float(channel.value.min()), float(channel.value.max())
     whole = high - low
     found = [
         s
         for s in abrupt_stops(channel)
-        if min(s.position - low, high - s.position) > MAX_SAME_STOP_DISTANCE_RANGE_SHARE * whole
+        if s.passed
+        and (command is None or _moves(command, s))
+        and min(s.position - low, high - s.position) > MAX_SAME_STOP_DISTANCE_RANGE_SHARE * whole
     ]
     places: list[list[Stop]] = []
     for stand in sorted(found, key=lambda stand: stand.position):
@@ -145,6 +154,16 @@ def repeated_stops(channel: Channel) -> list[list[Stop]]:
             places.append([stand])
     surely = (stands for stands in places if _chance(stands, len(found), whole) < MAX_SAME_STOP_PROBABILITY)
     return [sorted(stands, key=lambda stand: stand.start) for stands in surely]
+
+
+def _moves(command: Channel, stop: Stop) -> bool:
+    """Whether a command, which holds until its next sample, changes in the middle half of a stop.
+
+    Its ends are left out, because a drive follows its command late.
+    """
+    span = stop.start + (stop.end - stop.start) * np.array([0.25, 0.75])
+    first, last = np.searchsorted(command.time, span, side="right") - 1
+    return bool(np.ptp(command.value[max(first, 0) : last + 1]) > resolution(command.value))
 
 
 def _chance(stands: list[Stop], of: int, whole: float) -> float:
@@ -169,18 +188,28 @@ def abrupt_stops(channel: Channel) -> list[Stop]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
     near, far = 1 + max(2, int(np.ceil(2.0 * noise / usual))), length
 
-    def abrupt(at: int, way: int) -> bool:
-        """Whether the speed near a stretch is that farther away, but for a part of a step."""
+    def steps(at: int, way: int) -> tuple[float, float]:
+        """Steps per sample near a stretch and farther away, seen from it; 0 at the recording's end."""
         places = at + way * np.array([1, near, near + far])
         if places.min() < 0 or places.max() >= len(value):
-            return False
+            return 0.0, 0.0
         beside, before = np.diff(value[places]) / (near - 1, far)
+        return float(beside), float(before)
+
+    def abrupt(at: int, way: int) -> bool:
+        """Whether the speed near a stretch is that farther away, but for a part of a step."""
+        beside, before = steps(at, way)
         return bool(
             abs(before) > MIN_SPEED_SHARE_BESIDE_STICKING * usual and beside / before > MIN_SPEED_SHARE_BEFORE_STICKING
         )
 
     return [
-        Stop(float(channel.time[first]), float(channel.time[end - 1]), float(np.median(value[first:end])))
+        Stop(
+            float(channel.time[first]),
+            float(channel.time[end - 1]),
+            float(np.median(value[first:end])),
+            passed=steps(first, -1)[1] * steps(end - 1, 1)[1] < 0.0,
+        )
         for first, end in zip(edges[::2], edges[1::2], strict=True)
         if abrupt(first, -1) or abrupt(end - 1, 1)
     ]
@@ -192,8 +221,8 @@ def sticking_spans(run: Run) -> list[tuple[float, float]]:
     Each span is twice as long as the longest stop; in the second half the joint catches up.
     """
     found = []
-    for _, channel in _joints(run):
-        for stands in repeated_stops(channel):
+    for name, channel in _joints(run):
+        for stands in repeated_stops(run, name):
             crossed = np.diff(channel.value > stands[0].position)
             passes = [*(stand.start for stand in stands), *channel.time[1:][crossed].tolist()]
             found += [(t, t + 2.0 * longest_stop(stands)) for t in passes]

@@ -67,7 +67,7 @@ def inspect_runs(
         runs: the recordings.
         model: model of the robot; without it only signals are checked, units against ranges, and rates against
             positions.
-        effects: effects that the model may lack, which are no mistake of a recording; None means all possible ones.
+        effects: effects that the model may lack, which are not mistakes of a recording; None means all possible ones.
         adding: effects that are going to be added to the model, whose values recordings may state.
     """
     if effects is None:
@@ -184,7 +184,7 @@ def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
         for joint in run.joints:
             position = run.channels[f"q.{joint}"]
             said = f"q.{joint} moves by {rounded(float(np.ptp(position.value)))} {position.unit}, "
-            said += "and is no joint of the model"
+            said += "and is not a joint of the model"
             if joint in model.arm.carried:
                 severity, more = Severity.NOTE, ", which moves it as recorded and explains no torque of it"
                 remedy = "nothing to do; to explain its torque, make the model with it: 'armdyn new arm --joints ...'"

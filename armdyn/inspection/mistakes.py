@@ -77,7 +77,7 @@ def angle_unit_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:
                 alone = scaled_channels_mistake(
                     "angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS
                 )
-                # An elastic joint's motor may move otherwise than its link: then a smaller motion is no other unit.
+                # An elastic joint's motor may move otherwise than its link: then a smaller motion is not another unit.
                 still = scaled_channels_mistake(
                     "angle_unit", own, f"q.{joint} tells no motion", NO_MOTION_FACTOR, price=beyond_limits
                 )

@@ -237,7 +237,7 @@ def _best(runs: Compared, hypotheses: Sequence[Hypothesis], as_is: float) -> Bes
     odds = min(log_odds(as_is), log_odds(runs.evidence_of_no_model(chosen.runs)), *effects, *without)
     if odds < POSSIBLE_MISTAKE_NATS:
         return None
-    # A further mistake beside these is no rival of them.
+    # A further mistake beside these is not a rival of them.
     others = [
         k for k, h in enumerate(hypotheses) if not chosen.families <= h.families and set(h.runs) & set(chosen.runs)
     ]

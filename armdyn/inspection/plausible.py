@@ -41,7 +41,7 @@ def implausible_values(model: Model, runs: Sequence[Run] = ()) -> list[Check]:
     """Findings on impossible values of a fitted model, such as a payload heavier than the robot.
 
     In a base of a user's own the bounds of a value define what is possible, so that there are none. Small values
-    without a name are no findings: nobody reads them, and the recordings do not determine each of them.
+    without a name are not findings: nobody reads them, and the recordings do not determine each of them.
 
     Args:
         model: the fitted model.

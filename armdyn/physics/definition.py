@@ -327,7 +327,7 @@ def physics(
     """
     for what, given in (("parameters", parameters), ("states", states), ("held", held)):
         if isinstance(given, Parameter | str):
-            raise InputError(f"physics '{name}': {what} is no tuple: write {what}=(...,), with a comma at its end")
+            raise InputError(f"physics '{name}': {what} is not a tuple: write {what}=(...,), with a comma at its end")
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
     _check_declaration(f"physics '{name}'", "", period=period, step=step)

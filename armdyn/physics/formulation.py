@@ -116,7 +116,7 @@ def formulate(
 def _with_rates(
     physics: Physics, moment: Moment, found: Equations, states: Mapping[str, Expression]
 ) -> dict[str, Expression]:
-    """The rate of every state; effects may change those that are no state themselves."""
+    """The rate of every state; effects may change those that are not states themselves."""
     for name, changed in moment.changed_rates.items():
         if not _same(found.rates[name], changed):
             raise InputError(

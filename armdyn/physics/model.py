@@ -251,7 +251,7 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def speed_states(self) -> Mapping[int, str | None]:
-        """Indices and names of the states whose time derivative is no state, so that a force changes them."""
+        """Indices and names of the states whose time derivative is not a state, so that a force changes them."""
         names, rates = dict(enumerate(self.physics.states)), bare_formulation(self.physics).rates
         return {k: name for k, name in names.items() if name not in rates} or names
 

@@ -30,7 +30,7 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
 
     Args:
         path: the CSV file.
-        units: SI unit of every allowed column, for a table that is no recording; then no sample may be missing, however
+        units: SI unit of every allowed column, for a table that is not a recording; then no sample may be missing, however
             few there are.
 
     Returns:
@@ -95,7 +95,7 @@ def header_columns(header: str, units: Mapping[str, str] | None = None) -> dict[
 
     Args:
         header: first line of the table.
-        units: SI unit of every allowed column, for a table that is no recording.
+        units: SI unit of every allowed column, for a table that is not a recording.
 
     Raises:
         InputError: the columns are not separated by commas, or one has no known name and unit.

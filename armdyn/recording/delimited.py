@@ -204,7 +204,7 @@ def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str
     try:
         return [(row + reader.line_num - 1, cells) for cells in reader if any(map(str.strip, cells))]
     except csv.Error as error:
-        raise InputError(f"is no table: {error}: give a CSV") from error
+        raise InputError(f"is not a table: {error}: give a CSV") from error
 
 
 def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str], unfinished: bool) -> None:

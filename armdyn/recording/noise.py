@@ -83,7 +83,7 @@ def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_
     """Standard deviation of white noise on a smooth signal, from differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
-    weights the variance of the result is that of the noise. A fast signal at a low rate is no parabola over four
+    weights the variance of the result is that of the noise. A fast signal at a low rate is not a parabola over four
     samples: as long as the next order gives a clearly smaller value, the difference contains the signal. For coloured
     noise the result is too small.
 

@@ -111,10 +111,10 @@ def utc_time(value: object, where: str) -> datetime:
         try:
             return value if value.tzinfo is None else value.astimezone(UTC).replace(tzinfo=None)
         except OverflowError as error:  # for the first and last possible day
-            raise InputError(f"{where}: is no time of a recording: correct its year") from error
+            raise InputError(f"{where}: is not the date of a recording: correct its year") from error
     if isinstance(value, date):
         return datetime(value.year, value.month, value.day)
-    raise InputError(f"{where}: is no time: write it as 2026-05-04 or 2026-05-04T14:30:00")
+    raise InputError(f"{where}: is not a date: write it as 2026-05-04 or 2026-05-04T14:30:00")
 
 
 def _check_keys(table: Mapping[str, object]) -> None:

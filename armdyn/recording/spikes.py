@@ -63,7 +63,7 @@ def without_faulty_samples(
         run: the recorded run.
         measured: channels that are compared with a prediction; these are thinned.
         driving: channels that drive the prediction.
-        held: driving channels that hold each value until the next sample: a pulse of one sample is no fault of theirs.
+        held: driving channels that hold each value until the next sample: a pulse of one sample is not a fault of theirs.
         highest: sampling rate beyond which samples are averaged, Hz.
     """
     measured = tuple(measured)
@@ -285,7 +285,7 @@ class _Window:
         kept = np.ones((rows, len(self._time)), dtype=bool)
         kept[np.arange(rows)[:, None], choices] = False
         place = np.nonzero(kept)[1].reshape(rows, -1)
-        # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
+        # A gap that is made here is not a gap of the recording: differences across it tell a spike from a step.
         longest = MAX_DIFFERENCE_SPAN_RATIO + without / SPIKE_DIFFERENCE_ORDER
         return np.abs(
             normalised_differences(

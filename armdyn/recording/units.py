@@ -59,7 +59,7 @@ def si_factor(unit: str, expected: str) -> float:
         expected: SI unit of the quantity, such as ``"N"``.
 
     Raises:
-        InputError: `unit` is unknown, is of another kind than `expected`, or is no angle where an angle is expected.
+        InputError: `unit` is unknown, is of another kind than `expected`, or is not an angle where an angle is expected.
     """
     unit = unit.strip()
     if unit == expected:
@@ -137,7 +137,7 @@ def to_base_units(unit: str) -> tuple[str, float, float]:
     """SI base units of a unit (``"1"`` for a plain number), and factor and offset of the conversion to them.
 
     Raises:
-        InputError: the unit is unknown, or is no multiple of its base units, such as a decibel.
+        InputError: the unit is unknown, or is not a multiple of its base units, such as a decibel.
     """
     if unit.strip() == "1":
         return "1", 1.0, 0.0
@@ -196,7 +196,7 @@ def _parse(unit: str) -> _Unit:
         raise InputError(f"unknown unit '{unit}': write one such as 's', 'mm', 'deg/s', 'mN', 'N m'") from error
     factor = base.magnitude if zero == 0.0 else base.magnitude - zero
     if not math.isclose(two - zero, 2.0 * factor, rel_tol=1e-9):
-        raise InputError(f"unit '{unit}' is no multiple of anything: write what it counts, as a plain number in '1'")
+        raise InputError(f"unit '{unit}' is not a multiple of anything: write what it counts, as a plain number in '1'")
     if not (math.isfinite(factor) and factor > 0.0):
         raise InputError(f"unit '{unit}' is out of range: write one such as 's', 'mm', 'deg/s', 'mN', 'N m'")
     return _Unit(

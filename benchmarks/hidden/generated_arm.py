@@ -57,7 +57,7 @@ OF_DRIVES = {
     for name, one in CATALOGUE.items()
     if one.acts_on in ("joint", "drive") and {*slots_of(one).names, slots_of(one).depends_on} & {*INEXPRESSIBLE_REASONS}
 }
-"""Effects on what a drive is told or reads, which are no part of an exported arm's torques."""
+"""Effects on what a drive is told or reads, which are not part of an exported arm's torques."""
 EXPORTED = tuple(
     effect
     for effect in generated.EFFECTS

@@ -17,7 +17,7 @@ What is counted:
 - `quiet`: where nothing dominates, that no name was given with confidence. A name is confident when the first step
   lowers the squared error over all joints by at least half, in training and in the held-out run: it claims to be what
   is missing. In these cases no single effect on one joint explains more than 40 % of both, as a plain least-squares fit
-  without noise says, so that such a claim is false. Steps that lower the error a little are no fault, and neither is
+  without noise says, so that such a claim is false. Steps that lower the error a little are not a fault, and neither is
   any that comes later.
 """
 

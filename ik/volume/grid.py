@@ -54,7 +54,9 @@ class TargetGrid:
         if not (np.all(np.abs(self.low) <= MAX_GRID_COORDINATE) and np.all(np.abs(self.high) <= MAX_GRID_COORDINATE)):
             raise InputError(f"volume: a corner is farther than {MAX_GRID_COORDINATE:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):
-            raise InputError(f"volume: corners {self.low.tolist()} and {self.high.tolist()} span nothing; low < high")
+            raise InputError(
+                f"volume: the corners {self.low.tolist()} and {self.high.tolist()} enclose nothing: give low < high"
+            )
         if len(self.counts) != 3 or min(self.counts) < 2:
             raise InputError(f"volume: {self.counts} targets along x, y, z; give at least 2 along each")
         if self.targets > MAX_VOLUME_TARGETS:

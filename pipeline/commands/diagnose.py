@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repair_result import REPAIR_OUTPUT_OPTIONS
+from pipeline.console.repair_result import REPAIR_OUTPUT_OPTIONS, swings_from_gripper
 
 HELP_PANEL = "What a model lacks"
 
@@ -18,8 +18,7 @@ def diagnose(inputs: StudyInputs) -> None:
     with inputs.begin() as (given, say):
         found = given.diagnose(say)
     steps = []
-    moved = all("gripper_x" in run.channels for run in given.study.runs)
-    if found.remedies and given.study.model.hangs_from_gripper and moved:
+    if found.remedies and swings_from_gripper(given.study):
         command = inputs.proposed_command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.ranked_effects:

@@ -170,7 +170,7 @@ def _check_replaced(target: NewModelOptions) -> None:
 
     model = target.model
     if model.is_file() and model.suffix != ".toml":
-        raise InputError(f"{model} exists and is no model file: choose another name")
+        raise InputError(f"{model} exists and is not a model file: choose another name")
     if not model.is_file() or target.force:
         return
     try:

@@ -11,7 +11,7 @@ from pipeline.console.inputs import StudyInputs
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
     from armdyn.identify.repair import Repair
-    from armdyn.model import Model
+    from armdyn.identify.study import Study
 
 REPAIR_OUTPUT_OPTIONS = ("--output", "repaired.toml", "--report", "repair.html")
 """Options for the output files in a proposed command `armdyn repair`."""
@@ -37,7 +37,7 @@ def report_and_save_repair(
     from pipeline.report.repair import repair_report
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
-    steps = [] if lost else repair_next_steps(given.study.model, output, inputs.effects)
+    steps = [] if lost else repair_next_steps(given.study, output, inputs.effects)
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
         history = (*given.known.file.history, *history_entries(given.study, found))
@@ -53,17 +53,23 @@ def report_and_save_repair(
     )
 
 
-def repair_next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
+def swings_from_gripper(study: "Study") -> bool:
+    """Whether the recordings are of a load below a gripper, whose motion a robot can choose."""
+    return study.model.hangs_from_gripper and all("gripper_x" in run.channels for run in study.runs)
+
+
+def repair_next_steps(study: "Study", output: Path, effects: Path | None) -> list[NextStep]:
     """Commands to propose after a repair: use the model in a trial, and export it.
 
     Args:
-        model: the model before the repair.
+        study: the model before the repair, and its recordings.
         output: file of the repaired model.
         effects: file with effects that the user has written; None without one.
     """
     own = ["--effects", effects] if effects is not None else []
+    model, swings = study.model, swings_from_gripper(study)
     kind = ".py" if model.hangs_from_gripper else ".xml" if model.robot is not None else ".json"
     export = shell_quoted_command("export", output, *own, "--output", f"{output.stem}{kind}")
     swing = shell_quoted_command("trial", "--model", output, *own)
-    steps = [NextStep("swing with it", swing)] if model.hangs_from_gripper else []
+    steps = [NextStep("swing with it", swing)] if swings else []
     return [*steps, NextStep("take it elsewhere", export)]

@@ -70,7 +70,7 @@ def as_command(entry: ColumnEntry) -> ColumnEntry:
     if entry.quantity in COMMAND_OF.values():
         return entry
     if entry.quantity not in COMMAND_OF:
-        raise InputError(f"{entry.channel} is no command: a file of commands has {_KINDS}")
+        raise InputError(f"{entry.channel} is not a command: a file of commands has {_KINDS}")
     return replace(entry, channel=f"{COMMAND_OF[entry.quantity]}.{entry.joint}")
 
 
@@ -94,14 +94,14 @@ def with_commands(
         All channels, and sentences on stretches without a new command.
 
     Raises:
-        InputError: the clocks do not overlap, a channel is in both files, or is no command.
+        InputError: the clocks do not overlap, a channel is in both files, or is not a command.
     """
     begin = min(channel.time[0] for channel in measured.values())
     end = max(channel.time[-1] for channel in measured.values())
     found, notes = dict(measured), list[str]()
     for channel, commands in told.items():
         if channel.partition(".")[0] not in COMMAND_OF.values():
-            raise InputError(f"{channel} is no command: a file of commands has {_KINDS}")
+            raise InputError(f"{channel} is not a command: a file of commands has {_KINDS}")
         if channel in measured:
             raise InputError(f"{channel} is also in the file of measurements: leave it out of one")
         first, last = float(commands.time[0]), float(commands.time[-1])

@@ -251,7 +251,7 @@ def _channel(
         time = np.arange(len(value), dtype=float)
     present = np.isfinite(value)
     if table is None and not present.all():
-        notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
+        notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are not numbers: they are missing")
     largest = MAX_PLAUSIBLE_SIZE_BY_UNIT.get(to_si.unit, MAX_PLAUSIBLE_SIZE_OF_OTHER_UNITS)
     beyond = np.abs(np.where(present, value, 0.0)) > largest
     if beyond.any() and 2 * beyond.sum() < present.sum():
@@ -309,5 +309,5 @@ def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArr
         found = samples_with_valid_stamps(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
     account = ImportedSampleCounts("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_COMPARED_CHANNEL_SAMPLES:
-        raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
+        raise InputError(f"'{mapping.time}' is not a time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
     return found.time, found.rows, account

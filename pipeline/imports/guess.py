@@ -252,7 +252,7 @@ def map_unambiguous_commands(
     """Mapping of a file of commands whose columns have the names of channels; `q.elbow` is then a commanded position.
 
     Raises:
-        InputError: as `map_unambiguous_columns`; or a column is no command.
+        InputError: as `map_unambiguous_columns`; or a column is not a command.
     """
     found = map_unambiguous_columns(commands, joints, drives)
     with error_location(commands.name):

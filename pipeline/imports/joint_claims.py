@@ -137,7 +137,7 @@ def wrench_entries(labels: Mapping[str, ColumnHeaderParts]) -> dict[str, ColumnE
 
 
 def _axis_and_group(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]] | None:
-    """Axis, or its number, and the other words of a header; None for one that is no axis of a wrench."""
+    """Axis, or its number, and the other words of a header; None for one that is not an axis of a wrench."""
     for i, word in enumerate(words):
         before = words[i - 1] if i else ""
         axis = word if len(word) > 1 else before + word if len(before) == 1 else f"{before} {word}"

@@ -44,7 +44,7 @@ def list_items(cell: str) -> tuple[str, ...] | None:
 
 
 def lists_in(column: str, cells: Mapping[int, str], rows: Sequence[int]) -> dict[int, tuple[str, ...]] | None:
-    """The lists in the cells of a column that are no numbers; None where most of these cells hold no list.
+    """The lists in the cells of a column that are not numbers; None where most of these cells hold no list.
 
     Args:
         column: name of the column, for messages.
@@ -60,7 +60,7 @@ def lists_in(column: str, cells: Mapping[int, str], rows: Sequence[int]) -> dict
     for row, cell in cells.items():
         if row not in found:
             raise InputError(
-                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is no list as "
+                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is not a list as "
                 "in the other rows: mend it, or empty the cell"
             )
     return found
@@ -95,7 +95,7 @@ def columns_of_lists(
         lengths.
 
     Raises:
-        InputError: a list is longer or shorter than the others, or an entry is no number.
+        InputError: a list is longer or shorter than the others, or an entry is not a number.
     """
     words = {column for column, cells in lists.items() if not any(map(_is_number, _entries(cells)))}
     named = {column for column in words if NAME_WORDS & set(name_words(column)) and any(_entries(lists[column]))}
@@ -123,9 +123,9 @@ def columns_of_lists(
 
 
 def _check_size(part: str, count: int, rows: Sequence[int], row: int) -> None:
-    """Refuse the name of a new column beside `count` others, where it is no name, or they would not fit into memory."""
+    """Refuse the name of a new column beside `count` others, where it is not a name, or they would not fit into memory."""
     if len(part) > MAX_NAME_CHARACTERS or not part.isprintable():
-        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is no name of a joint: mend it")
+        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is not a name of a joint: mend it")
     if count == MAX_TABLE_COLUMNS or count * len(rows) > MAX_TABLE_CELLS:
         raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is one of too many numbers: leave some out")
 
@@ -151,7 +151,7 @@ def _number(item: str, column: str, row: int) -> float:
         return parse_number(item)
     except ValueError:
         raise InputError(
-            f"row {row}, column '{printable_excerpt(column)}': '{printable_excerpt(item, 40)}' in its list is no "
+            f"row {row}, column '{printable_excerpt(column)}': '{printable_excerpt(item, 40)}' in its list is not a "
             "number: mend it, or empty the cell"
         ) from None
 

@@ -63,7 +63,7 @@ class ColumnEntry:
         sign: +1 or -1.
         offset: offset that is added last, with its unit; empty for none.
         gear_ratio: turns of the motor per turn of the joint, where the values are the motor's.
-        torque_constant: torque per current, with its unit; empty where the column is no current.
+        torque_constant: torque per current, with its unit; empty where the column is not a current.
         scale: further factor on the values.
         late: delay of the stamps, with its unit; empty for 0.
         fast: relative rate error of the stamps' clock; positive where it runs fast.
@@ -198,7 +198,7 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
         if "period" in time:
             seconds = parse_quantity(str(time["period"]), "s").value
             if not seconds > 0.0:
-                raise InputError(f"'{time['period']}' is no time from one row to the next: write it as '4 s'")
+                raise InputError(f"'{time['period']}' is not a time from one row to the next: write it as '4 s'")
             rate = f"{1.0 / seconds!r} Hz"
         check_table_sample_rate(rate)
     columns = table.get("columns", {})
@@ -242,7 +242,7 @@ def check_table_sample_rate(rate: str) -> None:
         InputError: the text is not a frequency, or the rate is impossible.
     """
     if rate and not MIN_ROW_RATE <= parse_quantity(rate, "Hz").value <= MAX_ROW_RATE:
-        raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
+        raise InputError(f"'{rate}' is not a rate of a recording: give rows per second, such as '100 Hz'")
 
 
 LISTED_CHANNELS = (

@@ -46,7 +46,7 @@ def read_mat(path: Path) -> ForeignRecording:
         # In a process of its own, because scipy ends the process on some damaged files.
         ((_, content),) = map_in_processes(partial(_content, data), [path.name], 1, "forkserver")
         if isinstance(content, FailedWorkItem):
-            raise InputError("is no MATLAB file that can be read: it is damaged")
+            raise InputError("is not a MATLAB file that can be read: it is damaged")
         arrays = {
             name: a for key, value in content.items() if not key.startswith("__") for name, a in _arrays(key, value)
         }
@@ -80,7 +80,7 @@ def _content(data: bytes, name: str) -> dict[str, Any]:
     except NotImplementedError as error:
         raise InputError("is of MATLAB's version 7.3 by its header, and holds no HDF5 file: it is damaged") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
-        raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
+        raise InputError(f"is not a MATLAB file that can be read: {' '.join(str(error).split())}") from error
     if size > MAX_CONTENT_BYTES:
         raise InputError(f"holds more than {MAX_CONTENT_BYTES / MIB:.0f} MiB of numbers: cut it")
     if variables and all(kind == "opaque" for _, _, kind in variables):
@@ -124,7 +124,7 @@ def _content_of_hdf5(data: bytes, name: str) -> dict[str, Any]:
         with h5py.File(io.BytesIO(data), "r") as file:
             found = read(file)
     except (OSError, RuntimeError, ValueError, KeyError) as error:
-        raise InputError(f"is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
+        raise InputError(f"is not a MATLAB file that can be read: {' '.join(str(error).split())}") from error
     if objects and not found:
         raise InputError(f"holds a MATLAB table or another object alone: {OBJECT_REMEDY}")
     return found

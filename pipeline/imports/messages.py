@@ -90,5 +90,5 @@ def _register(store: "Typestore", connection: BagConnection) -> None:
 def _json(data: bytes) -> dict[str, Any]:
     content = json.loads(data)
     if not isinstance(content, dict):
-        raise TypeError("is no object")
+        raise TypeError("is not an object")
     return content

@@ -36,7 +36,7 @@ def read_sheet(path: Path) -> ForeignRecording:
                 )
                 rows = list(_rows(_elements(archive, SHEET_PATH, "row"), strings))
         except (zipfile.BadZipFile, KeyError, ET.ParseError, ValueError, IndexError, OSError, RuntimeError) as error:
-            raise InputError(f"is no Excel workbook that can be read ({error}): save it as CSV") from error
+            raise InputError(f"is not an Excel workbook that can be read ({error}): save it as CSV") from error
         return columns_of_text(path.stem, "".join("\t".join(row) + "\n" for row in rows))
 
 

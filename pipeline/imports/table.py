@@ -99,12 +99,12 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             row, cell = next(iter(wrong.items()))
             raise InputError(
                 f"row {table.rows[row]}, column '{printable_excerpt(column)}': "
-                f"'{printable_excerpt(cell, 40)}' is no number that anything has: "
+                f"'{printable_excerpt(cell, 40)}' is not a number that anything has: "
                 "mend it, or empty the cell"
             )
         if strange:
             cells = [repr(cell) for cell in strange.values()][:MAX_LISTED_TEXT_COLUMNS]
-            notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
+            notes.append(f"'{column}': {len(strange)} cells are not numbers ({', '.join(cells)}): taken as missing")
         columns[column] = ForeignColumn(value, unit)
     parts, said = columns_of_lists(lists, table.rows.tolist())
     for column, found in parts.items():
@@ -153,7 +153,7 @@ def read_parquet(path: Path) -> ForeignRecording:
                 _check_parquet(file, len(data))
                 table = file.read()
         except (ArrowException, OSError, ValueError, OverflowError) as error:
-            raise InputError(f"is no Parquet file that can be read: {' '.join(str(error).split())}") from error
+            raise InputError(f"is not a Parquet file that can be read: {' '.join(str(error).split())}") from error
         if table.num_rows == 0:
             raise InputError("holds no row: give a recording")
     names = _entry_names(table)

@@ -135,7 +135,7 @@ def split_column_header(name: str, unit: str = "") -> ColumnHeaderParts:
     found = None if written else _SUFFIX.search(text)
     if found is not None:
         label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
-        # A single letter is a unit only of the right quantity: the A of joint_A is no unit.
+        # A single letter is a unit only of the right quantity: the A of joint_A is not a unit.
         suits = label.quantity and is_unit_like(label.unit, *QUANTITY_UNITS[label.quantity])
         if suits or len(found["unit"]) > 1:
             return _completed(label)

@@ -11,7 +11,7 @@ from pipeline.trial.table import STRING_LENGTH_GUESSES, TableOne
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
-    "estimation show that such a box exists and are no prediction. The height of its rim is the sensitive number."
+    "estimation show that such a box exists and are not a prediction. The height of its rim is the sensitive number."
 )
 PAPER_STRING_LENGTH_STD = 0.0042
 """Standard deviation of the string lengths that the paper estimated [m]."""

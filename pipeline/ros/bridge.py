@@ -166,7 +166,7 @@ class RosBridge(Closable):
             self._flush()
             while self._protocol.handshake_exc is None and not self._protocol.events_received():
                 left = deadline - time.monotonic()
-                if left <= 0.0:  # a server that sends single bytes for ever is no bridge
+                if left <= 0.0:  # a server that sends single bytes for ever is not a bridge
                     raise TimeoutError(0, f"its greeting takes longer than {ROSBRIDGE_TIMEOUT_SECONDS:g} s")
                 self._socket.settimeout(left)
                 self._feed(self._read())
@@ -263,7 +263,7 @@ class RosBridge(Closable):
         text, self._parts = b"".join(self._parts), []
         message = json.loads(text, parse_int=_integer)
         if not isinstance(message, dict) or not isinstance(message.get("msg", {}), dict | str):
-            raise ValueError("what it sends is no message of rosbridge")
+            raise ValueError("what it sends is not a message of rosbridge")
         self._take(message, now)
 
     def _take(self, message: Message, now: float) -> None:

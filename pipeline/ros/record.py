@@ -161,7 +161,7 @@ class _ReceivedStates:
 
 
 def _numbers(values: object) -> list[float] | None:
-    """The numbers of a message; entries that are no numbers become nan, which JSON lacks."""
+    """The numbers of a message; entries that are not numbers become nan, which JSON lacks."""
     return [np.nan if value is None else float(value) for value in values] if isinstance(values, list) else None
 
 

@@ -329,7 +329,7 @@ class Experiment:
     def _check(
         self, trajectory: LineTrajectory, plan: SwingPlan, model: PendulumModel, at: Vector
     ) -> FeasibilityReport:
-        """Check a motion; the box is no obstacle where the load is meant to enter it."""
+        """Check a motion; the box is not an obstacle where the load is meant to enter it."""
         c, length = self.settings, model.value("length")
         swing = PlannedSwing(plan.time, plan.angle, np.append(plan.tension, plan.tension[-1]), length, c.load_radius)
         return check_line(self.table, self.description, trajectory, CheckSettings(load_mass=c.mass), swing, at=at)

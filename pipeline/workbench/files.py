@@ -119,7 +119,7 @@ def dropped_file_path(folder: Path, name: str) -> Path:
     """
     plain = re.sub(r"[^\w .+()-]", "_", Path(name.replace("\\", "/")).name).strip(" .")
     if not plain:
-        raise InputError(f"{name!r:.60} is no name of a file: rename it")
+        raise InputError(f"{name!r:.60} is not a name of a file: rename it")
     return folder / plain
 
 

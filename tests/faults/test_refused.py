@@ -51,7 +51,7 @@ LOOPS = (  # links in a circle
     "trial --model loop.csv", "compare m.toml a.csv --json loop.csv",
 )  # fmt: skip
 ADDRESSES = ("ws://127.0.0.1:99999", "ws://127.0.0.1:-1", "ws://[::1", "ws://" + "a" * 300)
-READ = (  # what was read, also indirectly or under another name, is no output
+READ = (  # what was read, also indirectly or under another name, is not an output
     "compare m.toml a.csv --json a.toml", "compare m.toml a.csv --json link.json",
     "compare m.toml a.csv --json hard.json", "compare m.toml a.csv --report a.toml",
     "repair m.toml a.csv --output a.toml", "inspect a.csv --json a.toml", "new arm a.urdf --urdf a.urdf",

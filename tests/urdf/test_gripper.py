@@ -1,4 +1,4 @@
-"""What holds things is no part of an arm, whatever it is called."""
+"""What holds things is not a part of an arm, whatever it is called."""
 
 from xml.etree import ElementTree as ET
 

@@ -146,7 +146,7 @@ def test_what_is_hardly_meant_or_no_part_of_the_model_is_named(toy) -> None:
         (arm().replace('0.3" rpy="0 0 0"', '0.3" rpy="0 90 0"', 1), None,
          "joint 'j0' is turned by rpy=\"0 90 0\" in rad: if that is in degrees, correct it"),
         (third(LIMIT + dynamics), None,
-         "damping of <dynamics> (j2 0.7) is no part of the model: add joint_viscous_friction"),
+         "damping of <dynamics> (j2 0.7) is not a part of the model: add joint_viscous_friction"),
         (arm(), ("j0", "j1", "j3"),
          "j2, j4, j5 held at 0 or as recorded; name the joints to have their torques explained"),
     ):  # fmt: skip

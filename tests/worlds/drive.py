@@ -139,7 +139,7 @@ class Hidden:
     effect: str  # its name there
     joint: str  # on which
     # of its parameters by their names there; of a payload or a link's inertia those of a lump: ``mass`` [kg], ``x``,
-    # ``y``, ``z`` [m], and ``about`` [kg m^2] where it is no point
+    # ``y``, ``z`` [m], and ``about`` [kg m^2] where it is not a point
     values: Mapping[str, float] = field(hash=False)
 
     @property

@@ -30,7 +30,7 @@ CARRIED = (0.005, 0.03)  # kg per N m of the largest effort limit: 0.4 to 2.6 kg
 ENCODER = (3e-5, 3e-4)  # noise of positions, rad
 LOW_PASSED = 0.25  # share of the robots whose torque is low-passed
 SHOWN = 50.0  # nats that recordings must lose without an effect for it to be hidden: ten standard deviations
-STILL = 0.01  # rad/s; what a joint reads below it is no evidence: a friction that holds may be anything
+STILL = 0.01  # rad/s; what a joint reads below it is not evidence: a friction that holds may be anything
 THINNED = 500  # samples of all runs that this is reckoned with
 STEP = 1e-3  # of differences, in each number's unit
 

@@ -94,7 +94,7 @@ def world(seed: int, what: str = "names", hidden: Sequence[str] | None = None) -
 
 
 def _drawn(rng: np.random.Generator, name: str, what: str, asked: Sequence[str] | None) -> World | None:
-    """One draw; None where it is no fair question."""
+    """One draw; None where it is not a fair question."""
     kind, clean = KINDS[name], what != "names"
     length = float(np.exp(rng.uniform(*np.log(kind.length))))
     mass = float(rng.uniform(0.06, 0.12) if name == "force" else np.exp(rng.uniform(*np.log([0.03, 2.0]))))

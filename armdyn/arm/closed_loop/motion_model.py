@@ -182,7 +182,7 @@ class MotionModel(ArmModel):
         return {}
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
-        """Nothing: a position's residual is no force."""
+        """Nothing: a position's residual is not a force."""
         del run
         return {}
 

@@ -307,7 +307,7 @@ def simulated_position_errors(model: ArmModel, runs: Sequence[tuple[Run, str]]) 
 
 
 def encoder_step(values: np.ndarray) -> float:
-    """Step of the encoder that gave (n,) values; 0 where their differences are no multiples of one."""
+    """Step of the encoder that gave (n,) values; 0 where their differences are not multiples of one."""
     differences = np.abs(np.diff(values))
     moved = np.sort(differences[differences > MIN_ENCODER_STEP])
     if not len(moved):

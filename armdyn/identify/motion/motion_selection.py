@@ -273,7 +273,7 @@ def _beside_description(found: LinearPath, named: SearchStep, say: ProgressCallb
         return scorer.mean_squared_errors_of(at.blocks, study.held_out_blocks(at))
 
     def gain(at: Fit, chosen: Sequence[Candidate], *, described: bool) -> float:
-        """Gain of evidence; none where held-out runs are predicted worse, because what is left is no noise."""
+        """Gain of evidence; none where held-out runs are predicted worse, because what is left is not noise."""
         better = scorer.predicted_gain(errors(named.fit), errors(at)) >= 0.0
         return scorer.evidence(at, errors(at), chosen, described=described) - least if better else -np.inf
 

@@ -116,7 +116,7 @@ class ForceLaw:
         text = f"the missing {self.quantity}{whose} {said}"
         text += f" (likewise {_listed(self.similar_joints)})" if self.similar_joints else ""
         if drives:
-            return f"{text}, which drives the motion and is no friction"
+            return f"{text}, which drives the motion and is not friction"
         # The medium around a joint may be oil as well.
         causes = [
             "drag" if self.joint and t.shape is SQUARE_SHAPE else t.shape.cause for t in friction if loss * t.size > 0

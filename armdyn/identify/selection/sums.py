@@ -192,7 +192,7 @@ def _products(
 def _move_far(problem: Problem, values: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
     """(P,) bool: those of the `unknowns` that change some prediction when they change by a typical size.
 
-    A tilt of the base may have no derivative, and is no threshold.
+    A tilt of the base may have no derivative, and is not a threshold.
     """
     none = np.zeros(len(values), dtype=bool)
     at = values + np.where(values + problem.typical <= problem.upper, 1.0, -1.0) * problem.typical

@@ -146,7 +146,7 @@ class GreyBox:
         found = [look(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return RunNoiseTables(found, point.values, self.problem, self.training, self.removable)
 
-    @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
+    @np.errstate(all="ignore")  # sums of a diverging run are not finite evidence
     def optimise(
         self, free: np.ndarray, point: LinearisationPoint, looks: Sequence[NoiseEvaluation] = WIDE_FIRST_EVALUATIONS
     ) -> LinearisationPoint:

@@ -246,7 +246,7 @@ class PieceChain:
         return replace(self, end_state_by_unknowns=self.end_state_by_unknowns[:, :, acting], start=start)
 
 
-@np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
+@np.errstate(all="ignore")  # sums of a diverging run are not finite evidence
 def filter_run(
     parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: PieceChain, kicks: np.ndarray
 ) -> NormalEquations:

@@ -198,7 +198,7 @@ class StateSpaceStudy(Study):
     def fit_has_failed(self, fit: Fit) -> bool:
         """Whether a fit has failed: its residual varies nearly as much as the signals (see `residual_variance_ratio`).
 
-        A residual that is only noise is no failure: in a recording without motion the signal itself is only noise.
+        A residual that is only noise is not a failure: in a recording without motion the signal itself is only noise.
         """
         if fit.chi2_per_sample < self.settings.noise.minimum_chi2:
             return False
@@ -219,7 +219,7 @@ class StateSpaceStudy(Study):
                         ", ..." if len(when) > MAX_LISTED_GLITCHES else ""
                     )
                     found.append(
-                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples are no noise (a hand, "
+                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples are not noise (a hand, "
                         f"a lost marker) and count little in choosing: at {times} s"
                     )
         return found

@@ -114,7 +114,7 @@ def _message_positions(path: Path, robot: urdf.Robot) -> Array:
         names = [str(name) for name in message["joint_names"]]
         q = np.array([[float(x) for x in point["positions"]] for point in message["points"]])
     except (TypeError, KeyError, ValueError) as error:
-        raise InputError("it is no trajectory: give 'joint_names' and 'points' with 'positions'") from error
+        raise InputError("it is not a trajectory: give 'joint_names' and 'points' with 'positions'") from error
     missing = [joint for joint in robot.joint_names if joint not in names]
     if missing:
         raise InputError(f"joint {', '.join(missing)} is missing in its joint_names")

@@ -27,7 +27,7 @@
   });
 
   // Tabs: one choice for all sections that know it, kept in the page's address with the step and the run. The missing force of
-  // a base of one's own has tabs for its states, which are no channels.
+  // a base of one's own has tabs for its states, which are not channels.
   const choice = new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
   const groups = new Map();
   document.querySelectorAll("[data-tab], [data-of]").forEach((part) => {

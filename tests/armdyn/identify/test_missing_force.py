@@ -84,7 +84,7 @@ def test_a_friction_that_drives_is_called_none():
     given = [
         MissingForce(u.run, u.joint, u.unit, u.time, -u.value, u.against) for u in map(_samples, range(2), [1.0, 1.0])
     ]
-    assert find_force_law(force_curves(given)).sentence.endswith("which drives the motion and is no friction")
+    assert find_force_law(force_curves(given)).sentence.endswith("which drives the motion and is not friction")
 
 
 def test_what_slows_one_of_several_speeds_is_friction():

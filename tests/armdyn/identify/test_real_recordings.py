@@ -1,7 +1,7 @@
 """What is told of real robots and pendulums. The recordings are not in the repository; without them nothing is tested.
 
 Errors are held against the best that plain least squares reaches on the same runs. Rules of the search were changed
-while these sets were looked at: they guard what was found, and are no exam.
+while these sets were looked at: they guard what was found, and are not an exam.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Every kind of mistake is named and undone; what is real in an arm or pendulum is no mistake."""
+"""Every kind of mistake is named and undone; what is real in an arm or pendulum is not a mistake."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What people do before and after a free swing is no part of it; what friction does is."""
+"""What people do before and after a free swing is not a part of it; what friction does is."""
 
 import numpy as np
 import pytest

@@ -130,7 +130,7 @@ UNSOUND = {
         ()),
     "an effort of 1e30 once": (
         lambda: [replace(m, effort=(1e30, *m.effort[1:])) if k == 7 else m for k, m in enumerate(sound())], ()),
-    "messages that are no JSON": (
+    "messages that are not JSON": (
         lambda: [replace(m, raw=b"{") if k % 50 == 7 else m for k, m in enumerate(sound())], ()),
     "messages of another kind on the topic": (
         lambda: [replace(m, raw=b'{"name": ["j1"], "position": "?"}') if k % 50 == 7 else m for k,

@@ -183,6 +183,6 @@ def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):
     assert foreign.texts == {"name": "elbow"}
     assert foreign.notes == (
         "'pos' stands in the header again: that column is called 'pos#3'",
-        "'pos#3': 3 cells are no numbers ('no signal', 'no signal', 'no signal'): taken as missing",
+        "'pos#3': 3 cells are not numbers ('no signal', 'no signal', 'no signal'): taken as missing",
         "'name' holds text, such as 'elbow': left out",
     )

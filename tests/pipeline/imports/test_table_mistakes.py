@@ -72,7 +72,7 @@ TABLES = {
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path, complains):
-    """`none`: what is no torque becomes none; other words: what the one line says."""
+    """`none`: what is not a torque becomes none; other words: what the one line says."""
     text, rate, outcome = TABLES[kind]
     (tmp_path / "a.csv").write_text(text)
     (foreign,) = read_foreign(tmp_path / "a.csv")

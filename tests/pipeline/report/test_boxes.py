@@ -42,7 +42,7 @@ OVERLAPS = """(() => {
 
 
 def write_tanks(folder):
-    """A day of two tanks by scipy; their levels are no channels, one of them is measured."""
+    """A day of two tanks by scipy; their levels are not channels, one of them is measured."""
     shutil.copy(ROOT / "examples/tanks.py", folder)
     time = np.arange(0.0, 800.0, 2.0)
 

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
 TRIES = 3
 """Runs in real time that a machine may spoil by standing still before it is left out."""
 STOOD_STILL = 0.02
-"""A machine that keeps a real-time thread from running for so long [s] is no place for commands at 100 Hz."""
+"""A machine that keeps a real-time thread from running for so long [s] is not a place for commands at 100 Hz."""
 TIMING = ("too old", "stood still", "paused", "no command for", "watchdog", "no sample arrives")
 """What a run says that ended because the machine was too slow."""
 
