@@ -33,7 +33,7 @@ DIFFERENCE_SPACINGS_IN_SAMPLES, MAX_DIFFERENCE_SPACING_SECONDS = np.array([1, 2,
 """Distances between the samples of a difference, in samples, and the largest of them, s: below 5 Hz the residual is the
 model's error as much as noise."""
 SECONDS_BESIDE_UNCERTAIN_DIRECTION = 0.1
-"""Time, s, left out before and after a moment with an uncertain direction of motion: smoothed friction is not a step."""
+"""Time, s, left out before and after a moment with an uncertain direction: smoothed friction is not a step."""
 NOISE_FRICTION_FADING_SPEEDS = (0.03, 0.06, 0.1, 0.15)
 """Speeds of fading frictions, rad/s; see `Motion.own_columns`."""
 RIDGE_SHARE_OF_SQUARED_COLUMN = 1e-10

@@ -30,8 +30,8 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
 
     Args:
         path: the CSV file.
-        units: SI unit of every allowed column, for a table that is not a recording; then no sample may be missing, however
-            few there are.
+        units: SI unit of every allowed column, for a table that is not a recording; then no sample may be missing,
+            however few there are.
 
     Returns:
         The channels by name, in SI units, without missing samples.

@@ -63,7 +63,7 @@ def without_faulty_samples(
         run: the recorded run.
         measured: channels that are compared with a prediction; these are thinned.
         driving: channels that drive the prediction.
-        held: driving channels that hold each value until the next sample: a pulse of one sample is not a fault of theirs.
+        held: driving channels that hold each value until the next sample: one odd sample is not a fault of theirs.
         highest: sampling rate beyond which samples are averaged, Hz.
     """
     measured = tuple(measured)

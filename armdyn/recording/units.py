@@ -59,7 +59,7 @@ def si_factor(unit: str, expected: str) -> float:
         expected: SI unit of the quantity, such as ``"N"``.
 
     Raises:
-        InputError: `unit` is unknown, is of another kind than `expected`, or is not an angle where an angle is expected.
+        InputError: `unit` is unknown, is of another kind than `expected`, or is not an angle where one is expected.
     """
     unit = unit.strip()
     if unit == expected:

@@ -170,6 +170,7 @@ def _propose(
     choice: RobotChoice,
     json_file: Path | None,
 ) -> None:
+    from armdyn.recording.channels import is_auxiliary
     from pipeline.imports.guess import guess_commands, guess_map
     from pipeline.imports.mapping import column_map_toml
 
@@ -196,7 +197,7 @@ def _propose(
             typer.echo(f"commands, {wanted.commands}:")
             print_proposal(found.commands, [commands])
         typer.echo(f"written to {target}")
-        if joints is None and any("." in entry.channel for entry in found.entries.values()):
+        if joints is None and any(entry.joint and not is_auxiliary(entry.channel) for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         own = _words(choice) if choice else []
         own += ["--commands", str(wanted.commands)] if wanted.commands is not None else []

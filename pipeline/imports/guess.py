@@ -20,8 +20,8 @@ from pipeline.imports.joints import RobotJoints
 from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import PENDULUM_PARTS, pendulum_claims, tracked_entries
 from pipeline.imports.register_entries import NO_DRIVES, DriveKinds, register_entries
-from pipeline.imports.table_time import guess_time, unambiguous_time
-from pipeline.imports.units import entries_with_inferred_units, joined_doubts, largest_magnitude
+from pipeline.imports.table_time import guess_time, in_seconds, unambiguous_time
+from pipeline.imports.units import entries_with_inferred_units, joined_doubts, largest_magnitude, process_entries, span
 from pipeline.imports.words import (
     ColumnHeaderParts,
     split_column_header,
@@ -164,7 +164,8 @@ def guess_map(
     if known.arm or drives or are_of_arm(of_joints):
         entries |= wrench_entries(labels)
         of_joints = {name: label for name, label in of_joints.items() if name not in entries}
-        claims = joint_claims(of_joints, known, first.texts)
+        spans = {name: max(span(column.value) for column in columns[name]) for name in of_joints}
+        claims = joint_claims(of_joints, known, first.texts, spans)
     else:
         claims, known = pendulum_claims(labels), PENDULUM_PARTS
     if not first.headed:
@@ -175,6 +176,8 @@ def guess_map(
     if not entries and joints is None and first.is_table:
         with error_location(first.name):
             entries = tracked_entries(first.columns, labels)
+        if not entries:
+            entries, timing = process_entries(first.columns, timing.time), in_seconds(timing)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")

@@ -86,7 +86,12 @@ def are_of_arm(labels: Mapping[str, ColumnHeaderParts]) -> bool:
     )
 
 
-def joint_claims(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints, texts: Mapping[str, str]) -> list[Claim]:
+def joint_claims(
+    labels: Mapping[str, ColumnHeaderParts],
+    known: RobotJoints,
+    texts: Mapping[str, str],
+    spans: Mapping[str, float] | None = None,
+) -> list[Claim]:
     """Claims of the labels of joints, by column; `texts` are those of the recording's columns of text."""
     names = {}
     for column, label in labels.items():
@@ -95,7 +100,7 @@ def joint_claims(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints, te
         if field is not None and (text := texts.get(column.replace(field, "name"))) is not None:
             names[column] = text
     claims = []
-    for column, (joint, doubt) in match_joints(labels, known, names).items():
+    for column, (joint, doubt) in match_joints(labels, known, names, spans).items():
         label = labels[column]
         if joint:
             quantity = "tau" if label.quantity == "current" else label.quantity

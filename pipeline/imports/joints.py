@@ -27,6 +27,9 @@ UR_JOINTS = frozenset(("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint
 UR_CURRENT_DOUBT = "UR's drivers publish currents as efforts"
 """Doubt about efforts of Universal Robots, which may be currents."""
 
+MIN_MOTION_SHARE = 0.02
+"""Least motion of a motor, as a share of the largest one's, below which it only trembles."""
+
 
 @dataclass(frozen=True)
 class JointRange:
@@ -103,7 +106,10 @@ class MatchedJointName(NamedTuple):
 
 
 def match_joints(
-    labels: Mapping[str, ColumnHeaderParts], joints: RobotJoints, names: Mapping[str, str]
+    labels: Mapping[str, ColumnHeaderParts],
+    joints: RobotJoints,
+    names: Mapping[str, str],
+    spans: Mapping[str, float] | None = None,
 ) -> dict[str, MatchedJointName]:
     """Find the joint of every column.
 
@@ -111,12 +117,14 @@ def match_joints(
         labels: parsed headers of the columns that contain a joint's quantity.
         joints: joints of the robot.
         names: name of the joint where a column of text states it, by column.
+        spans: largest less smallest value of columns, where it is known: of more motors than the arm has joints, the
+            arm's are those that move.
     """
     groups: dict[tuple[str, ...], list[str]] = {}
     for column in labels:
         groups.setdefault(words_with_numbers_masked(labels[column].words), []).append(column)
     rests = _differing({column: label.rest for column, label in labels.items()})
-    headers = _Headers(labels, rests, joints, tuple(groups.values()))
+    headers = _Headers(labels, rests, joints, tuple(groups.values()), spans or {})
     return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
 
 
@@ -129,12 +137,14 @@ class _Headers:
         rests: words in which the headers differ, by column.
         joints: joints of the robot.
         groups: columns that differ in numbers only.
+        spans: largest less smallest value of columns.
     """
 
     labels: Mapping[str, ColumnHeaderParts]
     rests: Mapping[str, tuple[str, ...]]
     joints: RobotJoints
     groups: tuple[Sequence[str], ...]
+    spans: Mapping[str, float]
 
     def named_by_themselves(self) -> dict[str, MatchedJointName]:
         """Joints with the names in the headers, where no robot is known."""
@@ -172,7 +182,9 @@ class _Headers:
                         del found[column]
                         doubt = "the robot's joints count from another number"
                 open_groups.append(([column for column in columns if column not in found], doubt))
-        firsts = {first for columns, _ in open_groups if (first := self._first(columns)) is not None}
+        firsts = {first for columns, _ in open_groups if (first := self._first(columns)) is not None} or {
+            first for columns, _ in open_groups if (first := self._first_that_moves(columns)) is not None
+        }
         for columns, doubt in open_groups:
             found |= self._by_number(columns, firsts, doubt)
         return found | self._by_order([column for column in self.labels if column not in found], found)
@@ -197,6 +209,15 @@ class _Headers:
         complete = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
         return first if complete and first in (0, 1) else None
 
+    def _first_that_moves(self, columns: Sequence[str]) -> int | None:
+        """First number of the positions that move, where they are as many in succession as the arm has joints."""
+        numbers = self._numbers(columns)
+        if numbers is None or self.labels[columns[0]].quantity != "q" or not set(columns) <= self.spans.keys():
+            return None
+        least = MIN_MOTION_SHARE * max(self.spans[column] for column in columns)
+        moving = sorted(number for column, number in numbers.items() if self.spans[column] > least)
+        return moving[0] if moving == list(range(moving[0], moving[0] + len(self.joints.arm))) else None
+
     def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, MatchedJointName]:
         """Match the columns of one group by their numbers."""
         numbers, arm = self._numbers(columns), self.joints.arm
@@ -211,8 +232,9 @@ class _Headers:
         if first is None:
             first = next(iter(firsts)) if len(firsts) == 1 else 0 if 0 in numbers.values() else 1
             certain = len(firsts) == 1 and set(numbers.values()) <= set(range(first, first + len(arm)))
+        of_these = f": number {first} is taken as the first"
         doubts = {
-            f"{len(columns)} numbers for {len(arm)} joints": not certain,
+            f"{len(columns)} numbers for {len(arm)} joints{of_these}": not certain,
             f"or is it of {' '.join(self.joints.others[:1])} and its like?": self.joints.others,
             "numbered as in the message, whose order is often that of the alphabet": self._is_message(columns[0]),
             f"its header also says '{' '.join(named)}'": named,

@@ -60,8 +60,8 @@ def lists_in(column: str, cells: Mapping[int, str], rows: Sequence[int]) -> dict
     for row, cell in cells.items():
         if row not in found:
             raise InputError(
-                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is not a list as "
-                "in the other rows: mend it, or empty the cell"
+                f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is not a list "
+                "as in the other rows: mend it, or empty the cell"
             )
     return found
 
@@ -123,7 +123,7 @@ def columns_of_lists(
 
 
 def _check_size(part: str, count: int, rows: Sequence[int], row: int) -> None:
-    """Refuse the name of a new column beside `count` others, where it is not a name, or they would not fit into memory."""
+    """Refuse a new column beside `count` others if its name is not one, or if they would not fit into memory."""
     if len(part) > MAX_NAME_CHARACTERS or not part.isprintable():
         raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is not a name of a joint: mend it")
     if count == MAX_TABLE_COLUMNS or count * len(rows) > MAX_TABLE_CELLS:

@@ -1,17 +1,19 @@
 """Judge the units of columns by their numbers: ranges of joints, slopes of positions, efforts of motors."""
 
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.recording.channels import FloatArray
-from armdyn.recording.units import si_factor
+from armdyn.recording.channels import FloatArray, is_auxiliary
+from armdyn.recording.units import si_factor, to_base_units
 from pipeline.imports.claims import Claim
 from pipeline.imports.foreign import ForeignColumn, ForeignRecording
 from pipeline.imports.joints import UR_CURRENT_DOUBT, UR_JOINTS, JointRange, RobotJoints
 from pipeline.imports.mapping import ColumnEntry
-from pipeline.imports.words import is_unit_like
+from pipeline.imports.words import is_unit_like, name_words
 
 MAX_JOINT_ANGLE_IN_RADIANS = 7.0
 """Largest position of a joint that turns a little more than once [rad]; larger numbers are degrees."""
@@ -38,6 +40,37 @@ ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
 ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale? --drive KIND=all states a servo's"
 """Doubt about positions that are large whole numbers."""
+
+LAST_WORD = re.compile(r"^(?P<name>.*[A-Za-z0-9])[ _(\[]+(?P<unit>[A-Za-zµ°%/]+)[)\]]?$")
+"""A header whose last word may be a unit, such as ``heater_W``."""
+USUAL_UNITS = {
+    "C": "degC", "celsius": "degC", "F": "degF", "%": "percent", "pct": "percent", "lpm": "L/min", "volts": "V",
+    "watts": "W", "amps": "A", **dict.fromkeys(("K", "W", "V", "A", "N", "J", "L", "m", "s", "g")),
+}  # fmt: skip
+"""Last words of headers that are units, and pint's name of each where it differs; no other single letter is one."""
+
+
+def process_entries(columns: Mapping[str, ForeignColumn], time: str) -> dict[str, ColumnEntry]:
+    """Mapping entry of every column that states a unit, as a further quantity of a process that the user describes.
+
+    Args:
+        columns: the columns of a table without joints and without a pendulum.
+        time: name of the column with its time.
+    """
+    found, taken = dict[str, ColumnEntry](), set[str]()
+    for header, column in columns.items():
+        last = LAST_WORD.match(header)
+        name, unit = (last["name"], last["unit"]) if last is not None and not column.unit else (header, column.unit)
+        unit = USUAL_UNITS.get(unit) or unit
+        own = "extra." + "_".join(name_words(name))
+        if header == time or not unit or (len(unit) == 1 and unit not in USUAL_UNITS) or own in taken:
+            continue
+        with suppress(InputError):
+            to_base_units(unit)
+            if is_auxiliary(own):
+                taken.add(own)
+                found[header] = ColumnEntry(own, unit, why="a quantity of a process: a base of your own describes it")
+    return found
 
 
 def entries_with_inferred_units(
@@ -111,6 +144,12 @@ def largest_magnitude(columns: Sequence[ForeignColumn]) -> float:
     """Largest magnitude of the numbers in columns; 0 where there are none."""
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
+
+
+def span(value: FloatArray) -> float:
+    """Largest less smallest of the numbers (n,) of a column; 0 where there are none."""
+    there = value[np.isfinite(value)]
+    return float(np.ptp(there)) if len(there) else 0.0
 
 
 def _angle_unit(sizes: Sequence[float]) -> tuple[str, str, str]:

@@ -62,6 +62,7 @@ _RATES = ("/s", "_s", " s", "ps", "_per_s", "_per_sec", "_per_second", "/sec", "
 _SPELLINGS = {
     "N m": "Nm NM nm N_m N.m N*m N-m", "mN m": "mNm mnm", "N mm": "Nmm N_mm", "N cm": "Ncm N_cm", "kN m": "kNm",
     "foot * pound_force": "ftlb ft_lb ftlbf lbft", "mA": "mA ma mAmp", "A": "A amp Amp amps Amps ampere Ampere",
+    "min": "minute minutes", "h": "hour hours",
     "ms": "ms msec msecs millis milliseconds", "us": "us usec usecs micros microseconds",
     "ns": "ns nsec nsecs nanos nanosec nanoseconds nanosecond", "s": "s sec secs seconds", "N": "N", "mN": "mN",
     "rpm": "rpm RPM", "mm": "mm", "cm": "cm", "m": "m", "rad": "rad radian radians Rad RAD", "mrad": "mrad",

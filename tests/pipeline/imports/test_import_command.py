@@ -78,3 +78,29 @@ def test_what_nobody_answered_is_asked_until_somebody_has(armdyn, table, tmp_pat
     mapping.write_text(re.sub(r", check = .*? }", " }", mapping.read_text()))
     assert armdyn(*again)[0] == 0
     assert read_run("runs/log.csv").asked == {}
+
+
+def test_of_more_motors_than_the_arm_has_joints_those_that_move_are_taken(armdyn, tmp_path, joints):
+    """And each question is asked once, for all its channels."""
+    still = np.zeros((len(TIME), 3))
+    columns = [np.column_stack([still, values[:, :2]]) for values in joints]
+    header = ",".join(["time [s]", *(f"motor_state[{i}].{kind}" for kind in ("q", "dq", "tau_est") for i in range(5))])
+    np.savetxt("log.csv", np.column_stack([TIME, *columns]), delimiter=",", header=header, comments="")
+    limits = '<limit lower="-9" upper="9" effort="50" velocity="9"/>'
+    parts = "".join(
+        f'<link name="l{i}"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'
+        f'</inertial></link><joint name="{name}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        f'<axis xyz="0 0 1"/>{limits}</joint>'
+        for i, name in enumerate(("hip", "calf"), 1)
+    )
+    Path("leg.urdf").write_text(f'<robot name="leg"><link name="l0"/>{parts}</robot>')
+    assert armdyn("import", "log.csv", "--output", "runs", "--guess", "--urdf", "leg.urdf")[0] == 0
+    text = Path("runs/map.toml").read_text()
+    for i, joint in enumerate(("hip", "calf"), 3):
+        for kind, channel in (("q", "q"), ("dq", "v"), ("tau_est", "tau")):
+            assert f'"motor_state[{i}].{kind}" = {{ channel = "{channel}.{joint}"' in text
+    assert "5 numbers for 2 joints: number 3 is taken as the first" in text
+    armdyn("import", "log.csv", "--output", "runs", "--map", "runs/map.toml", "--urdf", "leg.urdf")
+    armdyn("inspect", "runs/log.csv", "--json", "j.json")
+    asked = [c for c in json.loads(Path("j.json").read_text())["recording_checks"] if c["kind"] == "unanswered_check"]
+    assert sorted(len(check["channels"]) for check in asked) in ([2, 4], [6], [2, 2, 2])

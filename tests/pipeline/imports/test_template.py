@@ -32,3 +32,27 @@ def test_columns_beside_those_that_are_guessed_are_asked_too(armdyn, tmp_path):
     text = (tmp_path / "runs" / "map.toml").read_text()
     assert '# "foo" = { channel = "WHICH"' in text
     assert not re.search('^# "q.j1', text, re.MULTILINE)
+
+
+def test_a_process_is_guessed_by_the_units_in_its_headers(armdyn, tmp_path):
+    table(tmp_path, "minutes,heater_W,thermocouple_C,pump (V),valve_pct,recipe", columns=6)
+    status, _, _ = armdyn("import", "a.csv", "--output", "runs", "--guess")
+    text = (tmp_path / "runs" / "map.toml").read_text()
+    assert status == 0
+    assert 'time = { column = "minutes", unit = "min" }' in text
+    for header, channel, unit in (
+        ("heater_W", "heater", "W"), ("thermocouple_C", "thermocouple", "degC"), ("pump", "pump", "V"),
+        ("valve_pct", "valve", "percent"),
+    ):  # fmt: skip
+        assert f'"{header}" = {{ channel = "extra.{channel}", unit = "{unit}" }}' in text
+    assert '# "recipe" = { channel = "WHICH"' in text
+    assert armdyn("import", "a.csv", "--output", "runs", "--map", "runs/map.toml")[0] == 0
+    assert "extra.heater [W]" in (tmp_path / "runs" / "a.csv").read_text()
+
+
+def test_the_time_of_a_process_without_a_unit_is_in_seconds_and_is_asked(armdyn, tmp_path):
+    rows = "".join(f"{k},{np.sin(k / 9):.4f}\n" for k in range(100))
+    (tmp_path / "a.csv").write_text("t,level (cm)\n" + rows)
+    assert armdyn("import", "a.csv", "--output", "runs", "--guess")[0] == 0
+    text = (tmp_path / "runs" / "map.toml").read_text()
+    assert 'time = { column = "t", unit = "s", check = "no unit is written: seconds?" }' in text
