@@ -183,7 +183,7 @@ def statistics_of_recordings(
         for each in (seen.contrast, seen.residual)
     )
     parts = [
-        seen.onset(asked, reversal, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
+        seen.onset(bandwidth, asked, reversal, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
         for k in range(CROSS_VALIDATION_FOLDS)
     ]
     lasting, *early = (AdaptiveErrorStd(len(asked)) for _ in range(1 + len(parts)))
@@ -220,7 +220,7 @@ def statistics_of_recordings(
     baselines, several, own = (
         _baselines(NormalEquations.stacked(list(blocks.equations)), changes) if blocks.equations else ({}, None, None)
     )
-    onset = seen.onset(asked, reversal, np.ones(len(seen.time), dtype=bool))
+    onset = seen.onset(bandwidth, asked, reversal, np.ones(len(seen.time), dtype=bool))
     return FaultFreeStatistics(
         changes, bandwidth, contrast, residual, tuple(laws[:2]), onset, tuple(laws[2:]), baselines, several, own,
         seen.length,
@@ -271,9 +271,12 @@ class _Seen:
         )
         return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, sticking, elapsed)
 
-    def onset(self, asked: np.ndarray, reversal: FloatArray, chosen: np.ndarray) -> OnsetTorqueEstimator:
-        """Onset estimator from the samples with mask `chosen` (n,)."""
-        found = OnsetTorqueEstimator.of(self.stages[chosen], self.sources[chosen], self.sticking[chosen], reversal)
+    def onset(
+        self, bandwidth: float, asked: np.ndarray, reversal: FloatArray, chosen: np.ndarray
+    ) -> OnsetTorqueEstimator:
+        """Onset estimator from the samples with mask `chosen` (n,), of an observer with a bandwidth K, 1/s."""
+        seen = self.stages[chosen], self.sources[chosen], self.sticking[chosen]
+        found = OnsetTorqueEstimator.of(bandwidth, *seen, reversal)
         return OnsetTorqueEstimator(found.weights, found.band.only(asked))
 
 
