@@ -80,7 +80,7 @@ def test_what_nobody_answered_is_asked_until_somebody_has(armdyn, table, tmp_pat
     assert read_run("runs/log.csv").asked == {}
 
 
-def test_of_more_motors_than_the_arm_has_joints_those_that_move_are_taken(armdyn, tmp_path, joints):
+def test_of_more_motors_than_the_arm_has_joints_those_that_move_are_taken(armdyn, joints):
     """And each question is asked once, for all its channels."""
     still = np.zeros((len(TIME), 3))
     columns = [np.column_stack([still, values[:, :2]]) for values in joints]
