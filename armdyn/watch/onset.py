@@ -2,9 +2,9 @@ r"""Estimate a torque that began a moment ago, by a weighted sum of the observer
 
 A unit step of torque `ONSET_STEP_AGE_SECONDS` ago adds s to the stages x of a joint; a torque that the model predicts,
 and that is 1, t or t^2 around the present, leaves the columns of M in them. The filters alone determine both. On a
-sound robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's = 1 and
-w'M = 0, which estimate the torque that began and do not see a motion that is smooth for some 0.1 s, whether or not the
-sound recordings have one as fast, the smallest variance has
+sound robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's =
+1 and w'M = 0, which estimate the torque that began and do not see a motion that is smooth for some 0.1 s, whether or
+not the sound recordings have one as fast, the smallest variance has
 
     w = C^-1 A (A' C^-1 A)^-1 e_1,    A = [s M]
 

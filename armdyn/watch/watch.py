@@ -9,7 +9,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.estimation.equations import NormalEquations
 from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import LOAD, WINDOW_SIZES_IN_BLOCKS, FaultFreeBaseline, MotionBlocks
+from armdyn.watch.changes import WINDOW_SIZES_IN_BLOCKS, FaultFreeBaseline, MotionBlocks
 from armdyn.watch.coverage import Coverage, Skipped
 from armdyn.watch.event import MIN_TOLD_STDS, ChangeEstimate, EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
@@ -294,8 +294,24 @@ class Watch:
         thresholds = self._shared_thresholds if best.joint < 0 else self._own_thresholds[best.joint]
         if best.score < thresholds[best.kind]:
             return None, []
-        values, _ = self._estimate(best, sums, baseline)
-        return (best, [change for change in every if change is not best]) if _shows(best, values, sums) else (None, [])
+        if not self._shows(best, sums):
+            return None, []
+        return best, [change for change in every if change is not best]
+
+    def _shows(self, change: _Change, window: NormalEquations) -> bool:
+        """Whether a change is, in its window, as large as the error of a sound model in a channel; root mean squares.
+
+        What is less matters to no prediction, however certain it is; and a few motions of a sound robot do not tell how
+        far its apparent changes reach.
+        """
+        values, _ = self._estimate(change, window, self.sound.baselines[change.window])
+        changes, units = self.sound.changes, slice(None)
+        if change.joint < 0:
+            own = changes.shared[change.kind].columns
+        else:
+            own, units = np.array([changes.shared_parameters + change.kind]), slice(change.joint, change.joint + 1)
+        squares = np.einsum("i,uij,j->u", values, window.gram[units][:, own][:, :, own], values)
+        return bool((squares >= np.maximum(window.count[units], 1.0)).any())
 
     def _identified(self, time: float, best: _Change, others: list[_Change]) -> list[WatchEvent]:
         """Report a change, and subtract it from now on."""
@@ -414,20 +430,3 @@ class Watch:
             self._count_in(_Change(change.joint, change.kind, largest, 0.0, 0.0), self._blocks.window(largest))
             self._blocks.clear()
             self._refining = None
-
-
-def _shows(change: _Change, values: FloatArray, window: NormalEquations) -> bool:
-    """Whether the torque of a change is, in a window, as large as the error of a sound model; root mean squares.
-
-    What is less matters to no prediction, however certain it is; and a few motions of a sound robot do not tell how far
-    its apparent changes reach.
-
-    Args:
-        change: the change.
-        values: (4,) of a load, (1,) of a joint's change.
-        window: equations of every joint, divided by the residual's standard deviation on a sound robot.
-    """
-    own = LOAD if change.joint < 0 else np.array([LOAD_PARAMETERS + change.kind])
-    units = slice(None) if change.joint < 0 else slice(change.joint, change.joint + 1)
-    torques = np.einsum("i,uij,j->u", values, window.gram[units][:, own][:, :, own], values)
-    return bool((torques >= np.maximum(window.count[units], 1.0)).any())
