@@ -12,7 +12,7 @@ the worst of the runs that were not fitted. These are the held-out runs and, for
 a fit to the others (conformal prediction with a scale for each sample: Lei et al., J. Am. Stat. Assoc. 113, 2018,
 section 5.2; runs are exchangeable, the samples of one run are not: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A
 single training run is judged by its own residual. The band holds for motions of the same kind; on another kind of
-motion the measured coverage is reported.
+motion the measured coverage is reported, and an exam run that leaves the band where it leaves the range is named.
 
 The coverage is counted in runs that did not choose k_c: in the exam runs; where there are none, each run (or each half
 of a single run) is counted with the k_c that the others choose.
@@ -30,6 +30,11 @@ from armdyn.identify.study import Study
 
 COVERAGE_LEVEL = 0.95
 """Share of the samples that a prediction band should contain."""
+LEAST_COVERAGE = 0.9
+"""Share of a run's samples inside its band from which on the band holds in this run."""
+LEFT_RANGE_SHARE, LEFT_RANGE_SAMPLES = 0.25, 0.01
+"""Distance from the range of a quantity in the fitted runs, as a share of that range, beyond which a run extrapolates
+if at least this share of its samples lies there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,3 +128,44 @@ def _crossed(parts: list[np.ndarray]) -> list[np.ndarray]:
     if len(parts) == 1:
         parts = np.array_split(parts[0], 2)
     return [part <= _factor([other for other in parts if other is not part]) for part in parts]
+
+
+def left_range_sentences(study: Study, fit: Fit, bands: PredictionBands) -> list[str]:
+    """Sentences, without full stops, on exam runs that leave both the range of the fitted runs and their own band.
+
+    What a model lacks may grow there, and no residual of a fitted run shows how much.
+
+    Args:
+        study: the runs.
+        fit: the fit to the training runs.
+        bands: its prediction bands.
+    """
+    fitted: dict[str, list[np.ndarray]] = {}
+    for signals in fit.covariates().values():
+        for name, channel in signals.items():
+            fitted.setdefault(name, []).append(channel.value)
+    ranges = {name: (np.min(np.concatenate(v)), np.max(np.concatenate(v))) for name, v in fitted.items()}
+    found = []
+    for one in study.exam_predictions(fit):
+        within = [np.abs(b.misfit) <= bands.half_width.get((b.run, b.channel), np.inf) for b in one.blocks]
+        if np.mean(np.concatenate(within)) >= LEAST_COVERAGE:
+            continue
+        for run, signals in one.covariates().items():
+            beyond = {name: _beyond(signals[name].value, *ranges[name]) for name in signals if name in ranges}
+            name = max(beyond, key=lambda key: beyond[key][0], default="")
+            if name and beyond[name][0] > LEFT_RANGE_SHARE:
+                (low, high), unit = ranges[name], signals[name].unit
+                found.append(
+                    f"{run}: {name} comes to {beyond[name][1]:.3g} {unit}, in the fitted runs from {low:.3g} to "
+                    f"{high:.3g} {unit}: the model was not fitted there, and its band does not hold"
+                )
+    return found
+
+
+def _beyond(values: np.ndarray, low: float, high: float) -> tuple[float, float]:
+    """Distance of the (n,) values' ends from a range, as a share of it, and the end that is further away."""
+    if not high > low:
+        return 0.0, low
+    least, most = np.quantile(values, [LEFT_RANGE_SAMPLES, 1.0 - LEFT_RANGE_SAMPLES])
+    below, above = (low - least) / (high - low), (most - high) / (high - low)
+    return (float(below), float(least)) if below > above else (float(above), float(most))

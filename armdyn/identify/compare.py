@@ -11,7 +11,7 @@ from armdyn.arm.drives import Servo
 from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import recorded_columns
-from armdyn.identify.bands import PredictionBands, prediction_bands
+from armdyn.identify.bands import PredictionBands, left_range_sentences, prediction_bands
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
@@ -82,7 +82,8 @@ class Comparison(Displayable):
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters whose fitted value is on a physical bound.
         undetermined: parameters on which the data do not depend.
-        left_out: what was not used, such as outliers of the recordings or terms of the model, one sentence each.
+        left_out: what was not used, such as outliers of the recordings or terms of the model, and where runs leave the
+            range of the fitted ones, one sentence each.
         unidentified_combinations: combinations of parameters that these runs do not identify; they have no standard
             deviation.
         std_inflation: factor by which the model's own error widens the standard deviations, for the worst channel; 1
@@ -232,6 +233,7 @@ def comparison(
     mixed = {name for one in together for name in one.unidentified_parameters}
     ends = set(fit.at_bound) - set(unnamed)
     needed = failed_fit_sentence(fit) if study.fit_has_failed(fit) else ""
+    bands = None if needed else prediction_bands(study, fit, certain.covariance)
     white = all(c.whiteness_p_value > study.settings.search.chance_level / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
@@ -256,11 +258,12 @@ def comparison(
                 if column.name not in run.extra
             ),
             *study.remarks(fit),
+            *(left_range_sentences(study, fit, bands) if bands else []),
         ),
         unidentified_combinations=together,
         std_inflation=certain.std_inflation,
         lost=needed,
-        bands=None if needed else prediction_bands(study, fit, certain.covariance),
+        bands=bands,
     )
 
 

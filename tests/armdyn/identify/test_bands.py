@@ -1,7 +1,10 @@
 """Bands cover what they say in runs that nothing was fitted to, grow with what values leave open, and are shown."""
 
+import re
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from worlds.pendulum import Setup, record, weighed
 
 from armdyn.identify.bands import prediction_bands
@@ -10,6 +13,7 @@ from armdyn.identify.studies import make_study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
+from armdyn.run import Channel, Run
 from pipeline.answers import comparison_json
 
 
@@ -54,3 +58,29 @@ def test_json_frame_and_figure_have_the_bands() -> None:
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     filled = [trace for trace in found.plot().data if trace.fill == "toself"]
     assert len(filled) == 2
+
+
+@pytest.mark.parametrize(("amplitude", "drag", "told"), [(0.32, 0.05, False), (0.8, 0.0, False), (0.8, 0.05, True)])
+def test_an_exam_that_leaves_its_band_beyond_the_range_of_the_fitted_runs_is_named(amplitude, drag, told) -> None:
+    """Drag with the square of the speed, which the model lacks, grows with the amplitude; without it the band holds."""
+    rng = np.random.default_rng(5)
+    one, two, exam = (
+        swing(f"{name}.csv", at, drag, rng) for name, at in (("one", 0.3), ("two", 0.35), ("exam", amplitude))
+    )
+    found = compare(make_study(pendulum_model(0.35, 0.1), [one, two], [], [], [exam]))
+    said = [text for text in found.left_out if "band does not hold" in text]
+    assert bool(said) is told
+    if told:
+        assert said[0].startswith("exam.csv: swing_")
+        size = 1.0 if said[0].split()[1] == "swing_angle" else np.sqrt(9.81 / 0.35)
+        assert 0.35 * size < abs(float(re.search(r"comes to (\S+) ", said[0])[1])) < amplitude * size
+
+
+def swing(name: str, amplitude: float, drag: float, rng: np.random.Generator) -> Run:
+    """A free swing by scipy."""
+    time = np.arange(0.0, 6.0, 0.01)
+    angle = solve_ivp(
+        lambda _, s: [s[1], -9.80665 / 0.35 * np.sin(s[0]) - drag * s[1] * abs(s[1])], (0.0, 6.0), (amplitude, 0.0),
+        t_eval=time, rtol=1e-9, atol=1e-11,
+    ).y[0]  # fmt: skip
+    return Run(name, {"swing_angle": Channel(time, angle + 1e-3 * rng.normal(size=len(time)), "rad")})
