@@ -192,7 +192,7 @@ class Comparison(Displayable):
             )
         if self.fit.weighted is not None:
             return "The residual is not white; the standard deviations count in how large and how correlated it is."
-        return "The residual is more than white noise: the standard deviations do not hold as intervals."
+        return "The residual is not white: the standard deviations do not hold as intervals."
 
     @property
     def sentence(self) -> str:

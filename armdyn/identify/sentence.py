@@ -190,7 +190,8 @@ def _ties(steps: Sequence[RepairStep]) -> str:
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
     if not ties:
         return ""
-    it = "it" if len(names) == 1 else "one of them"
+    of = {name for step in steps if not names.issuperset(step.tied_with) for name in step.added}
+    it = "it" if len(names) == 1 else next(iter(of)) if len(of) == 1 else "one of them"
     return f"; these runs cannot tell {join_names(at_most_named(ties), 'or')} from {it}"
 
 
