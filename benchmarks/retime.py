@@ -4,7 +4,8 @@
     python benchmarks/retime.py [--trajectories 50] [--json FILE]
 
 Random paths of four arms, 1,000 points each, as described and with friction (a model of theirs). Each is retimed under
-limits of speed and torque, and under those of acceleration and jerk besides. Feasible is what an own check says:
+limits of speed and torque, and under those of acceleration and jerk besides. Then its middle part is, with velocities
+at both ends, of a tenth to four tenths of a speed limit, where toppra finds a speed. Feasible is what a check says:
 differences of the written positions, and MuJoCo's or Pinocchio's torques. The optimum is that of toppra (Pham & Pham,
 IEEE Trans. Robotics 34, 2018) with limits of speed and torque, on the same spline. Wanted: all feasible, durations at
 most 1.05 of toppra's, at most 1.25 with jerk, and 0.5 s of processor time.
@@ -29,15 +30,17 @@ import toppra.algorithm
 import toppra.constraint
 
 from armdyn.errors import TaskFailedError
-from pipeline.motion.retime import RetimingLimits, _Path, retimed
-from pipeline.motion.trajectory import JointTrajectory
-from urdf.robot import Array, Robot
+from pipeline.motion.averaged import JointPath, RetimingLimits
+from pipeline.motion.retime import retimed
+from pipeline.motion.trajectory import AT_REST, EndVelocities, JointTrajectory
+from urdf.robot import Array, Limits, Robot
 
 worlds = hidden_table.generator("mujoco_arm")
 plant = sys.modules[worlds.compiled.__module__]
 ROBOTS, POINTS, SECONDS, NODES = ("z1", "xarm7", "ur5", "panda"), 1000, 6.0, 500
 FRICTION = (0.0, 0.15)  # of the torque limit
 LONGEST, LONGEST_WITH_JERK, CPU = 1.05, 1.25, 0.5
+KINDS, SPEED, MIDDLE = ("", "_jerk", "_moving", "_moving_jerk"), (0.1, 0.4), slice(150, 850)
 
 
 class Arm:
@@ -79,10 +82,17 @@ def broken(arm: Arm, motion: JointTrajectory, jerk: bool) -> list[str]:
     return [name for name, share in used.items() if share.max() > 1.001]
 
 
-def optimum(arm: Arm, path: _Path) -> float:
-    """Duration by toppra, s."""
+def ends_of(path: JointPath, limits: Limits, rng: np.random.Generator) -> EndVelocities:
+    """Velocities along a path at both ends."""
+    ways = [path.spline(s, 1) for s in (0.0, path.length)]
+    return EndVelocities(*(rng.uniform(*SPEED) * way / (np.abs(way) / limits.velocity).max() for way in ways))
+
+
+def optimum(arm: Arm, path: JointPath) -> float:
+    """Duration by toppra, s; nan where it finds no speed."""
     limits, at = arm.robot.limits, path.spline.x
-    spline = toppra.SplineInterpolator(at, path.spline(at), bc_type="natural")
+    clamped = [(1, path.spline(s, 1)) for s in (0.0, path.length)]
+    spline = toppra.SplineInterpolator(at, path.spline(at), bc_type=clamped if any(path.speeds) else "natural")
     both = [np.c_[-bound, bound] for bound in (limits.velocity, limits.effort)]
 
     def rigid(q: Array, v: Array, a: Array) -> Array:
@@ -96,36 +106,45 @@ def optimum(arm: Arm, path: _Path) -> float:
         spline,
         gridpoints=np.linspace(0.0, at[-1], NODES + 1),
         solver_wrapper="seidel",
-    ).compute_parameterization(0.0, 0.0)[1]
+    ).compute_parameterization(*path.speeds)[1]
     return np.nan if found is None else float(np.sum(2.0 * at[-1] / NODES / (found[1:] + found[:-1])))
 
 
 def examine(name: str, count: int) -> dict[str, Any]:
     """Counts of one arm."""
     robot, rng = worlds.robot_of(name), np.random.default_rng(ROBOTS.index(name))
-    row: dict[str, Any] = {"robot": name, "feasible": 0, "feasible_jerk": 0, "ratio": [], "ratio_jerk": [], "cpu": []}
-    drawn = 0
+    row: dict[str, Any] = {"robot": name, "cpu": []}
+    row |= {f"{what}{kind}": 0 if what == "feasible" else [] for what in ("feasible", "ratio") for kind in KINDS}
+    drawn, moving = 0, np.random.default_rng([ROBOTS.index(name), 1])
     while drawn < count:
         arm = Arm(robot, robot.limits.effort * rng.uniform(*FRICTION, len(robot.joint_names)))
         q, _, _ = plant.Path.drawn(rng, robot, (0.1, 0.5), SECONDS).at(np.linspace(0.0, SECONDS, POINTS))
-        path = _Path(q, robot.limits.velocity)
+        path = JointPath(q, robot.limits.velocity)
         best = optimum(arm, path)
         if not np.isfinite(best):
             continue
         drawn += 1
-        for key, jerk in (("", False), ("_jerk", True)):
+        inner = q[MIDDLE]
+        ends = ends_of(JointPath(inner, robot.limits.velocity), robot.limits, moving)
+        quick = optimum(arm, JointPath(inner, robot.limits.velocity, ends))
+        for key in KINDS:
+            points, of, least = (inner, ends, quick) if "moving" in key else (q, AT_REST, best)
+            jerk = "jerk" in key
+            if not np.isfinite(least):
+                continue
             begun = time.process_time()
             try:
-                motion = retimed(
-                    q, robot.joint_names, RetimingLimits(robot.limits, robot.limits.effort, jerk), arm.band
-                )
+                given = RetimingLimits(robot.limits, robot.limits.effort, jerk)
+                motion = retimed(points, robot.joint_names, given, arm.band, of)
             except TaskFailedError as refusal:
-                print(name, refusal)
+                print(name, key, refusal)
                 continue
             row["cpu"].append(time.process_time() - begun)
             wrong = broken(arm, motion, jerk)
+            for v, at in ((of.start, 0), (of.end, -1)):
+                wrong += [] if v is None or np.allclose(motion.v[at], v, atol=1e-6) else ["velocity at an end"]
             row[f"feasible{key}"] += not wrong
-            row[f"ratio{key}"].append(float(motion.time[-1]) / best)
+            row[f"ratio{key}"].append(float(motion.time[-1]) / least)
             if wrong:
                 print(name, wrong)
     return row
@@ -141,15 +160,16 @@ def main() -> int:
     toppra.setup_logging("ERROR")
     rows = [examine(name, given.trajectories) for name in ROBOTS]
     for row in rows:
-        plain, smooth = ([float(np.median(row[key])), max(row[key])] for key in ("ratio", "ratio_jerk"))
-        print(
-            f"{row['robot']:6s} feasible {row['feasible']}, with jerk {row['feasible_jerk']} of {given.trajectories}; "
-            f"over toppra {plain[0]:.3f} (largest {plain[1]:.3f}), with jerk {smooth[0]:.3f} ({smooth[1]:.3f}); "
-            f"processor {max(row['cpu']):.2f} s at most"
-        )
+        for kind in KINDS:
+            ratio, what = row[f"ratio{kind}"] or [np.nan], kind.replace("_", " ")
+            print(
+                f"{row['robot']:6s}{what:13s} feasible {row[f'feasible{kind}']} of {len(ratio)}; over "
+                f"toppra {np.median(ratio):.3f}, largest {max(ratio):.3f}; processor {max(row['cpu']):.2f} s at most"
+            )
     if given.json is not None:
         given.json.write_text(json.dumps(rows))
-    feasible = all(row[f"feasible{key}"] == given.trajectories for row in rows for key in ("", "_jerk"))
+    feasible = all(row[f"feasible{key}"] == len(row[f"ratio{key}"]) for row in rows for key in KINDS)
+    feasible = feasible and all(len(row["ratio"]) == len(row["ratio_jerk"]) == given.trajectories for row in rows)
     quick = max(max(row["cpu"]) for row in rows) <= CPU
     short = all(max(row["ratio"]) <= LONGEST and max(row["ratio_jerk"]) <= LONGEST_WITH_JERK for row in rows)
     return 0 if feasible and quick and short else 1

@@ -170,7 +170,7 @@ def check(model: str | Path, trajectory: str | Path, *, retime: bool = False) ->
     arm = ModelledArm.of_file(read_model_file(model))
     robot, settings = arm.model.robot, CheckSettings(min_singular_value=0.0, modelled=arm)
     if retime:
-        motion = retimed_on_arm(robot, read_waypoints(trajectory, robot), settings)
+        motion = retimed_on_arm(robot, *read_waypoints(trajectory, robot), settings)
     else:
         read = read_trajectory(trajectory, robot)
         if isinstance(read, LineTrajectory):

@@ -63,14 +63,24 @@ def check(
         typer.Option(
             "--retime",
             metavar="OUT.csv",
-            help="File for the same path at the fastest feasible speed, from rest to rest; it is what is checked then. "
-            "TRAJECTORY may be waypoints without times, or a JSON of MoveIt's or ros2_control's.",
+            help="File for the same path at the fastest feasible speed; it is what is checked then. "
+            "TRAJECTORY may be waypoints without times, or a JSON of MoveIt's or ros2_control's; velocities in it, "
+            "v.<joint>, hold at its ends, which are at rest without any.",
         ),
     ] = None,
+    start_velocity: Annotated[
+        str | None,
+        typer.Option(
+            help="Velocities of the joints at the start of a retimed motion [rad/s], separated by commas; 0 is rest."
+        ),
+    ] = None,
+    end_velocity: Annotated[str | None, typer.Option(help="The same at its end.")] = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
     """Check whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
+    import numpy as np
+
     import urdf
     from armdyn.atomic import write_text
     from armdyn.recording.csv_run import csv_text
@@ -80,7 +90,7 @@ def check(
     from pipeline.motion.feasibility.check import joint_position_units
     from pipeline.motion.feasibility.read import read_trajectory, read_waypoints
     from pipeline.motion.retime import retimed_on_arm
-    from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+    from pipeline.motion.trajectory import EndVelocities, JointTrajectory, LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_report
 
     mass = parse_option_quantity(load_mass, "kg", "--load-mass").value
@@ -88,6 +98,8 @@ def check(
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
     if model is not None and (choice or mass > 0.0 or springs is not None):
         raise InputError("--model holds robot, load and springs: leave out --robot, --urdf, --load-mass and --springs")
+    if retime is None and (start_velocity or end_velocity):
+        raise InputError("--start-velocity and --end-velocity are for a motion that is retimed: add --retime OUT.csv")
     check_outputs(
         retime, report, json_file, inputs=[trajectory, *(file for file in (model, effects) if file is not None)]
     )
@@ -109,7 +121,20 @@ def check(
         else:
             say("looking for the fastest feasible speed")
             unobstructed = CheckSettings(load_mass=mass, springs=springs, modelled=modelled)
-            motion = retimed_on_arm(arm, read_waypoints(trajectory, arm), unobstructed)
+            points, ends = read_waypoints(trajectory, arm)
+            ends = EndVelocities(
+                *(
+                    recorded
+                    if told is None
+                    else np.array(parse_number_list(len(points[0]), told, option, arm.joint_names))
+                    for recorded, told, option in (
+                        (ends.start, start_velocity, "--start-velocity"),
+                        (ends.end, end_velocity, "--end-velocity"),
+                    )
+                )
+            )
+            rests = ends.are_rest(arm.limits.velocity)
+            motion = retimed_on_arm(arm, points, ends, unobstructed)
         near = line is not None and (on_line or _starts_on(line, motion, arm))
         obstacles = box_and_table_obstacles(line, Box()) if line is not None and (near if box is None else box) else ()
         settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles, modelled=modelled)
@@ -129,7 +154,8 @@ def check(
     if retime is not None and isinstance(motion, JointTrajectory) and result.feasible:
         write_text(retime, csv_text(motion.channels(joint_position_units(arm))))
         seconds = float(motion.time[-1])
-        written.append(f"{seconds:.3f} s from rest to rest, written to {retime}")
+        between = "from rest to rest" if rests else "with the velocities that are given at its ends"
+        written.append(f"{seconds:.3f} s {between}, written to {retime}")
 
         def answer() -> dict[str, Any]:
             return result.to_json() | {"retimed": {"seconds": seconds, "output": str(retime)}}

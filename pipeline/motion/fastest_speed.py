@@ -47,24 +47,27 @@ class NoSpeedError(Exception):
         self.node = node
 
 
-def fastest_speed(s: Array, rows: tuple[Array, Array, Array], largest: Array) -> PathSpeed:
-    """The fastest speed from rest to rest.
+def fastest_speed(s: Array, rows: tuple[Array, Array, Array], largest: Array, given: Array | None = None) -> PathSpeed:
+    """The fastest speed.
 
     Args:
         s: increasing nodes, (n,).
         rows: a, b and c of the rows a u + b x <= c at each node, (n, m) each.
         largest: largest squared speed at each node, (n,).
+        given: squared speeds, (n,), nan where none is given; those at the ends are. Without them both ends are at rest.
 
     Raises:
         NoSpeedError: no speed keeps the limits.
     """
+    if given is None:
+        given = np.where((s == s[0]) | (s == s[-1]), 0.0, np.nan)
     step = np.diff(s)
     a, b, c = rows
     here = [part[:-1] for part in rows]
     there = a[1:] + 2.0 * step[:, None] * b[1:], b[1:], c[1:]
     upper, lower, most = _lines(*(np.hstack([one, other]) for one, other in zip(here, there, strict=True)))
     most = np.minimum(np.minimum(most, largest[:-1]), UNLIMITED)
-    low, high = np.zeros(len(s)), np.zeros(len(s))
+    low, high = np.full(len(s), given[-1]), np.full(len(s), given[-1])
     for i in range(len(step) - 1, -1, -1):
         reach = 0.5 / step[i]
         up = np.append(upper[0][i], high[i + 1] * reach), np.append(upper[1][i], -reach)
@@ -72,10 +75,13 @@ def fastest_speed(s: Array, rows: tuple[Array, Array, Array], largest: Array) ->
         first, last = _end(up, down, 0.0, upwards=True), _end(up, down, float(most[i]), upwards=False)
         if not first <= last:
             raise NoSpeedError(i)
+        if not np.isnan(given[i]):
+            near = ROUNDING * max(given[i], 1.0)
+            if not first - near <= given[i] <= last + near:
+                raise NoSpeedError(i)
+            first = last = float(given[i])
         low[i], high[i] = first, last
-    if low[0] > 0.0:
-        raise NoSpeedError(0)
-    x, u = np.zeros(len(s)), np.zeros(len(step))
+    x, u = np.full(len(s), given[0]), np.zeros(len(step))
     for i in range(len(step)):
         fastest = float((upper[0][i] + upper[1][i] * x[i]).min())
         x[i + 1] = min(max(x[i] + 2.0 * step[i] * fastest, low[i + 1]), high[i + 1])

@@ -5,31 +5,38 @@ around it; the speed is found in rounds (see `fastest_speed`). Friction has the 
 limited by a moving average of the path coordinate over time, which keeps the path and its ends: an acceleration that
 jumps by d has the jerk d / T in the average of T s (Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines
 and Robots, 2008, §4.5). What is then left of an excess is removed by a slower clock.
+
+An end at a given velocity keeps it for T / 2, in which the average still has samples beyond the end, where the law goes
+on at this speed. A slower clock would change it: there the speed between the ends is reduced instead.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly
 
 from armdyn.errors import TaskFailedError
 from ik.torque import JointTorque
+from pipeline.motion.averaged import (
+    RETIMED_RATE,
+    AveragedMotion,
+    JointPath,
+    RetimingLimits,
+    averaged_motions,
+    given_speeds,
+)
 from pipeline.motion.fastest_speed import NoSpeedError, PathSpeed, fastest_speed
 from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.feasibility.check import CheckSettings, interpolated_samples
-from pipeline.motion.trajectory import JointTrajectory
-from urdf.robot import Array, Limits, Robot
+from pipeline.motion.trajectory import AT_REST, EndVelocities, JointTrajectory
+from urdf.robot import Array, Robot
 
-RETIMED_RATE = 200.0
-"""Samples per second of a retimed trajectory."""
 RETIMED_LIMIT_SHARE = 0.99
 """Share of each limit that a retimed motion uses, so that it is also kept between nodes and samples."""
 MIN_NODES, MAX_NODES = 200, 500
 """Least and largest number of nodes of the path."""
-LINEARISING_ROUNDS, LOCAL_ROUNDS = 3, 8
+LINEARISING_ROUNDS, LOCAL_ROUNDS, LOCAL_ROUNDS_IN_MOTION = 3, 8, 20
 """Rounds in which torques are linearised at the speed of the round before, and rounds after these at most, in which the
-speed is reduced where a limit is exceeded between nodes or samples."""
+speed is reduced where a limit is exceeded between nodes or samples; the last number where no slower clock follows."""
 MIN_SQUARED_SPEED = 1e-6
 """Least squared speed at which torques are linearised, in units of the largest [1]: friction has a direction there."""
 SERVO_ROUNDS, LEAST_SLOWER = 20, 1.03
@@ -37,41 +44,21 @@ SERVO_ROUNDS, LEAST_SLOWER = 20, 1.03
 limits, and by which factor at least."""
 PATH_JERK_SHARE = 0.5
 """Share of the jerk limit that the bends of a path use at constant speed."""
-TRIED_AVERAGES = (0.35, 0.5, 0.7, 1.0)
-"""Lengths of the moving average that are tried, in units of that which the jerk of full reversals needs."""
 CLOCK_STEPS, CLOCK_MARGIN = 40, 1e-3
-"""Most steps to the clock that removes the last excess, and by how much each is slower than the step before needs."""
-MIN_POINT_DISTANCE_SHARE = 2e-4
-"""Distance between points of a path, as a share of its length, below which the second is left out: at rest recorded
-positions differ by rounding, which has no direction."""
-MIN_PATH_LENGTH = 1e-6
-"""Length of a path, in units of the way of a joint at full speed in 1 s, below which it stands still."""
+"""Most steps to the clock that removes the last excess, and by how much each is slower than the step before needs;
+where ends are in motion, the same for the speed between them."""
 
 TorqueBand = Callable[[Array, Array, Array], tuple[Array, Array]]
 """Torques of positions, velocities and accelerations, and half the widths of their bands, (n, joints) each."""
 
 
-@dataclass(frozen=True, eq=False)
-class RetimingLimits:
-    """Limits of a retimed motion; each may be infinite, (joints,).
-
-    Attributes:
-        limits: limits of the joints.
-        torque: largest torques [N m or N].
-        jerk: whether jerk and acceleration are limited, besides speed and torque.
-    """
-
-    limits: Limits
-    torque: Array
-    jerk: bool = True
-
-
-def retimed_on_arm(robot: Robot, points: Array, settings: CheckSettings) -> JointTrajectory:
+def retimed_on_arm(robot: Robot, points: Array, ends: EndVelocities, settings: CheckSettings) -> JointTrajectory:
     """The fastest feasible motion of an arm through points; obstacles and the arm's own links do not limit it.
 
     Args:
         robot: the arm.
         points: positions of the joints, (n, joints) [rad or m].
+        ends: velocities of the joints at both ends.
         settings: load, springs, or the arm as its model describes it.
 
     Raises:
@@ -79,23 +66,24 @@ def retimed_on_arm(robot: Robot, points: Array, settings: CheckSettings) -> Join
     """
     arm = settings.modelled
     if arm is not None:
-        return _for_servos(
-            retimed(points, robot.joint_names, RetimingLimits(robot.limits, arm.limit), arm.torques), arm
-        )
+        found = retimed(points, robot.joint_names, RetimingLimits(robot.limits, arm.limit), arm.torques, ends)
+        return _for_servos(found, arm, ends.are_rest(robot.limits.velocity))
     torque = JointTorque(robot, settings.load_mass, settings.springs)
 
     def certain(q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         return torque(q, v, a), np.zeros_like(q)
 
-    return retimed(points, robot.joint_names, RetimingLimits(robot.limits, robot.limits.effort), certain)
+    return retimed(points, robot.joint_names, RetimingLimits(robot.limits, robot.limits.effort), certain, ends)
 
 
-def _for_servos(motion: JointTrajectory, arm: ModelledArm) -> JointTrajectory:
+def _for_servos(motion: JointTrajectory, arm: ModelledArm, rests: bool) -> JointTrajectory:
     """The motion, slower where servos, simulated in closed loop, ask for more than their limits.
 
     Raises:
-        TaskFailedError: they do so at any speed.
+        TaskFailedError: they do so at any speed, or the motion does not rest at its ends.
     """
+    if not rests and all(arm.model.servo(joint) is not None for joint in motion.joint_names):
+        raise TaskFailedError("servos are simulated from rest: retime their motion without velocities at its ends")
     used = np.zeros(len(motion.joint_names))
     for _ in range(SERVO_ROUNDS):
         followed = arm.followed(motion)
@@ -111,37 +99,21 @@ def _for_servos(motion: JointTrajectory, arm: ModelledArm) -> JointTrajectory:
     )
 
 
-class _Path:
-    """A cubic spline through points, with a coordinate s of length 1 for the way of a joint at full speed in 1 s."""
-
-    def __init__(self, points: Array, velocity: Array) -> None:
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0) / velocity, axis=1))])
-        if along[-1] < MIN_PATH_LENGTH:
-            raise TaskFailedError("the path stands still: it has no speed")
-        kept = [0]
-        for i, at in enumerate(along.tolist()):
-            if at - along[kept[-1]] > MIN_POINT_DISTANCE_SHARE * along[-1]:
-                kept.append(i)
-        if kept[-1] != len(along) - 1:
-            kept = [*kept[: max(len(kept) - 1, 1)], len(along) - 1]
-        points = points[kept]
-        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0) / velocity, axis=1))])
-        self.spline = CubicSpline(at, points, bc_type="natural" if len(points) > 2 else "not-a-knot")
-        self.length, self.count = float(at[-1]), len(points)
-
-    def at(self, s: Array) -> tuple[Array, ...]:
-        """Positions and their first three derivatives by s, (n, joints) each."""
-        return tuple(self.spline(s, k) for k in range(4))
-
-
-def retimed(points: Array, names: tuple[str, ...], given: RetimingLimits, torque: TorqueBand) -> JointTrajectory:
-    """The fastest feasible motion through points, from rest to rest.
+def retimed(
+    points: Array,
+    names: tuple[str, ...],
+    given: RetimingLimits,
+    torque: TorqueBand,
+    ends: EndVelocities = AT_REST,
+) -> JointTrajectory:
+    """The fastest feasible motion through points.
 
     Args:
         points: positions of the joints, (n, joints) [rad or m].
         names: names of the joints.
         given: the limits.
         torque: torques with their bands, which are kept within the limits.
+        ends: velocities of the joints at both ends.
 
     Raises:
         TaskFailedError: no speed is feasible; the message says why.
@@ -155,35 +127,45 @@ def retimed(points: Array, names: tuple[str, ...], given: RetimingLimits, torque
             f"no speed is feasible: {names[j]} is told to go to {beyond:.4g}, outside {limits.lower[j]:.4g} to "
             f"{limits.upper[j]:.4g}"
         )
-    path = _Path(points, limits.velocity)
+    path = JointPath(points, limits.velocity, ends)
     s = np.linspace(0.0, path.length, int(np.clip(2 * path.count, MIN_NODES, MAX_NODES)) + 1)
     q, first, second, third = path.at(s)
     with np.errstate(divide="ignore"):
         most = (RETIMED_LIMIT_SHARE * limits.velocity / np.abs(first)).min(axis=1) ** 2
         if given.jerk:
             most = np.minimum(most, (PATH_JERK_SHARE * limits.jerk / np.abs(third)).min(axis=1) ** (2 / 3))
-    speed, tried = PathSpeed(s, most * 0.25, np.zeros(len(s) - 1)), list[tuple[float, _Averaged]]()
-    for k in range(LINEARISING_ROUNDS + LOCAL_ROUNDS):
+    speed, tried = PathSpeed(s, most * 0.25, np.zeros(len(s) - 1)), list[tuple[float, AveragedMotion]]()
+    average, longest, moves = 0.0, np.inf, any(path.speeds)
+    further = 1.0 + CLOCK_MARGIN if moves else 1.0
+    for k in range(LINEARISING_ROUNDS + (LOCAL_ROUNDS_IN_MOTION if moves else LOCAL_ROUNDS)):
         rows = _torque_rows(torque, (q, first, second), speed.x, given.torque)
         if given.jerk:
             bound = np.broadcast_to(RETIMED_LIMIT_SHARE * limits.acceleration, first.shape)
             a, b, c = rows
             rows = np.hstack([a, first, -first]), np.hstack([b, second, -second]), np.hstack([c, bound, bound])
-        try:
-            speed = fastest_speed(s, rows, most)
-        except NoSpeedError as at:
-            raise TaskFailedError(_reason(torque, q, first, at.node, given.torque, names)) from at
+        while True:
+            fixed = given_speeds(path, s, average)
+            try:
+                speed = fastest_speed(s, rows, np.fmax(most, fixed), fixed)
+                break
+            except NoSpeedError as at:
+                if average < 1.0 / RETIMED_RATE:
+                    raise TaskFailedError(_reason(torque, q, first, at.node, given.torque, names, moves)) from at
+                average = longest = average / 2.0
+        averaged, wanted = averaged_motions(path, speed, given, fixed)
+        average = min(max(average, wanted), longest)
         if k < LINEARISING_ROUNDS - 1:
             continue
-        measured = [(one, *_slowness(one.sampled(1.0, names), given, torque)) for one in _averaged(path, speed, given)]
+        measured = [(one, *_slowness(one.sampled(1.0, names), given, torque)) for one in averaged]
         motion, time, slower = min(measured, key=lambda one: one[0].seconds * max(1.0, float(one[2].max())))
-        tried.append((motion.seconds * max(1.0, float(slower.max())), motion))
+        if not moves or slower.max() <= 1.0:
+            tried.append((motion.seconds * max(1.0, float(slower.max())), motion))
         if slower.max() <= 1.0:
             break
-        most = np.where(speed.x > 0.0, np.minimum(most, speed.x / motion.at_nodes(time, slower) ** 2), most)
-    found = _slowed(min(tried, key=lambda one: one[0])[1], given, torque, names)
+        most = np.where(speed.x > 0.0, np.minimum(most, speed.x / motion.at_nodes(time, slower * further) ** 2), most)
+    found = _slowed(min(tried, key=lambda one: one[0])[1], given, torque, names) if tried else None
     if found is None:
-        raise TaskFailedError(_reason(torque, q, first, None, given.torque, names))
+        raise TaskFailedError(_reason(torque, q, first, None, given.torque, names, moves))
     return found
 
 
@@ -206,76 +188,8 @@ def _torque_rows(
     return np.hstack([a, -a]), np.hstack([b, -b]), np.hstack([room - still, room + still])
 
 
-@dataclass(frozen=True, eq=False)
-class _Averaged:
-    """A path with a law s(t), averaged over some time.
-
-    Attributes:
-        path: the path.
-        law: the law, from 0 to the path's length.
-        average: length of the moving average [s].
-    """
-
-    path: _Path
-    law: PPoly
-    average: float
-
-    @property
-    def seconds(self) -> float:
-        """Duration."""
-        return float(self.law.x[-1]) + self.average
-
-    def at(self, time: Array) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations of the joints, (n, joints) each, at times (n,) [s]."""
-        s, v, a = (part[:, None] for part in self._along(time))
-        q, first, second, _ = self.path.at(np.clip(s[:, 0], 0.0, self.path.length))
-        return q, first * v, second * v**2 + first * a
-
-    def _along(self, time: Array) -> tuple[Array, Array, Array]:
-        law, last, length = self.law, float(self.law.x[-1]), self.path.length
-        rate = law.derivative()
-        if not self.average:
-            inside = np.clip(time, 0.0, last)
-            return law(inside), rate(inside), rate.derivative()(inside)
-        whole = law.antiderivative()
-        begin, end = time - self.average, time
-        ways = [whole(np.clip(t, 0.0, last)) + length * np.maximum(t - last, 0.0) for t in (begin, end)]
-        places = [law(np.clip(t, 0.0, last)) for t in (begin, end)]
-        rates = [np.where((t > 0.0) & (t < last), rate(np.clip(t, 0.0, last)), 0.0) for t in (begin, end)]
-        s, v, a = ((later - earlier) / self.average for earlier, later in (ways, places, rates))
-        return s, v, a
-
-    def at_nodes(self, time: Array, slower: Array) -> Array:
-        """Factors at the nodes of the law, (n,): the largest of (m,) factors at (m,) times that its average reaches."""
-        found, near = np.ones(len(self.law.x)), 2.0 / RETIMED_RATE
-        for at, factor in zip(time[slower > 1.0].tolist(), slower[slower > 1.0].tolist(), strict=True):
-            low, high = np.searchsorted(self.law.x, [at - self.average - near, at + near])
-            found[max(low - 1, 0) : high + 1] = np.maximum(found[max(low - 1, 0) : high + 1], factor)
-        return found
-
-    def sampled(self, clock: float, names: tuple[str, ...]) -> JointTrajectory:
-        """The motion with another clock, which is slowed to end with a sample."""
-        count = max(int(np.ceil(self.seconds / clock * RETIMED_RATE)), 4)
-        time = np.arange(count + 1) / RETIMED_RATE
-        clock = self.seconds / time[-1]
-        q, v, a = self.at(np.minimum(time * clock, self.seconds))
-        return JointTrajectory(time, q, v * clock, a * clock**2, names)
-
-
-def _averaged(path: _Path, speed: PathSpeed, given: RetimingLimits) -> list[_Averaged]:
-    """Motions with a speed along a path, by the moving averages that are tried."""
-    root = np.sqrt(speed.x)
-    lasts = 2.0 * np.diff(speed.s) / np.maximum(root[1:] + root[:-1], np.finfo(float).tiny)
-    law = PPoly(np.array([speed.u / 2.0, root[:-1], speed.s[:-1]]), np.concatenate([[0.0], np.cumsum(lasts)]))
-    if not given.jerk:
-        return [_Averaged(path, law, 0.0)]
-    pushed = np.abs(path.at(speed.s[:-1])[1] * speed.u[:, None]).max(axis=0)
-    full = float((2.0 * pushed / given.limits.jerk).max())
-    return [_Averaged(path, law, share * full) for share in TRIED_AVERAGES]
-
-
 def _slowed(
-    motion: _Averaged, given: RetimingLimits, torque: TorqueBand, names: tuple[str, ...]
+    motion: AveragedMotion, given: RetimingLimits, torque: TorqueBand, names: tuple[str, ...]
 ) -> JointTrajectory | None:
     """A motion with the fastest clock that keeps the limits at and between its samples; None if there is none."""
     clock = 1.0
@@ -295,7 +209,7 @@ def _slowness(motion: JointTrajectory, given: RetimingLimits, torque: TorqueBand
     middle = (motion.time[1:] + motion.time[:-1]) / 2.0
 
     def slopes(values: Array) -> Array:
-        return np.abs(np.diff(values, axis=0)) * RETIMED_RATE
+        return np.abs(np.diff(values, axis=0)) / np.diff(motion.time)[:, None]
 
     needed = [(time, np.abs(v) / limits.velocity), (middle, slopes(motion.q) / limits.velocity)]
     needed += [(time, np.sqrt((np.abs(found) + half) / given.torque))]
@@ -306,8 +220,16 @@ def _slowness(motion: JointTrajectory, given: RetimingLimits, torque: TorqueBand
     return np.concatenate([at for at, _ in needed]), np.concatenate([part.max(axis=1) for _, part in needed])
 
 
-def _reason(torque: TorqueBand, q: Array, way: Array, node: int | None, largest: Array, names: tuple[str, ...]) -> str:
-    """Why no speed is feasible: a joint that cannot even creep, or an end that cannot be reached from rest."""
+def _reason(
+    torque: TorqueBand,
+    q: Array,
+    way: Array,
+    node: int | None,
+    largest: Array,
+    names: tuple[str, ...],
+    moves: bool,
+) -> str:
+    """Why no speed is feasible: a joint that cannot even creep, or an end that cannot be reached."""
     slow = np.sqrt(MIN_SQUARED_SPEED) * way
     found, half = torque(q, slow, np.zeros_like(q))
     share = (np.abs(found) + half) / largest
@@ -318,4 +240,6 @@ def _reason(torque: TorqueBand, q: Array, way: Array, node: int | None, largest:
             f"creep through {q[i, j]:.4g}, {100.0 * i / (len(q) - 1):.0f} % of the way"
         )
     at = "" if node is None else f" before {100.0 * node / (len(q) - 1):.0f} % of the way"
+    if moves:
+        return f"no speed is feasible{at}: the limits do not allow the velocities that are given at its ends"
     return f"no speed is feasible{at}: a joint is too close to its torque limit to turn round or to stop there"

@@ -79,6 +79,37 @@ class LineTrajectory:
         return LineTrajectory(*(np.concatenate([mine, its[first:]]) for mine, its in pairs))
 
 
+REST_SPEED_SHARE = 0.01
+"""Share of the speed limits up to which a velocity at an end is rest, as in a recording with noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndVelocities:
+    """Velocities of the joints at the ends of a path.
+
+    Attributes:
+        start: (joints,) [rad/s or m/s]; None for rest.
+        end: likewise.
+    """
+
+    start: Array | None = None
+    end: Array | None = None
+
+    def moving(self, velocity: Array) -> tuple[Array | None, Array | None]:
+        """The velocities that are no rest, with (joints,) speed limits [rad/s or m/s]."""
+        start, end = (
+            None if v is None or (np.abs(v) / velocity).max() <= REST_SPEED_SHARE else v for v in (self.start, self.end)
+        )
+        return start, end
+
+    def are_rest(self, velocity: Array) -> bool:
+        """Whether both ends are at rest; see `moving`."""
+        return all(v is None for v in self.moving(velocity))
+
+
+AT_REST = EndVelocities()
+
+
 @dataclass(frozen=True)
 class JointTrajectory:
     """A sampled motion of an arm's joints.

@@ -14,7 +14,7 @@ from armdyn.recording.csv_run import read_csv
 from armdyn.recording.noise import noise_std_from_differences
 from armdyn.recording.units import to_base_units
 from armdyn.run import read_run
-from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+from pipeline.motion.trajectory import AT_REST, EndVelocities, JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
 NOISE_DIFFERENCE_ORDER = 6
@@ -50,11 +50,12 @@ def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array
     return q, v, a
 
 
-def read_waypoints(path: Path | str, robot: urdf.Robot) -> Array:
-    """Read the positions of a path of the joints, (n, joints) [rad or m]; its times do not matter.
+def read_waypoints(path: Path | str, robot: urdf.Robot) -> tuple[Array, EndVelocities]:
+    """Read the positions of a path of the joints, (n, joints) [rad or m], and its velocities at both ends.
 
-    Files are those of `read_trajectory`, CSV files without a time, and JSON files of a trajectory of ROS: a message
-    ``trajectory_msgs/JointTrajectory``, as ``ros2_control`` takes it, or one that contains it, as MoveIt's.
+    Its times do not matter. Without recorded velocities the ends are at rest. Files are those of `read_trajectory`, CSV
+    files without a time, and JSON files of a trajectory of ROS: a message ``trajectory_msgs/JointTrajectory``, as
+    ``ros2_control`` takes it, or one that contains it, as MoveIt's.
 
     Raises:
         InputError: the file is not a path of this robot's joints.
@@ -69,7 +70,8 @@ def read_waypoints(path: Path | str, robot: urdf.Robot) -> Array:
     motion = read_trajectory(path, robot)
     if isinstance(motion, LineTrajectory):
         raise InputError(f"{path}: a motion along the line has no joints to retime: 'armdyn check' without --retime")
-    return motion.q
+    recorded = all(f"v.{joint}" in read_run(path).channels for joint in robot.joint_names)
+    return motion.q, EndVelocities(motion.v[0], motion.v[-1]) if recorded else AT_REST
 
 
 def _header(path: Path) -> list[str]:
@@ -81,15 +83,16 @@ def _header(path: Path) -> list[str]:
         return ["time"]  # the reader of recordings says what is wrong
 
 
-def _table_positions(path: Path, robot: urdf.Robot) -> Array:
-    """Positions in the columns of a CSV file, in the units of its first row."""
+def _table_positions(path: Path, robot: urdf.Robot) -> tuple[Array, EndVelocities]:
+    """Positions in the columns of a CSV file, in the units of its first row, and velocities at its ends."""
     first, *rest = (row for row in path.read_text(encoding="utf-8-sig").splitlines() if row.strip())
     columns = dict[str, tuple[int, float]]()
     for k, cell in enumerate(first.split(",")):
         name, _, unit = cell.strip().strip('"').partition("[")
-        if name.startswith("q."):
-            columns[name.strip().removeprefix("q.")] = k, to_base_units(unit.strip(" ]") or "rad")[1]
-    missing = [joint for joint in robot.joint_names if joint not in columns]
+        if name.startswith(("q.", "v.")):
+            usual = "rad" if name.startswith("q.") else "rad/s"
+            columns[name.strip()] = k, to_base_units(unit.strip(" ]") or usual)[1]
+    missing = [joint for joint in robot.joint_names if f"q.{joint}" not in columns]
     if missing:
         raise InputError(f"joint {', '.join(missing)} is missing: add a column 'q.{missing[0]} [rad]'")
     try:
@@ -98,11 +101,16 @@ def _table_positions(path: Path, robot: urdf.Robot) -> Array:
         raise InputError(f"each row needs {first.count(',') + 1} numbers: {error}") from error
     if rows.ndim != 2 or not np.isfinite(rows).all():
         raise InputError("give two rows or more, with a finite number in every column")
-    return np.column_stack([rows[:, k] * factor for k, factor in (columns[joint] for joint in robot.joint_names)])
+    q, v = (
+        [rows[:, k] * factor for k, factor in (columns[name] for name in names if name in columns)]
+        for names in ([f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qv")
+    )
+    ends = EndVelocities(*np.array(v).T[[0, -1]]) if len(v) == len(q) else AT_REST
+    return np.column_stack(q), ends
 
 
-def _message_positions(path: Path, robot: urdf.Robot) -> Array:
-    """Positions of a message in a JSON file."""
+def _message_positions(path: Path, robot: urdf.Robot) -> tuple[Array, EndVelocities]:
+    """Positions of a message in a JSON file, and velocities of its first and last point."""
     try:
         message = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError) as error:
@@ -113,6 +121,8 @@ def _message_positions(path: Path, robot: urdf.Robot) -> Array:
     try:
         names = [str(name) for name in message["joint_names"]]
         q = np.array([[float(x) for x in point["positions"]] for point in message["points"]])
+        outer = [message["points"][i] for i in (0, -1) if message["points"]]
+        ends = [[float(x) for x in point.get("velocities") or [0.0] * len(names)] for point in outer]
     except (TypeError, KeyError, ValueError) as error:
         raise InputError("it is not a trajectory: give 'joint_names' and 'points' with 'positions'") from error
     missing = [joint for joint in robot.joint_names if joint not in names]
@@ -120,7 +130,10 @@ def _message_positions(path: Path, robot: urdf.Robot) -> Array:
         raise InputError(f"joint {', '.join(missing)} is missing in its joint_names")
     if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
         raise InputError(f"each point needs {len(names)} finite positions, one for each of its joint_names")
-    return q[:, [names.index(joint) for joint in robot.joint_names]]
+    if any(len(v) != len(names) or not np.isfinite(v).all() for v in ends):
+        raise InputError(f"its first and last point need {len(names)} finite velocities, or none")
+    order = [names.index(joint) for joint in robot.joint_names]
+    return q[:, order], EndVelocities(*(np.array(v)[order] for v in ends))
 
 
 LINE_COLUMN_UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}

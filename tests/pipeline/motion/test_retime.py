@@ -4,13 +4,17 @@ import json
 
 import numpy as np
 import pytest
+import ruckig
 from command import called
 from scipy.optimize import linprog
 
 from armdyn.errors import TaskFailedError
+from pipeline.motion.averaged import RetimingLimits
 from pipeline.motion.fastest_speed import fastest_speed
 from pipeline.motion.feasibility import CheckSettings, check_joints
-from pipeline.motion.retime import RETIMED_LIMIT_SHARE, RetimingLimits, retimed, retimed_on_arm
+from pipeline.motion.feasibility.read import read_trajectory
+from pipeline.motion.retime import RETIMED_LIMIT_SHARE, retimed, retimed_on_arm
+from pipeline.motion.trajectory import AT_REST, EndVelocities
 from urdf import load
 from urdf.robot import Limits
 
@@ -83,6 +87,43 @@ def test_a_jerk_limit_gives_the_time_of_a_double_s_within_a_tenth():
     assert np.abs(found.v[[0, -1]]).max() < 1e-9
 
 
+def inertia(q, v, a):
+    """Torque 2 a."""
+    return 2.0 * a + 0.0 * v, np.zeros_like(q)
+
+
+@pytest.mark.parametrize(("start", "end"), [(1.0, 0.5), (0.0, 2.0), (1.5, 0.0)])
+def test_from_a_speed_to_another_one_the_time_is_that_of_full_torque(start, end):
+    """Of 2 rad with 4 rad/s^2, of which 99 % are used: v_peak^2 = a L + (v_0^2 + v_1^2) / 2."""
+    given = RetimingLimits(limits(velocity=20.0), np.array([8.0]), jerk=False)
+    ends = EndVelocities(np.array([start]), np.array([end]))
+    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, inertia, ends)
+    a = RETIMED_LIMIT_SHARE * 4.0
+    peak = np.sqrt(2.0 * a + (start**2 + end**2) / 2.0)
+    assert found.time[-1] == pytest.approx((2.0 * peak - start - end) / a, rel=0.01)
+    assert found.v[[0, -1], 0] == pytest.approx([start, end], abs=1e-9)
+    assert found.q[[0, -1], 0] == pytest.approx([0.0, 2.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("start", "end"), [(1.0, 0.5), (0.0, 1.8), (1.5, 0.0), (0.3, 0.3)])
+def test_with_a_jerk_limit_ends_in_motion_cost_a_quarter_over_the_optimum_at_most(start, end):
+    """The optimum is ruckig's: any acceleration between, none at the ends."""
+    given, ends = RetimingLimits(limits(), np.array([np.inf])), EndVelocities(np.array([start]), np.array([end]))
+    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, lambda q, v, a: (0 * v + 0 * a, 0 * q), ends)
+    wanted = ruckig.InputParameter(1)
+    wanted.current_position, wanted.current_velocity, wanted.current_acceleration = [0.0], [start], [0.0]
+    wanted.target_position, wanted.target_velocity, wanted.target_acceleration = [2.0], [end], [0.0]
+    wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = [2.0], [5.0], [50.0]
+    best = ruckig.Trajectory(1)
+    ruckig.Ruckig(1).calculate(wanted, best)
+    assert best.duration <= found.time[-1] * 1.001
+    assert found.time[-1] <= 1.25 * best.duration
+    assert found.v[[0, -1], 0] == pytest.approx([start, end], abs=1e-9)
+    h = np.diff(found.time)
+    for values, most in ((found.q, 2.0), (found.v, 5.0), (found.a, 50.0)):
+        assert np.abs(np.diff(values[:, 0]) / h).max() <= most * 1.0001
+
+
 def test_no_speed_is_feasible_where_friction_alone_is_more_than_the_limit():
     given = RetimingLimits(limits(), np.array([0.9]))
     with pytest.raises(TaskFailedError, match="q needs 1"):
@@ -101,13 +142,39 @@ def points(robot):
 
 
 def test_a_retimed_motion_is_feasible_and_a_twentieth_faster_is_not(robot, points):
-    found = retimed_on_arm(robot, points, CheckSettings())
+    found = retimed_on_arm(robot, points, AT_REST, CheckSettings())
     settings = CheckSettings(collision=False, min_singular_value=0.0)
     assert check_joints(robot, found, settings).feasible
     scaled = type(found)(found.time / 1.08, found.q, found.v * 1.08, found.a * 1.08**2, found.joint_names)
     assert not check_joints(robot, scaled, settings).feasible
     for point in points:
         assert np.abs(found.q - point).max(axis=1).min() < 0.01
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_velocities_at_the_ends_are_kept_on_an_arm(robot, seed):
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 1.0, 200)[:, None]
+    size, phase = rng.uniform(0.2, 0.5, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    points, way = robot.home + size * np.sin(3.0 * t + phase), 3.0 * size * np.cos(3.0 * t + phase)
+    speeds = rng.uniform(0.1, 0.4, 2)
+    ends = EndVelocities(
+        *(share * v / (np.abs(v) / robot.limits.velocity).max() for share, v in zip(speeds, way[[0, -1]], strict=True))
+    )
+    found = retimed_on_arm(robot, points, ends, CheckSettings())
+    assert check_joints(robot, found, CheckSettings(collision=False, min_singular_value=0.0)).feasible
+    np.testing.assert_allclose(found.v[[0, -1]], [ends.start, ends.end], atol=1e-9)
+    np.testing.assert_allclose(found.q[[0, -1]], points[[0, -1]], atol=1e-9)
+    rest = retimed_on_arm(robot, points, AT_REST, CheckSettings())
+    assert found.time[-1] < rest.time[-1]
+
+
+def test_velocities_that_no_limit_allows_or_that_leave_the_path_are_refused(robot, points):
+    fast = EndVelocities(start=1.5 * robot.limits.velocity * np.sign(points[1] - points[0]))
+    with pytest.raises(TaskFailedError, match=r"do not allow the velocities"):
+        retimed_on_arm(robot, points, fast, CheckSettings())
+    with pytest.raises(TaskFailedError, match="at the start is not along the path"):
+        retimed_on_arm(robot, points, EndVelocities(start=points[0] - points[1]), CheckSettings())
 
 
 def test_waypoints_of_a_table_and_of_ros_are_the_same_path(points, robot, tmp_path, refused):
@@ -125,3 +192,28 @@ def test_waypoints_of_a_table_and_of_ros_are_the_same_path(points, robot, tmp_pa
     assert answers[0]["retimed"]["seconds"] == pytest.approx(answers[1]["retimed"]["seconds"])
     (tmp_path / "w.json").write_text(json.dumps({"points": [], "joint_names": ["a"]}))
     assert "is missing" in refused("check", tmp_path / "w.json", "--robot", "ur5", "--retime", again)
+
+
+def test_velocities_of_a_file_and_of_options_hold_at_the_ends(robot, tmp_path, refused):
+    names, again, rng = robot.joint_names, tmp_path / "o.csv", np.random.default_rng(0)
+    t = np.linspace(0.0, 1.0, 50)[:, None]
+    size, phase = rng.uniform(0.2, 0.5, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    q, v = robot.home + size * np.sin(2.0 * t + phase), size * np.cos(2.0 * t + phase)
+    heads = ",".join(f"{kind}.{n} [{unit}]" for kind, unit in (("q", "rad"), ("v", "rad/s")) for n in names)
+    np.savetxt(tmp_path / "w.csv", np.hstack([q, v]), delimiter=",", header=heads, comments="")
+    rows = [{"positions": a.tolist(), "velocities": b.tolist()} for a, b in zip(q, v, strict=True)]
+    (tmp_path / "w.json").write_text(json.dumps({"joint_names": names, "points": rows}))
+    np.savetxt(tmp_path / "p.csv", q, delimiter=",", header=heads[: heads.index(",v.")], comments="")
+    given = [f"--{end}-velocity={','.join(map(repr, row.tolist()))}" for end, row in (("start", v[0]), ("end", v[-1]))]
+    for name, options in (("w.csv", []), ("w.json", []), ("p.csv", given)):
+        status, out, wrong = called("check", tmp_path / name, "--robot", "ur5", "--retime", again, *options)
+        assert status == 0, wrong
+        assert "with the velocities that are given at its ends" in out
+        found = read_trajectory(again, robot)
+        np.testing.assert_allclose(found.v[[0, -1]], v[[0, -1]], atol=1e-6)
+        np.testing.assert_allclose(found.q[[0, -1]], q[[0, -1]], atol=1e-6)
+    none = f"--start-velocity={','.join(['0'] * 6)}", f"--end-velocity={','.join(['0'] * 6)}"
+    status, out, wrong = called("check", tmp_path / "w.csv", "--robot", "ur5", "--retime", again, *none)
+    assert status == 0
+    assert "from rest to rest" in out
+    assert "add --retime" in refused("check", tmp_path / "w.csv", "--robot", "ur5", given[0])
