@@ -76,11 +76,13 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=30, help="of each kind; two thirds of it for clean ones")
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--what", default="wrench,torques,clean")
     parser.add_argument("--json", type=Path, default=None, help="every row")
     args = parser.parse_args()
-    cases = [(k, s) for k in args.what.split(",") for s in range(args.seeds if k != "clean" else 2 * args.seeds // 3)]
+    counts = {kind: args.seeds if kind != "clean" else 2 * args.seeds // 3 for kind in args.what.split(",")}
+    cases = [(kind, args.first_seed + k) for kind, count in counts.items() for k in range(count)]
     with ProcessPoolExecutor(args.processes) as pool:
         rows = []
         for row in pool.map(repaired, *zip(*cases, strict=True)):

@@ -185,7 +185,7 @@ def excitation_json(found: Excitation, output: Path) -> dict[str, Any]:
         "samples": len(motion),
         "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
         **attributes_as_json(goal, "rivals beside=nuisance_effects taken_as_known=effects_taken_as_known inseparable"),
-        "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
+        "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=False)),
         "unknowns": [
             attributes_as_json(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
             for unknown, lost, row in std

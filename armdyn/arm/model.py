@@ -324,6 +324,17 @@ class ArmModel(Model):
         derivatives = [self._by_theta(by_joint, len(stretch.time)) for _, by_joint in found]
         return np.column_stack([torques for torques, _ in found]), np.stack(derivatives, axis=1)
 
+    def wrenches_at_states(self, stretch: MotionSamples) -> np.ndarray:
+        """(n, m, p) derivatives of the readings of m axes of force/torque sensors at n separate states.
+
+        Raises:
+            InputError: a sensor is late.
+        """
+        found = [axis for sensor in self.sensors_at(self.theta()) for axis in sensor.at_states(stretch)]
+        count = len(stretch.time)
+        derivatives = [self._by_theta(by_joint, count) for _, by_joint in found]
+        return np.stack(derivatives, axis=1) if found else np.zeros((count, 0, len(self.names)))
+
     def _by_theta(self, derivatives: Mapping[Any, np.ndarray], count: int) -> np.ndarray:
         """(count, p) derivatives, from those by the parameters of each joint, of the base and of each sensor."""
         # Column by column: parameters on which nothing depends take no time.

@@ -1,4 +1,7 @@
-"""The regressor of an arm's torques: their derivatives with respect to each unknown at every instant of a motion."""
+"""The regressor of an arm's torques: their derivatives with respect to each unknown at every instant of a motion.
+
+The axes of force/torque sensors are further rows of it, after the joints.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +20,8 @@ from armdyn.parameter import Parameter
 TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT = 2e-3
 """Standard deviation of a torque sample, as a share of the joint's effort limit, if the noise is not known. Recordings
 of Baxter have 0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
+WRENCH_NOISE = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
+"""Standard deviations of a sample of a force/torque sensor at a wrist, N and N m, if the noise is not known."""
 SLOW_SHARE_OF_SPEED_LIMIT = 0.02
 """Speed below which a joint's direction of motion is uncertain, as a share of its speed limit."""
 REGRESSION_PRIOR_STD_TYPICAL_SIZES = 10.0
@@ -65,15 +70,16 @@ class TorqueRegressor:
 
     @cached_property
     def noise(self) -> np.ndarray:
-        """(nj,) standard deviation of a torque sample, N m or N."""
-        return TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT * np.asarray(self.arm.robot.limits.effort)
+        """(nc,) standard deviation of a torque sample, N m or N, and then of each axis of the sensors."""
+        torques = TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT * np.asarray(self.arm.robot.limits.effort)
+        return np.concatenate([torques, np.tile(WRENCH_NOISE, len(self.model.sensors))])
 
     def column_indices(self, effect: str, joint: str | None = None) -> np.ndarray:
         """Column indices of an effect's unknowns, on one joint or on all."""
         return np.flatnonzero([p.effect == effect and joint in (None, p.joint) for p in self.unknowns])
 
     def values_along(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj, P) regressor along a motion: changes of torques over their noise, for changes of typical size."""
+        """(n, nc, P) regressor along a motion: changes of readings over their noise, for changes of typical size."""
         return self._columns(self._states(motion))
 
     def described_torque(self, motion: AxisMotion) -> np.ndarray:
@@ -87,7 +93,8 @@ class TorqueRegressor:
         return MotionSamples(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
 
     def _columns(self, states: MotionSamples) -> np.ndarray:
-        return self.model.at_states(states)[1] * (self.typical / self.noise[:, None])
+        found = [self.model.at_states(states)[1], self.model.wrenches_at_states(states)]
+        return np.concatenate(found, axis=1) * (self.typical / self.noise[:, None])
 
     def _torque(self, states: MotionSamples) -> np.ndarray:
         robot, motion = self.arm.robot, states.motion
@@ -99,7 +106,7 @@ class TorqueRegressor:
         """The regressor and the torques along a motion, with a function for derivatives by the motion.
 
         Returns:
-            (n, nj, P) regressor, (n, nj) torques, and a function: from the derivatives of a number with respect to
+            (n, nc, P) regressor, (n, nj) torques, and a function: from the derivatives of a number with respect to
             both it computes those with respect to positions, velocities and accelerations, (n, nj) each.
         """
         n, nj = motion.q.shape
@@ -107,7 +114,8 @@ class TorqueRegressor:
         parts = (motion.q, motion.v, motion.a)
         moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
         states = self._states(AxisMotion(*moved))
-        columns = self._columns(states).reshape(1 + 3 * nj, n, nj, -1)
+        columns = self._columns(states)
+        columns = columns.reshape(1 + 3 * nj, n, *columns.shape[1:])
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
 
         def gradient(by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

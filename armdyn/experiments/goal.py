@@ -10,6 +10,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.slots import ARMATURE, DAMPING, FRICTION, LINK, OFFSET, simplest_effect
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
+from armdyn.effects.wrench import wrench_offset
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.columns import TorqueRegressor, with_all_parameters_active
 from armdyn.experiments.criteria import (
@@ -69,6 +70,11 @@ class MotionGoal:
         )
 
 
+def usual_effects(model: ArmModel) -> tuple[str, ...]:
+    """Names of the effects that an arm may have, and its force/torque sensors: none is without offsets."""
+    return (*USUAL_EFFECTS, *((wrench_offset.name,) if model.sensors else ()))
+
+
 @one_thread
 def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) -> MotionGoal:
     """The goal to determine the unknowns of effects, by default of `USUAL_EFFECTS`.
@@ -79,7 +85,8 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
     effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.joints_effect_can_act_on(find(name))]
-    columns = _columns(model, effects, USUAL_EFFECTS, rate)
+    usual = usual_effects(model)
+    columns = _columns(model, effects, usual, rate)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     alone = unidentifiable_unknowns(rows, own, NO_INDICES)
 
@@ -88,9 +95,7 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
         lost = np.setdiff1d(unidentifiable_unknowns(rows, own, others), alone)
         return f"no motion could tell it from {columns.unknowns[lost[0]].name}" if len(lost) else None
 
-    beside, left_out = _nuisance(
-        [n for n in USUAL_EFFECTS if len(np.setdiff1d(columns.column_indices(n), own))], confused
-    )
+    beside, left_out = _nuisance([n for n in usual if len(np.setdiff1d(columns.column_indices(n), own))], confused)
     columns = _columns(model, effects, beside, rate)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     criterion = partial(d_optimality, prior=columns.prior, wanted=own)
@@ -118,7 +123,7 @@ def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float
     if first.name == second.name:
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair, names = (first, second), (first.name, second.name)
-    columns = _columns(model, pair, USUAL_EFFECTS, rate)
+    columns = _columns(model, pair, usual_effects(model), rate)
     rows = regressor_at_random_states(columns)
 
     def ranks(beside: Sequence[str]) -> list[int]:
@@ -129,7 +134,7 @@ def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float
         return "with it no motion could tell some of their changes apart" if fewer else None
 
     at_best = ranks(())
-    usual = [name for name in USUAL_EFFECTS if name not in names and len(columns.column_indices(name))]
+    usual = [name for name in usual_effects(model) if name not in names and len(columns.column_indices(name))]
     beside, left_out = _nuisance(usual, confused)
     columns = _columns(model, pair, beside, rate)
     rows, own = regressor_at_random_states(columns), _indices(columns, pair)
@@ -167,7 +172,8 @@ def _nuisance(
 def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> TorqueRegressor:
     """Regressor of wanted effects, and of nuisance effects on all joints on which they can act."""
     for effect in effects:
-        model = model.with_effect(effect)
+        if all(own.name != effect.name for own in model.effects):
+            model = model.with_effect(effect)
     for effect in map(find, beside):
         if model.joints_effect_can_act_on(effect) and model.can_add_effect(effect):
             model = model.with_effect(effect)

@@ -166,5 +166,6 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
     if twice:
         raise InputError(f"{option}: names {twice[0]} twice; write its joints in one list, {twice[0]}:JOINT,JOINT")
     for effect in found:
-        model.with_effect(effect)  # an effect that this arm cannot have is refused
+        if all(one.name != effect.name for one in model.effects):
+            model.with_effect(effect)  # an effect that this arm cannot have is refused
     return found

@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
+from armdyn.experiments.columns import WRENCH_NOISE
 from pipeline.answers_motion import (
     compare_with_other_motions,
     determinable_parameter_indices,
@@ -36,11 +37,14 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
         notes: further sentences for the reader.
     """
     goal, series = found.goal, found.series
-    noise = goal.columns.noise
+    noise, sensors = goal.columns.noise[: len(goal.columns.arm.joints)], ", ".join(goal.columns.model.sensors)
+    sensed = (
+        f", and the wrench of {sensors} one of {WRENCH_NOISE[0]:g} N and {WRENCH_NOISE[-1]:g} N m" if sensors else ""
+    )
     told = (
         f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
-        f"{number_text(float(noise.min()))} to {number_text(float(noise.max()))} N m, 0.2 % of each joint's limit; "
-        "less noise makes all figures better alike."
+        f"{number_text(float(noise.min()))} to {number_text(float(noise.max()))} N m, 0.2 % of each joint's limit"
+        f"{sensed}; less noise makes all figures better alike."
     )
     again = f", run through {series.repeats} times" if series.repeats > 1 else ""
     moves = (

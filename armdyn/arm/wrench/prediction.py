@@ -22,9 +22,10 @@ from armdyn.arm.reduction import CoefficientReduction, Reduction, SampleReductio
 from armdyn.arm.rigid import INERTIAL_PARAMETERS_PER_BODY
 from armdyn.arm.wrench.reading import WrenchReading
 from armdyn.arm.wrench.sensor import CutArm, WrenchSensor, cut_at_sensor
+from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.parameter import RecordedColumn
-from armdyn.readout import Sampler
+from armdyn.readout import InterpolatingSampler, Sampler
 from armdyn.run import Run
 
 
@@ -191,6 +192,23 @@ class SensorWithEffects:
     def values(self, run: Run, name: str) -> np.ndarray:
         """(n,) samples of a channel; see `predict`."""
         return self._predictor(run, name).values(*self._given, self._bodies)
+
+    def at_states(self, stretch: MotionSamples) -> list[tuple[np.ndarray, dict[int | str, np.ndarray]]]:
+        """Of each axis (n,) readings at n separate states, and derivatives as those of `predict`.
+
+        Raises:
+            InputError: the sensor is late, so that it reads what was before.
+        """
+        if self._given[0].readout.delays:
+            raise InputError(f"the readings of the sensor '{self.sensor.name}' are late: leave out the effect")
+        apart = np.arange(len(stretch.time), dtype=float)
+        sampler, moved = InterpolatingSampler(apart, apart), CutMotionSamples.of(self.cut, stretch)
+        found = []
+        for axis in range(len(self.cut.axes)):
+            values, own, by_bodies = WrenchPredictor(moved, sampler, axis).predict(*self._given, self._bodies)
+            columns = {self._joint_of[body]: by for body, by in by_bodies.items()}
+            found.append((values, {self.sensor.name: own} | columns))
+        return found
 
     def noise(self, run: PreparedRun) -> dict[str, float]:
         """Standard deviation of the noise of a prepared run by channel."""
