@@ -247,8 +247,9 @@ class ContactDetector:
         channel, lasting = int(np.argmax(clearest.ratio)), clearest is contrast
         since = self._quiet - (delay if lasting else 0.0)
         readings = [reading for then, reading in self._expected if step.time - then <= ZEROED_SECONDS]
+        goes_on = False
         if self._outlasted is not None:
-            readings = self._outlasted.readings
+            readings, goes_on = self._outlasted.readings, bool(self._sensors) and self._outlasted.doubted
             before, self._outlasted = self._outlasted, None
             left, most = (
                 np.linalg.norm(each / before.std) for each in (contrast.value + before.largest, before.largest)
@@ -256,7 +257,7 @@ class ContactDetector:
             if lasting and left < 0.5 * most:
                 return self._ended(before, step.time) if before.told else []
         # An onset detects the start, but does not yet identify size and joint.
-        doubted = not lasting or self._as_change(step, contrast, load, readings, 0.5)
+        doubted = not lasting or self._as_change(step, contrast, load, readings, 1.0 if goes_on else 0.5)
         now = self._open = _Open(
             step.time,
             since,
