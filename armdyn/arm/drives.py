@@ -20,6 +20,9 @@ from urdf.toml_tables import table_to_dataclass
 
 GAIN_SCALE_CHANNEL = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
+MIN_GAIN, MAX_GAIN = 1e-6, 1e9
+"""Smallest and largest possible gain of a drive, in its unit: with more, a thousandth of a radian gives more torque
+than any arm has, and with less no error gives any."""
 
 
 @dataclass(frozen=True)
@@ -222,5 +225,8 @@ def _servo(entry: Any, *, slides: bool) -> Servo:
                 read = parse_quantity(text, unit)
                 if read.value < 0.0 or (read.value == 0.0 and key not in ("damping", "delay")):
                     raise InputError(f"'{text}': write one that is positive")
+                if key == "gain" and not MIN_GAIN <= read.value <= MAX_GAIN:
+                    size = "small" if read.value < MIN_GAIN else "large"
+                    raise InputError(f"'{text}' is too {size} for a drive: check its number and unit")
             values[key] = read if key == "gain" else read.value
     return Servo(entry.joints, entry.law, **values)

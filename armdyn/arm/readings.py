@@ -12,8 +12,9 @@ from scipy.integrate import cumulative_trapezoid
 from armdyn.arm.control_laws import DriveSignals
 from armdyn.arm.drives import Servo
 from armdyn.arm.motion import measured_motion
+from armdyn.errors import InputError
 from armdyn.object_cache import cached_with_first_argument
-from armdyn.recording.channels import DriveReading
+from armdyn.recording.channels import DriveReading, SampleError
 from armdyn.run import Run
 
 IDENTIFIED_DELAY_STD_SECONDS = 2e-4
@@ -148,7 +149,17 @@ def with_servo_torques(run: Run, joints: tuple[str, ...], servos: tuple[Servo, .
     for servo in servos:
         for joint in servo.joints:
             if is_read_from_commands(run, joint, servo) and servo.gain is not None and f"q.{joint}" in run.channels:
-                found = _reading(run, joints, joint, servo, servo.gain.value, servo.gain.std or 0.0)
+                try:
+                    found = _reading(run, joints, joint, servo, servo.gain.value, servo.gain.std or 0.0)
+                except SampleError as error:
+                    said = (
+                        f"{run.source or run.name}: with the drive's gain of {servo.gain.value:.4g} {servo.gain.unit}"
+                    )
+                    size = error.fault.partition(" is beyond")[0]
+                    raise InputError(
+                        f"{said}, {servo.command(joint)} and q.{joint} give {size}, more than any arm has: check the "
+                        "gain under [drives], and the columns' units"
+                    ) from error
                 channels |= {} if found is None else {f"tau.{joint}": found}
     return run if len(channels) == len(run.channels) else replace(run, channels=channels)
 

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from armdyn.inspection.check import Check, Severity, rounded
 from armdyn.object_cache import cached_with_first_argument
-from armdyn.recording.channels import Channel
+from armdyn.recording.channels import Channel, channel_kind
 from armdyn.recording.noise import DIFFERENCE_ORDERS, noise_std_from_differences, normalised_differences
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
@@ -67,7 +67,8 @@ def stuck_sensor_checks(run: Run) -> Iterator[Check]:
     """Findings on stuck sensors: channels that keep one value and then jump, or have no noise for some time."""
     sticks = [name for name, _ in _joints(run) if repeated_stops(run, name)]
     for name, channel in run.channels.items():
-        found = None if name in sticks else longest_constant_stretch(channel)
+        command = channel_kind(name).held
+        found = None if name in sticks or command else longest_constant_stretch(channel)
         if found is None:
             continue
         (begin, end), value = channel.time[list(found)], channel.value[found[0]]

@@ -75,19 +75,24 @@ def inspect_runs(
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
         runs = [model.with_model_channels(run) for run in runs]
-        model = model.adapted_to(runs)
     each = [(run, *signal_checks(run)) for run in runs]
+    if model is not None:
+        model = _adapted(model, runs, [check for _, _, checks in each for check in checks])
     compare = COMPARISONS.get(model.base) if model is not None else None
     found: list[Check] = []
     physical: list[Check] = []
     if compare is not None:
-        moving = {run.name: mended for run, mended, checks in each if mended is not None and _moves(mended, checks)}
-        physical = list(compare(model, [_comparable_piece(run) for run in moving.values()], effects))
+        comparable = {
+            run.name: mended for run, mended, checks in each if mended is not None and _is_comparable(mended, checks)
+        }
+        physical = list(compare(model, [_comparable_piece(run) for run in comparable.values()], effects))
     for run, mended, checks in each:
         found += checks
         if mended is None:
             continue
-        found += [check for check in physical if check.run == run.name] if compare is not None else range_checks(mended)
+        found += (check for check in physical if check.run == run.name)
+        if compare is None or not any(channel_kind(name).measured for name in mended.channels):
+            found += range_checks(mended)
         for check in physical:
             mended = (check.correction or Correction()).applied_to(mended) if check.run == run.name else mended
         refuses = check_steps if model is None else partial(check_run, model, adding=adding)
@@ -117,8 +122,20 @@ def signal_checks(run: Run) -> tuple[Run | None, list[Check]]:
     return run, [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
 
 
-def _moves(run: Run, checks: Iterable[Check]) -> bool:
-    return bool(run.channels) and not any(check.kind == "no_motion" for check in checks)
+def _adapted(model: Model, runs: Sequence[Run], checks: Iterable[Check]) -> Model | None:
+    """The model with what recordings determine of it; None where recordings that are wrong determine nothing."""
+    try:
+        return model.adapted_to(runs)
+    except InputError:
+        if any(check.severity is Severity.WRONG for check in checks):
+            return None
+        raise
+
+
+def _is_comparable(run: Run, checks: Iterable[Check]) -> bool:
+    """Whether a recording can be compared: it moves, and its signals alone show no mistake that is not corrected."""
+    wrong = (check for check in checks if check.severity is Severity.WRONG and check.kind != "wrapped")
+    return bool(run.channels) and not any(check.kind == "no_motion" for check in checks) and not any(wrong)
 
 
 def _comparable_piece(run: Run) -> Run:

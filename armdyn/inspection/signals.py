@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from armdyn.inspection.check import Check, CheckKind, Severity, rounded
+from armdyn.inspection.check import Check, CheckKind, Severity, names_in_words, rounded
+from armdyn.inspection.commands import command_checks
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import encoder_channels, least_noise, sticking_joint_checks, stuck_sensor_checks
 from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel, channel_kind
@@ -44,6 +45,8 @@ MAX_PLAUSIBLE_VALUE_BY_UNIT: Mapping[str, tuple[float, CheckKind, str]] = {
 }  # fmt: skip
 """Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
 kind of mistake, and the unit that it may be in."""
+MAX_NUMERICAL_DUST = 1e-9
+"""Size, N m or N, up to which torques and forces are rounding errors of a program, far below what any sensor reads."""
 FULL_TURN_IN_RAD_AND_DEG = (2.0 * np.pi, 360.0)
 """A full turn in rad, and in degrees, for angles in degrees that are declared as rad."""
 MAX_MOTION_PER_SAMPLE_TURNS, MAX_WRAPPED_SAMPLE_SHARE = 0.2, 0.05
@@ -304,6 +307,22 @@ def range_checks(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
+def dust_checks(run: Run) -> Iterator[Check]:
+    """Findings on torques and forces that are nothing but rounding errors, or zero."""
+    measured = {name: c for name, c in run.channels.items() if channel_kind(name).measured and c.unit in ("N m", "N")}
+    sizes = {name: float(np.abs(channel.value).max()) for name, channel in measured.items()}
+    dust = {name: size for name, size in sizes.items() if size <= MAX_NUMERICAL_DUST}
+    if dust:
+        every = len(dust) == len(sizes)
+        unit = measured[next(iter(dust))].unit
+        which = "all torques and forces are" if every and len(dust) > 1 else f"{names_in_words(list(dust))} is"
+        yield Check(
+            "scale", Severity.WRONG if every else Severity.SUSPECT, run.name, tuple(dust),
+            f"{which} nothing: at most {rounded(max(dust.values()))} {unit}, a rounding error",
+            f"leave the column{'s' if len(dust) > 1 else ''} out, or record what a sensor measures",
+        )  # fmt: skip
+
+
 def wrapped_angle_checks(run: Run) -> Iterator[Check]:
     """Findings on angles of endless joints that wrap around after a turn."""
     for name, channel in run.channels.items():
@@ -358,8 +377,8 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
-    second_publisher_checks, motion_checks, gap_checks, dropped_sample_checks, stuck_sensor_checks,
-    sticking_joint_checks, repetition_checks, repeated_row_checks, saturation_checks, lost_count_checks, glitch_checks,
-    jitter_checks, stated_noise_checks, unconfirmed_mappings,
+    second_publisher_checks, motion_checks, command_checks, dust_checks, gap_checks, dropped_sample_checks,
+    stuck_sensor_checks, sticking_joint_checks, repetition_checks, repeated_row_checks, saturation_checks,
+    lost_count_checks, glitch_checks, jitter_checks, stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
 """Functions that check the signals of a recording; a new check is a further function."""

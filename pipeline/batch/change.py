@@ -1,39 +1,34 @@
 """Find when a parameter changed, from fits of many recordings, by a statistical test with a given false-alarm rate.
 
-A series is one parameter of one robot over time. A step in a series is significant if it explains more than noise would
-explain in any series of the whole batch. The step is fitted together with a straight line, so that a slow drift is not
-taken for a step; it must also be significant when it is fitted together with a parabola, or with a line through its
-neighbours. A value far from the median of its neighbours is an outlier and is replaced by this median before the test.
-`series.py` tests one series.
+A series is one parameter of one robot over time. It has a step if two chances are small:
 
-The bound of significance is the quantile of the largest normal deviate in simulated batches of noise. It is valid also
-where the parameters of a robot are correlated, which only makes false alarms rarer (Sidak 1967).
+- that mere scatter about a constant shows as much evidence for a step, anywhere in any series of the batch;
+- that scatter about the series' own straight line shows as much, in any series of the batch that a line describes
+  better than a constant; so slow wear is a drift and not a step.
+
+Both are computed by permutation: the scatter of the series itself is mixed and tested in the same way. Neighbouring
+recordings may be alike; how much they are, all series of the batch tell together. `evidence.py` compares the
+descriptions of one series.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 from scipy.stats import theilslopes
 
 from armdyn.recording.channels import FloatArray
-from pipeline.batch.series import ChangeTestSeries, ParameterSeries, estimate_lag_one_correlation
+from pipeline.batch.evidence import SeriesEvidence, correlation_prior
+from pipeline.batch.series import ParameterSeries
 
 DEFAULT_FALSE_ALARM_PROBABILITY = 0.01
 """Default probability of a false alarm in a batch in which nothing changes."""
-SIMULATED_BATCHES = 4000
-"""Number of simulated batches; the bound for 1 % is then the 40th largest value, with an error of a sixth."""
-NEIGHBOURS_PER_SIDE_OF_STEP = 12
-"""Number of recordings on each side of a step that are its neighbours.
-
-Over so few recordings a slow drift is nearly straight, while a change that persists still looks like a step.
-"""
-MAX_SIMULATED_VALUES, MIN_SIMULATED_BATCHES = 50_000_000, 1000
-"""Largest number of simulated values (about ten seconds of computation), and smallest number of simulated batches.
-
-With 1000 batches the bound for 1 % is the 10th largest value.
-"""
+PERMUTATIONS = 1000
+"""Number of permutations of each series."""
+TAIL_SHARE = 0.1
+"""Share of the permutations with the most evidence, from which the chance of still more evidence is extrapolated."""
 
 SeriesKey: TypeAlias = tuple[str, str]
 """Name of a robot and name of a parameter; the parameter of one joint is written ``"<quantity>[<joint>]"``."""
@@ -50,8 +45,7 @@ class ParameterStep:
         first_after: time of the first recording with the new value, since 1970 [s].
         before: median of the values from the previous step to this one, in the parameter's unit.
         after: median of the values from this step to the next one, in the parameter's unit.
-        chance: probability that noise alone gives a step at least as clear anywhere in the batch; at least one over the
-            number of simulated batches.
+        chance: probability that scatter gives as much evidence for a step anywhere in the batch.
         index: index of the first recording with the new value in the series.
     """
 
@@ -73,7 +67,7 @@ class ParameterDrift:
         robot: name of the robot.
         parameter: name of the parameter.
         slope: change per second, in the parameter's unit per s (median of the pairwise slopes, Theil and Sen).
-        chance: probability that noise alone gives a slope at least as clear anywhere in the batch.
+        chance: probability that scatter gives as much evidence for a slope anywhere in the batch.
     """
 
     robot: str
@@ -101,11 +95,57 @@ class ParameterChangeTestResult:
     false_alarms: float
 
 
+@dataclass(frozen=True)
+class _TestedSeries:
+    """A series and its chances, of which each is of this series alone.
+
+    Attributes:
+        begin: index of the first recording of the best change.
+        end: index of the first recording after it; the number of recordings if it never ends.
+        drifts: whether a straight line describes the series better than a constant.
+        step: probability of as much evidence for a change in mere scatter.
+        step_in_drift: probability of as much evidence for a change in scatter about a straight line.
+        slope: probability of as much evidence for a straight line in mere scatter.
+    """
+
+    begin: int
+    end: int
+    drifts: bool
+    step: float
+    step_in_drift: float
+    slope: float
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """What the tests of a batch share.
+
+    Attributes:
+        prior: probabilities of the correlations of neighbours, (6,).
+        permutations: number of permutations of each series.
+        rng: source of the permutations.
+        tested: number of series.
+        drifting: number of series that a straight line describes better than a constant, at least one.
+        false_alarms: chance below which a change is marked.
+    """
+
+    prior: FloatArray
+    permutations: int
+    rng: np.random.Generator
+    tested: int
+    drifting: int
+    false_alarms: float
+
+    def chance_of_step(self, of: _TestedSeries) -> float:
+        """Probability that any series of the batch shows as much evidence for a step by chance."""
+        return max(_chance_of_any(of.step, self.tested), _chance_of_any(of.step_in_drift, self.drifting))
+
+
 def find_changes(
     series: Mapping[SeriesKey, ParameterSeries],
     false_alarms: float = DEFAULT_FALSE_ALARM_PROBABILITY,
     *,
-    batches: int = SIMULATED_BATCHES,
+    permutations: int = PERMUTATIONS,
     seed: int = 0,
 ) -> ParameterChangeTestResult:
     """Find the steps and drifts in a batch of parameter series.
@@ -113,40 +153,29 @@ def find_changes(
     Args:
         series: the series by robot and parameter.
         false_alarms: probability of at least one false step, and of at least one false drift, in the batch.
-        batches: number of simulated batches from which the bound of significance is computed.
-        seed: seed of the simulated noise.
+        permutations: number of permutations of each series from which chances are computed.
+        seed: seed of the permutations.
 
     Returns:
         The steps and drifts that are significant; one series may have several steps.
     """
     rng = np.random.default_rng(seed)
-    tests = {name: test for name, one in series.items() if (test := ChangeTestSeries.from_series(one)) is not None}
-    if not tests:
+    evidence = {name: SeriesEvidence(one) for name, one in series.items() if one.testable}
+    if not evidence:
         return ParameterChangeTestResult((), (), 0, len(series), false_alarms)
-    kinds: dict[str, list[ChangeTestSeries]] = {}
-    for (_, parameter), test in tests.items():
-        kinds.setdefault(_kind(parameter), []).append(test)
-    phi = {kind: estimate_lag_one_correlation(group, rng) for kind, group in kinds.items()}
-    tests = {
-        name: test
-        for name in tests
-        if (test := ChangeTestSeries.from_series(series[name], phi[_kind(name[1])])) is not None
-    }
-    size = sum(len(test.time) for test in tests.values())
-    batches = min(batches, max(MIN_SIMULATED_BATCHES, MAX_SIMULATED_VALUES // size))
-    largest = np.zeros((2, batches))
-    for test in tests.values():
-        np.maximum(largest, test.simulated_normal_deviates(batches, rng), out=largest)
-    step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
+    prior = correlation_prior(np.array([one.correlation_likelihood() for one in evidence.values()]))
+    tests = {name: _test(one, prior, permutations, rng) for name, one in evidence.items()}
+    drifting = max(1, sum(test.drifts for test in tests.values()))
+    batch = _Batch(prior, permutations, rng, len(tests), drifting, false_alarms)
     steps: list[ParameterStep] = []
     drifts: list[ParameterDrift] = []
     for name, test in tests.items():
-        found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
+        found = list(_steps(name, series[name], (0, len(series[name].time)), test, batch))
         steps += found
-        trend = float(test.slope_normal_deviates(test.scores[None])[0])
-        if not found and trend > drift_bound:
-            slope = float(theilslopes(test.value, test.time).slope)
-            drifts.append(ParameterDrift(*name, slope, _chance(trend, largest[1])))
+        chance = _chance_of_any(test.slope, batch.tested)
+        if not found and test.drifts and chance <= false_alarms:
+            slope = float(theilslopes(series[name].value, series[name].time).slope)
+            drifts.append(ParameterDrift(*name, slope, chance))
     return ParameterChangeTestResult(
         tuple(sorted(steps, key=lambda s: (s.chance, s.first_after))),
         tuple(sorted(drifts, key=lambda d: d.chance)),
@@ -156,52 +185,69 @@ def find_changes(
     )
 
 
+def _test(evidence: SeriesEvidence, prior: FloatArray, permutations: int, rng: np.random.Generator) -> _TestedSeries:
+    log_prior = np.log(prior)
+    seen = evidence.evidence(evidence.scores[None], log_prior)
+    mere, drifting = (evidence.evidence(made, log_prior) for made in evidence.permuted(log_prior, permutations, rng))
+    begin, end = evidence.changes[seen.change[0]]
+    return _TestedSeries(
+        int(begin), int(end), bool(seen.drift_over_constant[0] > 0.0),
+        _chance(seen.change_over_constant, mere.change_over_constant),
+        _chance(seen.change_over_drift, drifting.change_over_drift),
+        _chance(seen.drift_over_constant, mere.drift_over_constant),
+    )  # fmt: skip
+
+
 def _steps(
-    name: SeriesKey, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
+    name: SeriesKey, series: ParameterSeries, part: tuple[int, int], test: _TestedSeries | None, batch: _Batch
 ) -> Iterator[ParameterStep]:
-    """Find steps in one part of a series; the parts before and after each step are searched again.
+    """Find steps in one part of a series; the parts before, between and after them are searched again.
 
     Args:
         name: robot and parameter.
         series: the whole series.
         part: index of the part's first recording, and of the first one after it.
-        phi: correlation of neighbouring recordings.
-        by_chance: largest normal deviate of each simulated batch of noise, (batches,).
-        bound: deviate above which a step is significant.
+        test: test of the part; None for a part that has to be tested.
+        batch: what the tests of the batch share.
     """
-    first, end = part
-    test = ChangeTestSeries.from_series(series.section(first, end), phi)
+    first, stop = part
     if test is None:
+        of = series.section(first, stop)
+        if not of.testable:
+            return
+        test = _test(SeriesEvidence(of), batch.prior, batch.permutations, batch.rng)
+    chance = batch.chance_of_step(test)
+    if chance > batch.false_alarms:
         return
-    deviates, best, _ = test.best_step(test.scores[None])
-    deviate = float(deviates[0])
-    middle = first + int(test.splits[best[0]])
-    sharp = test.step_normal_deviate(int(best[0]), parabola=True)
-    start, stop = max(first, middle - NEIGHBOURS_PER_SIDE_OF_STEP), min(end, middle + NEIGHBOURS_PER_SIDE_OF_STEP)
-    nearby = ChangeTestSeries.from_series(series.section(start, stop), phi)
-    if nearby is not None:
-        split = int(np.argmin(np.abs(nearby.splits - (middle - start))))
-        sharp = max(sharp, nearby.step_normal_deviate(split, parabola=False))
-    if min(deviate, sharp) <= bound:
-        return
-    sides = (first, middle), (middle, end)
-    earlier, later = (list(_steps(name, series, side, phi, by_chance, bound)) for side in sides)
-    start = max((s.index for s in earlier), default=first)
-    stop = min((s.index for s in later), default=end)
-    yield from earlier
-    yield ParameterStep(
-        *name, float(series.time[middle - 1]), float(series.time[middle]),
-        float(np.median(series.value[start:middle])), float(np.median(series.value[middle:stop])),
-        _chance(deviate, by_chance), middle,
-    )  # fmt: skip
-    yield from later
+    places = [first + at for at in (test.begin, test.end) if first + at < stop]
+    edges = [first, *places, stop]
+    parts = [list(_steps(name, series, (a, b), None, batch)) for a, b in pairwise(edges)]
+    for i, at in enumerate(places):
+        begin = max((s.index for s in parts[i]), default=edges[i])
+        end = min((s.index for s in parts[i + 1]), default=edges[i + 2])
+        yield from parts[i]
+        yield ParameterStep(
+            *name, float(series.time[at - 1]), float(series.time[at]),
+            float(np.median(series.value[begin:at])), float(np.median(series.value[at:end])), chance, at,
+        )  # fmt: skip
+    yield from parts[-1]
 
 
-def _chance(deviate: float, by_chance: FloatArray) -> float:
-    """Share of the simulated batches with at least this deviate; at least one over the number of batches."""
-    return max(float(np.mean(by_chance >= deviate)), 1.0 / len(by_chance))
+def _chance(seen: FloatArray, by_chance: FloatArray) -> float:
+    """Probability of at least the evidence (1,) that was seen, from the evidence (m,) of permutations.
+
+    Beyond the `TAIL_SHARE` largest ones, the probability falls exponentially with the evidence, as that of a logarithm
+    of a likelihood ratio.
+    """
+    ordered = np.sort(by_chance)[::-1]
+    count = max(1, int(TAIL_SHARE * len(ordered)))
+    edge = ordered[count]
+    if seen[0] <= edge:
+        return float(np.mean(ordered >= seen[0]))
+    fall = max(float(np.mean(ordered[:count] - edge)), 1e-300)
+    return float(count / len(ordered) * np.exp(-(seen[0] - edge) / fall))
 
 
-def _kind(parameter: str) -> str:
-    """The quantity of a parameter, without the name of its joint."""
-    return parameter.partition("[")[0]
+def _chance_of_any(chance: float, count: int) -> float:
+    """Probability of at least one of `count` independent events of the same probability (Sidak 1967)."""
+    return float(-np.expm1(count * np.log1p(-min(chance, 1.0 - 1e-12))))

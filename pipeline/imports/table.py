@@ -6,7 +6,7 @@ A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run 
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, time
@@ -256,6 +256,7 @@ def read_lerobot(path: Path) -> list[ForeignRecording]:
     found = []
     for file in files:
         table = read_parquet(file)
+        _check_widths(path, file, table.columns, info.get("features", {}))
         named = {_named(label, names): column for label, column in table.columns.items()}
         if "timestamp" not in named and info.get("fps") is not None and "frame_index" in named:
             named["timestamp"] = ForeignColumn(named["frame_index"].value / info["fps"], "s")
@@ -295,6 +296,32 @@ def _names(about: Any) -> list[str]:
     if isinstance(names, dict):
         names = next(iter(names.values()), None)
     return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def _check_widths(folder: Path, file: Path, columns: Mapping[str, ForeignColumn], features: Mapping[str, Any]) -> None:
+    """Compare the widths of the features of numbers with their names in ``info.json``.
+
+    Raises:
+        InputError: a feature has more or fewer values in a frame than names, or a name twice.
+    """
+    for feature, about in features.items():
+        names = _names(about)
+        if not names or not str(about.get("dtype", "")).startswith(("float", "int")):
+            continue
+        parts = (_INDEX.fullmatch(label) for label in columns)
+        width = sum(match is not None and match["feature"] == feature for match in parts) or int(feature in columns)
+        said = f"{file}: {feature} has {width or 'no'} values of a frame"
+        if width != len(names):
+            raise InputError(
+                f"{said}, and {folder / LEROBOT_INFO_FILE} names {len(names)}: mend its names there, or download the "
+                "data set again"
+            )
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(
+                f"{folder / LEROBOT_INFO_FILE}: names '{printable_excerpt(twice[0])}' twice among the values of "
+                f"{feature}: give each its own name"
+            )
 
 
 def _named(label: str, names: dict[str, list[str]]) -> str:

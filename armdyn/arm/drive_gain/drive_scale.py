@@ -24,6 +24,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from armdyn.arm.arm import Arm
+from armdyn.arm.control_laws import CONTROL_LAWS
 from armdyn.arm.drive_gain.joint_fit import compliances
 from armdyn.arm.drive_gain.joint_readings import DriveReadings, JointReadings
 from armdyn.arm.drives import Servo, gain_unit
@@ -51,6 +52,9 @@ def drives_with_identified_gains(drives: Mapping[str, Servo], arm: Arm, runs: Se
     Raises:
         InputError: the recordings determine no gain.
     """
+    for name, servo in drives.items():
+        for run in runs:
+            _require_command(name, servo, run)
     found, rows = {name: _with_reference(servo, runs) for name, servo in drives.items()}, list[JointReadings]()
     for name, servo in list(found.items()):
         kind = DriveReadings(
@@ -91,6 +95,28 @@ def drives_with_identified_gains(drives: Mapping[str, Servo], arm: Arm, runs: Se
             determined=stated or relative < MAX_IDENTIFIED_GAIN_RELATIVE_STD,
         )
     return found
+
+
+def _require_command(name: str, servo: Servo, run: Run) -> None:
+    """Refuse a recording with commands of a kind of drive that are all of another law than the drive's.
+
+    Raises:
+        InputError: the recording has neither a torque nor the command of any of these joints, but another command.
+    """
+    if any(f"tau.{joint}" in run.channels or servo.command(joint) in run.channels for joint in servo.joints):
+        return
+    others = {
+        law: control.channel
+        for law, control in CONTROL_LAWS.items()
+        if any(f"{control.channel}.{joint}" in run.channels for joint in servo.joints)
+    }
+    if others:
+        law, channel = next(iter(others.items()))
+        raise InputError(
+            f'{run.source or run.name}: [drives.{name}] has law = "{servo.law}", whose command is '
+            f"{servo.control.channel}.<joint>, and the recording holds {channel} of its joints alone: record "
+            f'{servo.control.channel}, or write law = "{law}" if this is what the drive follows'
+        )
 
 
 def _with_reference(servo: Servo, runs: Sequence[Run]) -> Servo:

@@ -157,6 +157,34 @@ def test_episodes_of_a_lerobot_data_set(version, stamped, tmp_path, joints):
         np.testing.assert_allclose(run.channels["tau.elbow_flex"].value, tau[:, 1], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["a.pos"], "has 2 values of a frame"), (["a.pos", "b.pos", "c.pos"], "names 3"), (["a.pos", "a.pos"], "twice"),
+        ({"motors": ["a.pos"]}, "names 1"),
+    ],
+)  # fmt: skip
+def test_a_lerobot_data_set_whose_names_are_not_those_of_its_values(names, said, tmp_path, joints, complains):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "meta").mkdir()
+    feature = {"dtype": "float32", "shape": [2], "names": names}
+    (tmp_path / "meta/info.json").write_text(json.dumps({"fps": 100, "features": {"observation.state": feature}}))
+    rows = {
+        "observation.state": [list(row) for row in joints[0]],
+        "frame_index": range(300),
+        "episode_index": [0] * 300,
+    }
+    parquet.write_table(pyarrow.table(rows), tmp_path / "data/file.parquet")
+    with complains(InputError) as caught:
+        read_foreign(tmp_path)
+    assert said in str(caught.value)
+    del rows["observation.state"]
+    parquet.write_table(pyarrow.table(rows), tmp_path / "data/file.parquet")
+    with complains(InputError) as caught:
+        read_foreign(tmp_path)
+    assert "observation.state has no values of a frame" in str(caught.value)
+
+
 BACK = "time,load_force [N]\n" + "".join(f"{20 - i},{i}\n" for i in range(20))
 BROKEN = ["", "a;b\n", "a,b\n1,2\n3\n", "a,b\nx,y\n", "a,b\n1,2\n3,4..5\n5,6\n", "a,b\n1,2\n3,1e300\n", BACK]
 
