@@ -176,8 +176,12 @@ def table_to_dataclass(kind: type[Declared], table: Mapping[str, Any], where: st
         where: place of the table for messages, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
-        TomlFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
+        TomlFileError: it is no table, or entries are missing, unknown or of the wrong kind; the message lists all of
+            them.
     """
+    if not isinstance(table, Mapping):
+        named = f"'{where}' is" if where else "is"
+        raise TomlFileError(f"{named} not a table: write {where or 'its [table]'} on a line of its own")
     declared = {field.name.rstrip("_"): field for field in fields(cast(Any, kind))}
     types, values, problems = get_type_hints(kind, include_extras=True), {}, list[str]()
     for name, value in table.items():

@@ -27,6 +27,8 @@ DEFAULT_FALSE_ALARM_PROBABILITY = 0.01
 """Default probability of a false alarm in a batch in which nothing changes."""
 PERMUTATIONS = 1000
 """Number of permutations of each series."""
+FIRST_PERMUTATIONS, MIN_CLEAR_CHANCE = 200, 0.1
+"""Number of permutations of each series to begin with, and the chance beyond which it is not permuted further."""
 TAIL_SHARE = 0.1
 """Share of the permutations with the most evidence, from which the chance of still more evidence is extrapolated."""
 
@@ -164,7 +166,7 @@ def find_changes(
     if not evidence:
         return ParameterChangeTestResult((), (), 0, len(series), false_alarms)
     prior = correlation_prior(np.array([one.correlation_likelihood() for one in evidence.values()]))
-    tests = {name: _test(one, prior, permutations, rng) for name, one in evidence.items()}
+    tests = {name: _test(one, prior, permutations, rng, false_alarms) for name, one in evidence.items()}
     drifting = max(1, sum(test.drifts for test in tests.values()))
     batch = _Batch(prior, permutations, rng, len(tests), drifting, false_alarms)
     steps: list[ParameterStep] = []
@@ -185,17 +187,24 @@ def find_changes(
     )
 
 
-def _test(evidence: SeriesEvidence, prior: FloatArray, permutations: int, rng: np.random.Generator) -> _TestedSeries:
+def _test(
+    evidence: SeriesEvidence, prior: FloatArray, permutations: int, rng: np.random.Generator, false_alarms: float
+) -> _TestedSeries:
     log_prior = np.log(prior)
     seen = evidence.evidence(evidence.scores[None], log_prior)
-    mere, drifting = (evidence.evidence(made, log_prior) for made in evidence.permuted(log_prior, permutations, rng))
     begin, end = evidence.changes[seen.change[0]]
-    return _TestedSeries(
-        int(begin), int(end), bool(seen.drift_over_constant[0] > 0.0),
-        _chance(seen.change_over_constant, mere.change_over_constant),
-        _chance(seen.change_over_drift, drifting.change_over_drift),
-        _chance(seen.drift_over_constant, mere.drift_over_constant),
-    )  # fmt: skip
+    for count in (min(FIRST_PERMUTATIONS, permutations), permutations):
+        made = evidence.permuted(log_prior, count, rng)
+        mere, drifting = (evidence.evidence(scores, log_prior) for scores in made)
+        test = _TestedSeries(
+            int(begin), int(end), bool(seen.drift_over_constant[0] > 0.0),
+            _chance(seen.change_over_constant, mere.change_over_constant),
+            _chance(seen.change_over_drift, drifting.change_over_drift),
+            _chance(seen.drift_over_constant, mere.drift_over_constant),
+        )  # fmt: skip
+        if min(test.step, test.slope) > max(MIN_CLEAR_CHANCE, 3.0 * false_alarms):
+            break
+    return test
 
 
 def _steps(
@@ -215,7 +224,7 @@ def _steps(
         of = series.section(first, stop)
         if not of.testable:
             return
-        test = _test(SeriesEvidence(of), batch.prior, batch.permutations, batch.rng)
+        test = _test(SeriesEvidence(of), batch.prior, batch.permutations, batch.rng, batch.false_alarms)
     chance = batch.chance_of_step(test)
     if chance > batch.false_alarms:
         return

@@ -119,6 +119,13 @@ def test_a_background_that_cannot_be_read_is_one_line(refused, tmp_path, entries
     assert not (tmp_path / "m.json").exists()
 
 
+@pytest.mark.parametrize("table", ["background = 3", "[[background]]\nwidth = 0.3\nvalues = {}", "drives.a = 3"])
+@pytest.mark.usefixtures("arm")
+def test_what_is_no_table_is_one_line(refused, tmp_path, table, complains):
+    (tmp_path / "m.toml").write_text(f"{HEAD}effects = []\n{table}\n")
+    complains.line(refused("export", "m.toml", "--output", "m.json"))
+
+
 @pytest.fixture
 def place(arm, tmp_path, armdyn):
     """A folder with a model that has a background, and runs that show nothing else."""
