@@ -117,7 +117,7 @@ class WatchedChanges:
             found = _columns(model, effect, (q, v, a), way, load)
             names += [effect.name if len(found) == 1 else f"{effect.name}.{short}" for short in found]
             for column, own in found.values():
-                columns.append(ca.vertcat(column, _error_of_sensors(effect, expected[len(joints) :])))
+                columns.append(ca.vertcat(column, _error_of_sensors(effect, expected[len(joints) :, 0])))
                 units.append(own)
         outputs = [ca.densify(ca.horzcat(*columns)), way]
         function = ca.Function("columns", [q, v, a, K], outputs, ["q", "v", "a", "bandwidth"], ["columns", "way"])

@@ -179,7 +179,7 @@ def doors():
         Door("arm.urdf", (toy_urdf().encode(),), lambda path: urdf.load(path, meshes=False)),
         Door("robot.toml", (SETTINGS.encode(),), lambda path: urdf.load(path, meshes=False), beside=toy),
         Door("path.toml", tuple(path.encode() for path in PATHS), read_path),
-        Door("line.csv", (LINE_CSV.encode(),), lambda path: read_trajectory(path, baxter())),
+        Door("line.csv", (LINE_CSV.encode(),), lambda path, robot=baxter(): read_trajectory(path, robot)),
         Door("effect.py", (EFFECT.encode(),), load_effects),
         Door("base.py", (crane(),), load_base),
         Door("foreign.csv", (foreign_csv().encode(), foreign_csv(";").encode(), list_csv().encode()), guess_and_import),
@@ -188,7 +188,7 @@ def doors():
         Door("spec.toml", (SPEC.encode(),), read_spec, beside=settings),
         Door("outcomes.jsonl", (JOURNAL.encode(),), read_journal),
         Door("a.mcap", (mcap(),), read_recording, compare_recording, inside=mcap),
-        Door("table.npz", (npz(),), lambda path: PathTable.load(path, baxter()), inside=npz),
+        Door("table.npz", (npz(),), lambda path, robot=baxter(): PathTable.load(path, robot), inside=npz),
         Door("b.parquet", (parquet(),), import_known, inside=parquet),
     ]  # fmt: skip
     return {door.name: door for door in every}
