@@ -96,6 +96,10 @@ def _pull_at_rest(state: LoadState) -> float:
 HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "gripper_lag": HiddenEffect(
         "s", 0.02, "The gripper trails what the encoders report, as a first-order lag.", 0.0, 0.2),
+    "gripper_scale": HiddenEffect(
+        "1", 0.03, "The gripper moves further along the line than the encoders say, by this share.", -0.5, 0.5),
+    "gripper_bob": HiddenEffect(
+        "1/m", 0.5, "The gripper rises by this times the square of its way from the line's middle.", -5.0, 5.0),
     "path_tilt": HiddenEffect(
         "rad", 0.01, "The robot stands tilted: gravity has a component along the line, towards + for > 0.", -0.5, 0.5),
     "string_elasticity": HiddenEffect(

@@ -94,6 +94,30 @@ class LoadString:
         return self.pull(data) + self.damping(data)
 
 
+class GripperShift:
+    """Moves the string's upper end away from where the encoders say it is: by a wrong scale along the line, or an arc.
+
+    MuJoCo's string feels the place of its end and not that it moves on the gripper: with the string's stiffness over
+    its damping the pull is 4 ms late for a motion that is a few percent of the gripper's.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant, model = plant, plant.model
+        self._site, hidden = model.site("pivot").id, plant.hidden
+        self._scale, self._curvature = hidden["gripper_scale"], hidden["gripper_bob"]
+        self._home, self._body = model.site_pos[self._site].copy(), int(model.site_bodyid[self._site])
+
+    def apply(self) -> None:
+        """Set the place of the string's upper end on the gripper for the arm's present posture."""
+        if not (self._scale or self._curvature):
+            return
+        data, line = self._plant.data, self._plant.line
+        turn = data.xmat[self._body].reshape(3, 3)
+        along = float((data.xpos[self._body] + turn @ self._home - line.origin) @ line.direction)
+        shift = self._scale * along * line.direction + self._curvature * along**2 * line.axes[:, 2]
+        self._plant.model.site_pos[self._site] = self._home + turn.T @ shift
+
+
 class LoadForces:
     """Forces on the load: drag, wind, magnet, friction at the pivot, a user's laws, inner damping of an elastic string.
 
@@ -199,7 +223,7 @@ class HiddenJointEffects:
             model.dof_frictionloss[dofs] = self._base + sum(term(self._share, v, gravity) for term in self._friction)
 
 
-def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
+def place_at_rest(plant: Plant, string: LoadString, shift: GripperShift, q: Vector) -> Vector:
     """Put the arm at the posture `q` (n,) [rad] with the load at rest, and set the string's unstretched length.
 
     The unstretched length is such that the load hangs exactly at ``settings.length``, which a ruler measures. Then the
@@ -210,6 +234,8 @@ def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
     """
     model, data, settings, along = plant.model, plant.data, plant.settings, plant.line.direction
     data.qpos[plant.dofs] = q
+    mujoco.mj_kinematics(model, data)
+    shift.apply()
     mujoco.mj_kinematics(model, data)
     pivot = plant.pivot.copy()
     pull = plant.mass * model.opt.gravity + plant.hidden["wind"] * along

@@ -11,7 +11,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import JointCommandCheck
 from pipeline.robot.devices import CommandedMotion, SimulatedCell, SimulatedJointSensors, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.plant import HiddenJointEffects, LoadForces, LoadString, Plant, place_at_rest
+from pipeline.robot.plant import GripperShift, HiddenJointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start_posture
@@ -66,7 +66,8 @@ class SimulatedRobot:
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), HiddenJointEffects(plant)
         self._data.qpos[plant.dofs] = q
         self._joint_effects.apply()
-        rest_torque = place_at_rest(plant, self._string, q)
+        self._shift = GripperShift(plant)
+        rest_torque = place_at_rest(plant, self._string, self._shift, q)
         servo, lead = settings.servo, self._hidden["gripper_lag"]
         self._reference = CommandedMotion(
             q, robot.limits, servo.hold_position_after_seconds, extrapolate=servo.extrapolate
@@ -147,6 +148,7 @@ class SimulatedRobot:
         creep = self._hidden["string_creep"]
         if creep:
             self._string.length = self.truth.string_length + creep * self.time
+        self._shift.apply()
         mujoco.mj_step1(plant.model, data)
         data.ctrl[:] = self._servo.advance_filter(self.time)
         self._load_forces.apply()

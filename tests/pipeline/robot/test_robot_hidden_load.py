@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 from simulated_truth import load_truth
 
@@ -129,6 +130,34 @@ def test_gripper_trails_what_the_encoders_report_by_the_hidden_lag(plant, baxter
         filtered.append((filtered[-1] * (lag - 0.005) + 0.005 * (before + now)) / (lag + 0.005))
     assert np.abs(np.subtract(reported, true)).max() > 5e-3
     np.testing.assert_allclose(true, filtered, atol=3e-4)
+
+
+@pytest.mark.parametrize(("name", "value"), [("gripper_scale", 0.1), ("gripper_bob", 2.0)])
+def test_the_strings_end_moves_otherwise_than_the_encoders_say(plant, baxter, follow, name, value):
+    """Its place, and the swing that follows: phi'' l = u cos - (g + w) sin, with its acceleration u along and w up."""
+    robot, reported = plant({name: value}), []
+
+    def path(t):
+        at = baxter.tool_pose(robot.joint_state().q).translation
+        reported.append((baxter.line.direction @ (at - baxter.line.origin), at[2]))
+        return wandering(t)
+
+    rows = [(t, g.s, g.position[2], load.swing_angle) for t, _, g, load in follow(robot, path, 5.0)]
+    (time, along, height, angle), (x, z) = np.array(rows).T, np.array(reported).T
+    x, z = x[: len(time)], z[: len(time)]
+    scale, bob = (value, 0.0) if name == "gripper_scale" else (0.0, value)
+    np.testing.assert_allclose(along, (1.0 + scale) * x, atol=5e-4)
+    np.testing.assert_allclose(height, z + bob * x**2, atol=5e-4)
+    true, plain = (
+        solve(
+            lambda t, p, _, u=CubicSpline(time, s), w=CubicSpline(time, up): (
+                u(t, 2) * np.cos(p) - (G + w(t, 2)) * np.sin(p)
+            ) / LENGTH,
+            time, angle[0],
+        )
+        for s, up in ((along, height), (x, z))
+    )  # fmt: skip
+    assert np.abs(angle - true).max() < 0.2 * np.abs(plain - true).max()
 
 
 def wandering(time):
