@@ -6,7 +6,7 @@ well: for one or two effects alone, for every effect exchanged for another, and 
 values are zero at the end, or that increase the error of held-out runs, are removed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations, islice
 
 import numpy as np
@@ -53,13 +53,12 @@ def improve_effect_set_by_run_errors(
     search = study.settings.search
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > study.settings.search.compared_excess):
-        say("comparing pairs over whole runs")
         needed = (
             search.needed_share(search.parameters_saved_by_pair)
             if found.chi2_per_sample > study.settings.noise.gross_chi2
             else search.pair_residual_ratio
         )
-        effects = _pair_or(study, scorer, effects, needed)
+        effects = _pair_or(study, scorer, effects, needed, say)
         say("comparing rivals over whole runs")
         effects = _exchanged(study, scorer, effects)
         say("comparing further effects over whole runs")
@@ -79,14 +78,24 @@ def _left(study: StateSpaceStudy, effects: Effects) -> float:
     return left
 
 
-def _pair_or(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
+def _pair_or(
+    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float, say: Callable[[str], None]
+) -> Effects:
     """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
+
+    def compared(sets: Sequence[Effects]) -> list[Effects]:
+        for k, one in enumerate(sets):
+            say(f"{k} of {len(sets)} sets compared over whole runs, now {', '.join(c.name_in_sentence for c in one)}")
+            _left(study, one)  # which is kept
+        return list(sets)
+
     scorer.optimise(())
     promised = sorted(scorer.candidates, key=lambda c: -scorer.evaluate((c,)).score)[:EFFECTS_COMPARED_OVER_WHOLE_RUNS]
-    alone = sorted(promised, key=lambda c: _left(study, (c,)))[:EFFECTS_COMPARED_IN_PAIRS]
-    foretold = {c: study.foretold_costs((*study.present, c), [o for o in alone if o is not c]) for c in alone}
-    pairs = sorted(combinations(alone, 2), key=lambda pair: min(foretold[a][b] for a, b in (pair, pair[::-1])))
-    sets = [*((c,) for c in alone), *pairs[:FORETOLD_SETS_FITTED]]
+    alone = sorted(compared([(c,) for c in promised]), key=lambda one: _left(study, one))[:EFFECTS_COMPARED_IN_PAIRS]
+    each = [c for (c,) in alone]
+    foretold = {c: study.foretold_costs((*study.present, c), [o for o in each if o is not c]) for c in each}
+    pairs = sorted(combinations(each, 2), key=lambda pair: min(foretold[a][b] for a, b in (pair, pair[::-1])))
+    sets = [*alone, *compared(pairs[:FORETOLD_SETS_FITTED])]
     best = min(sets, key=lambda one: _left(study, one) / study.settings.search.needed_share(len(one)))
     more = max(len(best) - len(whole), 0)
     return (

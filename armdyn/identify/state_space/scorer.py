@@ -134,7 +134,7 @@ class StateSpaceScorer(EffectSetScorer):
             for i, option in enumerate(options):
                 if gains[option] < share * max((one.score - now.score for one in found), default=0.0):
                     break  # the options that follow promise less still
-                say(f"{i} of {len(options)} candidates tried")
+                say(f"{i} of {len(options)} candidates tried, now {', '.join(c.name_in_sentence for c in option)}")
                 refused.add(frozenset(option))
                 found.append(self._verify(option))
             better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
