@@ -3,8 +3,8 @@
 A series is one parameter of one robot over time. It has a step if two chances are small:
 
 - that mere scatter about a constant shows as much evidence for a step, anywhere in any series of the batch;
-- that scatter about the series' own straight line shows as much, in any series of the batch that a line describes
-  better than a constant; so slow wear is a drift and not a step.
+- that scatter about the series' own drift, a line or a parabola, shows as much, in any series of the batch that drifts;
+  so slow wear is no step, also where it grows or slows down.
 
 Both are computed by permutation: the scatter of the series itself is mixed and tested in the same way. Neighbouring
 recordings may be alike; how much they are, all series of the batch tell together. `evidence.py` compares the
@@ -104,10 +104,10 @@ class _TestedSeries:
     Attributes:
         begin: index of the first recording of the best change.
         end: index of the first recording after it; the number of recordings if it never ends.
-        drifts: whether a straight line describes the series better than a constant.
+        drifts: whether a line or a parabola describes the series better than a constant.
         step: probability of as much evidence for a change in mere scatter.
-        step_in_drift: probability of as much evidence for a change in scatter about a straight line.
-        slope: probability of as much evidence for a straight line in mere scatter.
+        step_in_drift: probability of as much evidence for a change in scatter about this drift.
+        slope: probability of as much evidence for a drift in mere scatter.
     """
 
     begin: int
@@ -127,7 +127,7 @@ class _Batch:
         permutations: number of permutations of each series.
         rng: source of the permutations.
         tested: number of series.
-        drifting: number of series that a straight line describes better than a constant, at least one.
+        drifting: number of series that a drift describes better than a constant, at least one.
         false_alarms: chance below which a change is marked.
     """
 

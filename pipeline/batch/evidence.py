@@ -2,7 +2,7 @@
 
 Three descriptions of the weighted values z = w y of a series compete, with u_k the unit step after recording k:
 
-    constant: w,    drift: w and w t,    change: one of the two, and w u_k, or w (u_k - u_l) for what comes and goes.
+    constant: w,    drift: w, w t, perhaps w t^2,    change: any of these, and w u_k, or w (u_k - u_l) if it ends again.
 
 The scatter about each of them is an AR(1) process: neighbouring recordings are alike, by the weather, or because kinds
 of motion come in blocks. Its coefficient phi is not known, so each description has the phi that suits it best: what a
@@ -23,6 +23,8 @@ from pipeline.batch.series import MIN_RECORDINGS_PER_SIDE_OF_STEP, ParameterSeri
 
 NEIGHBOUR_CORRELATIONS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 0.95])
 """Values of phi, the correlation of neighbours, that are tried."""
+DRIFT_COEFFICIENTS = (2, 3)
+"""Numbers of coefficients of a drift: a straight line, and wear that grows or slows down, a parabola."""
 MIN_PULSE_SHARE = 0.25
 """Least share of the recordings before, during and after a change that comes and goes.
 
@@ -73,7 +75,6 @@ class SeriesEvidence:
     Attributes:
         weight: weights, inversely proportional to the standard deviations of the values, (n,).
         scores: weighted values without outliers, (n,).
-        drift: the scores' best straight line, (n,).
         changes: indices of the first recordings of a change, (k + l, 2): k steps, which never end (n), and l pulses.
     """
 
@@ -83,17 +84,18 @@ class SeriesEvidence:
         self._raw = self.weight * (series.value - np.median(series.value)) / np.median(scale)
         self._outliers = series.outliers()
         self.scores = self._cleaned(self._raw[None], self._outliers)[0]
-        straight = self.weight * np.array([np.ones_like(scale), series.centred_time])
-        self.drift = straight.T @ np.linalg.lstsq(straight.T, self.scores, rcond=None)[0]
+        powers = self.weight * np.vander(series.centred_time, DRIFT_COEFFICIENTS[-1], increasing=True).T
         self._splits = series.splits()
         self._pulses = _pulse_places(self._splits, len(scale))
         ends = np.full(len(self._splits), len(scale))
         self.changes = np.concatenate([np.column_stack([self._splits, ends]), self._splits[self._pulses]])
         self._descriptions = [
-            (lines, i, self._describe(straight[:lines], phi))
+            (count, i, self._describe(powers[:count], phi))
             for i, phi in enumerate(NEIGHBOUR_CORRELATIONS)
-            for lines in (1, 2)
+            for count in (1, *DRIFT_COEFFICIENTS)
         ]
+        fits = {count: np.linalg.lstsq(powers[:count].T, self.scores, rcond=None)[0] for count in DRIFT_COEFFICIENTS}
+        self._drifts = {count: powers[:count].T @ fit for count, fit in fits.items()}
 
     def _cleaned(self, scores: FloatArray, outliers: np.ndarray) -> FloatArray:
         """Scores (m, n) in which outliers, (m, n) or (n,) bool, have the median of five neighbouring recordings."""
@@ -132,12 +134,12 @@ class SeriesEvidence:
         count = scores.shape[1]
         without, changed = np.full((2, len(scores)), -np.inf), np.full(len(scores), -np.inf)
         change = np.zeros(len(scores), dtype=int)
-        for lines, i, of in self._descriptions:
+        for coefficients, i, of in self._descriptions:
             _, squares, best, size = self._fit(scores, of)
-            apart = 0.5 * np.log(1.0 - of.phi**2) + log_prior[i] - 0.5 * lines * np.log(count)
-            kept = np.maximum(squares - size**2, 1e-12 * squares) + 1e-300
-            without[lines - 1] = np.maximum(without[lines - 1], apart - 0.5 * count * np.log(squares + 1e-300))
-            here = apart - 0.5 * count * np.log(kept) - 0.5 * np.log(count)
+            drifts, kept = int(coefficients > 1), np.maximum(squares - size**2, 1e-12 * squares)
+            alone = log_prior[i] + _evidence(squares, coefficients, count, of.phi)
+            without[drifts] = np.maximum(without[drifts], alone)
+            here = log_prior[i] + _evidence(kept, coefficients + 1, count, of.phi)
             change = np.where(here > changed, best, change)
             changed = np.maximum(changed, here)
         return Evidence(changed - without[0], changed - without[1], without[1] - without[0], change)
@@ -150,9 +152,9 @@ class SeriesEvidence:
         """
         count, changes = len(self.scores), len(self.changes)
         likelihood = np.full(len(NEIGHBOUR_CORRELATIONS), -np.inf)
-        for lines, i, of in self._descriptions:
+        for coefficients, i, of in self._descriptions:
             _, squares, best, size = self._fit(self.scores[None], of)
-            apart, free = 0.5 * np.log(1.0 - of.phi**2) + of.log_volume, count - lines
+            apart, free = 0.5 * np.log(1.0 - of.phi**2) + of.log_volume, count - coefficients
             smooth = apart - 0.5 * free * np.log(squares[0] / free + 1e-300)
             kept = max(float(squares[0] - size[0] ** 2), 1e-12 * float(squares[0])) + 1e-300
             changed = apart - np.log(of.norms[best[0]] * changes) - 0.5 * (free - 1) * np.log(kept / (free - 1))
@@ -160,9 +162,9 @@ class SeriesEvidence:
         return likelihood
 
     def permuted(self, log_prior: FloatArray, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Scores of scatter about a constant, and about the series' straight line: each (count, n).
+        """Scores of scatter about a constant, and about the series' own drift: each (count, n).
 
-        The decorrelated residuals of a constant and of the line, outliers included, are put in another order and
+        The decorrelated residuals of a constant and of the drift, outliers included, are put in another order and
         correlated again, with a correlation that is drawn from its probability given the series and the prior. Without
         a correlation they are the series itself in another order, and the chance is exact; with one, the best change is
         taken out of them, as no order of what decorrelation makes of a step has anything to do with scatter.
@@ -171,10 +173,10 @@ class SeriesEvidence:
         shares = np.exp(likelihood - likelihood.max())
         drawn = rng.multinomial(count, shares / shares.sum())
         outlying, made = self._raw - self.scores, []
-        for lines in (1, 2):
+        for coefficients in (1, self._best_drift(log_prior)):
             scatter, outliers = [], []
             for phi, times in zip(NEIGHBOUR_CORRELATIONS, drawn, strict=True):
-                of = next(of for n, _, of in self._descriptions if (n, of.phi) == (lines, phi))
+                of = next(of for n, _, of in self._descriptions if (n, of.phi) == (coefficients, phi))
                 fitted, _, best, size = self._fit(self.scores[None], of)
                 left = fitted[0] - size[0] * self._direction(int(best[0]), of) if phi > 0.0 else fitted[0]
                 order = rng.permuted(np.tile(np.arange(len(left)), (times, 1)), axis=1)
@@ -182,9 +184,19 @@ class SeriesEvidence:
                 mixed[:, 0] /= np.sqrt(1.0 - phi**2)
                 scatter.append(lfilter([1.0], [1.0, -phi], mixed, axis=1) + outlying[order])
                 outliers.append(self._outliers[order])
-            about = self.drift if lines == 2 else 0.0
+            about = self._drifts.get(coefficients, 0.0)
             made.append(self._cleaned(np.vstack(scatter) + about, np.vstack(outliers)))
         return made[0], made[1]
+
+    def _best_drift(self, log_prior: FloatArray) -> int:
+        """Number of coefficients of the drift with the most evidence."""
+        found = dict.fromkeys(DRIFT_COEFFICIENTS, -np.inf)
+        for coefficients, i, of in self._descriptions:
+            if coefficients in found:
+                squares = self._fit(self.scores[None], of)[1]
+                here = log_prior[i] + _evidence(squares, coefficients, len(self.scores), of.phi)[0]
+                found[coefficients] = max(found[coefficients], here)
+        return max(found, key=lambda coefficients: found[coefficients])
 
     def _direction(self, change: int, of: _Description) -> FloatArray:
         """Unit vector (n,) of a change beside a description."""
@@ -208,6 +220,12 @@ def correlation_prior(likelihoods: FloatArray) -> FloatArray:
         shares /= shares.sum(axis=1, keepdims=True)
         prior = (shares.sum(axis=0) + 1.0 / kinds) / (len(relative) + 1.0)
     return prior
+
+
+def _evidence(squares: FloatArray, coefficients: int, count: int, phi: float) -> FloatArray:
+    """Evidence (m,) of a number of coefficients that leave sums of squares (m,) of n = count scores."""
+    of_correlation = 0.5 * np.log(1.0 - phi**2)
+    return np.asarray(of_correlation - 0.5 * coefficients * np.log(count) - 0.5 * count * np.log(squares + 1e-300))
 
 
 def _pulse_places(splits: np.ndarray, count: int) -> np.ndarray:

@@ -150,18 +150,20 @@ def best_evidence(matrix, scores, phi):
 
 
 def test_the_evidence_is_that_of_generalised_least_squares():
-    """Every step and every pulse, beside a constant or a line, for every correlation of neighbours, by brute force."""
+    """Every step and pulse beside a constant, a line or a parabola, with every correlation, by brute force."""
     rng, count = np.random.default_rng(0), 20
     time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
     series = SeriesEvidence(ParameterSeries(time, std * rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std))
     prior = np.log(rng.dirichlet(np.ones(len(NEIGHBOUR_CORRELATIONS))))
     scale = series.weight
-    place, line = np.arange(count), np.column_stack([np.ones(count), time])
+    place, line = np.arange(count), np.column_stack([np.ones(count), time, time**2])
     without, changed = np.full(2, -np.inf), {}
     for phi, log_prior in zip(NEIGHBOUR_CORRELATIONS, prior, strict=True):
-        for lines in (1, 2):
+        for lines in (1, 2, 3):
             smooth = scale[:, None] * line[:, :lines]
-            without[lines - 1] = max(without[lines - 1], best_evidence(smooth, series.scores, phi) + log_prior)
+            without[int(lines > 1)] = max(
+                without[int(lines > 1)], best_evidence(smooth, series.scores, phi) + log_prior
+            )
             for first, end in series.changes:
                 step = scale * ((place >= first) & (place < end))
                 found = best_evidence(np.column_stack([smooth, step]), series.scores, phi) + log_prior
