@@ -157,7 +157,7 @@ class StateSpaceStudy(Study):
         """Foretell the cost of a set of effects with each of some further ones, without a fit.
 
         Whole training runs are linearised once, at the quick fit of the set; each further effect then promises the cost
-        at the minimum of its own quadratic.
+        at the minimum of its own quadratic, rounded as `left` is.
 
         Args:
             effects: the set.
@@ -252,4 +252,4 @@ def _foretold_cost(
     room = (problem.lower - values)[own], (problem.upper - values)[own]
     step = np.clip(quadratic.step(*room, 0.0)[0], *room)
     cost = 2.0 * (quadratic.cost + quadratic.gradient @ step) + step @ quadratic.hessian @ step
-    return float(cost) if np.isfinite(cost) else np.inf
+    return float(f"{cost:.4g}") if np.isfinite(cost) else np.inf
