@@ -163,8 +163,10 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
         model: model of the recorded system, or its file; without it only the signals are checked.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: a file cannot be read, or the model comes first.
     """
+    if isinstance(runs, Model):
+        raise InputError("inspect(runs, model): give the recordings first, as they can be inspected without a model")
     read = read_runs(runs)
     return inspect_runs(read) if model is None else ModelWithCatalogue.of(model).inspect(read)
 

@@ -109,6 +109,9 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
         raise InputError(f"{path} is a directory: give the model's file")
     if path.suffix.lower() in (".csv", ".mcap") and path.is_file():
         raise InputError(f"{path}: is a recording; the model's file comes first: M.toml {path.name}")
+    if path.suffix.lower() in (".urdf", ".xacro", ".xml") and path.is_file():
+        kind = "--mjcf" if path.suffix.lower() == ".xml" else "--urdf"
+        raise InputError(f"{path}: describes a robot and is not a model's file: armdyn new arm M.toml {kind} {path}")
     table = read_toml(
         path,
         f": make one with 'armdyn new arm {path} --urdf ROBOT.urdf', 'armdyn new pendulum {path}' or "

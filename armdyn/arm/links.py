@@ -55,11 +55,13 @@ class LinkInertiaChange:
         joint: joint that moves it.
         quantities: its values, in the order of `LINK_QUANTITIES`.
         physical: whether a body with these inertial parameters can exist.
+        loaded: whether a load that an effect names is counted in.
     """
 
     joint: str
     quantities: tuple[LinkQuantity, ...]
     physical: bool
+    loaded: bool = False
 
     @property
     def mass(self) -> LinkQuantity:
@@ -73,7 +75,8 @@ class LinkInertiaChange:
             return f"the link of {self.joint} has an inertia that no body has"
         mass = self.mass
         if (
-            mass.described > 0
+            not self.loaded
+            and mass.described > 0
             and not 1 / MAX_LINK_MASS_RATIO_TO_URDF <= mass.value / mass.described <= MAX_LINK_MASS_RATIO_TO_URDF
         ):
             text = f"the link of {self.joint} weighs {mass.value:.3g} kg in the model (URDF: {mass.described:.3g} kg)"

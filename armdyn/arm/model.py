@@ -227,7 +227,8 @@ class ArmModel(Model):
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
     ) -> tuple[LinkInertiaChange, ...]:
         """Links that effects change, in the order of the joints, with their values at (p,) fitted parameters."""
-        return link_inertia_changes(self.arm, self.changed_links(theta), covariance, of_runs_alone, free)
+        found = link_inertia_changes(self.arm, self.changed_links(theta), covariance, of_runs_alone, free)
+        return tuple(replace(link, loaded=f"payload.mass[{link.joint}]" in self.parameters) for link in found)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Signals on which a residual may depend: position, velocity and acceleration of every joint."""

@@ -44,7 +44,7 @@ MIN_NOTICEABLE_ERROR_CHANGE_SHARE = 0.01
 """Smallest relative change of an error that a sentence calls a change."""
 MAX_NAMED_JOINTS = 3
 """Largest number of joints of an effect that a sentence names; of more joints only the number is given."""
-MAX_NAMED_EFFECTS = 3
+MAX_NAMED_EFFECTS = 5
 """Largest number of effects that a sentence names; of further effects only the number is given."""
 MAX_ERROR_TO_NOISE_CALLED_NOISE = 1.1
 """Ratio of error to noise up to which a sentence calls an error noise."""
@@ -205,8 +205,10 @@ def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, 
         else "What is left"
     )
     if not left.exceeds_noise:
-        far = ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE
-        return f"{size} {'shows no structure that armdyn looks for' if far else 'is noise'}{ending}."
+        if ratio <= MAX_ERROR_TO_NOISE_CALLED_NOISE:
+            return f"{size} is noise{ending}."
+        known = f"is a small error of the model ({left.description})" if left.description else "shows no structure"
+        return f"{size} {known}{ending}."
     text = f"{size} {'is more than noise' if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE else 'is not white noise'}"
     text += f" ({left.description})" if left.description else ""
     if not left.searched:

@@ -335,7 +335,7 @@ def motion_section(found: Sequence["SimulatedPositionError"]) -> Section:
         "positions; the error of its positions:"
     )
     if any(rms is None for rms, _ in errors):
-        text = text.removesuffix(":") + "; – where a joint is carried off by more than a turn:"
+        text += " – stands for more than a turn; without its controller an arm drifts away after a while."
     return Section("Motion", text, tables=[Table(columns, name="motion")])
 
 

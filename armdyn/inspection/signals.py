@@ -358,7 +358,6 @@ def _round(step: np.ndarray, turn: float) -> np.ndarray:
 
 def unconfirmed_mappings(run: Run) -> Iterator[Check]:
     """Find questions about proposed mappings of columns that nobody has answered: each once, with all its channels."""
-    where = run.source.with_suffix(".toml") if run.source is not None else "the mapping"
     questions: dict[str, dict[str, str]] = {}
     for name, of_column in run.asked.items():
         column, _, question = of_column.rpartition("': ")
@@ -366,12 +365,15 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
     for question, columns in questions.items():
         first, made_of = next(iter(columns.items()))
         others = len(columns) - 1
-        lines = "line" if not others else f"{len(columns)} lines"
+        lines = f"{len(columns)} lines" if others else "line"
+        answered = "take its 'check' away in the mapping"
+        if run.source is not None:
+            answered = f"take its {lines} away below [asked] in {run.source.with_suffix('.toml')}"
         yield Check(
             "unanswered_check", Severity.SUSPECT, run.name, tuple(name for name in columns if name in run.all_channels),
             f"{first}{f' was made of {made_of}' if made_of else ''}{f', and so were {others} more' if others else ''}: "
-            f"{question}: nobody has answered that",
-            f"if it is right, take its {lines} away below [asked] in {where}; else mend the mapping and import again: "
+            f"{question}: this question is open",
+            f"if it is right, {answered}; else mend the mapping and import again: "
             "armdyn import FILE --output DIR --map map.toml --force",
         )  # fmt: skip
 

@@ -150,6 +150,7 @@ def check(
             result = check_line(default_table(arm), arm, motion, settings, at=at)
         else:
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
+    result = replace(result, notes=(*missing_mesh_sentences(arm), *result.notes))
     written, answer = list[str](), result.to_json
     if retime is not None and isinstance(motion, JointTrajectory) and result.feasible:
         write_text(retime, csv_text(motion.channels(joint_position_units(arm))))
@@ -162,7 +163,7 @@ def check(
 
     title = f"Feasibility of {trajectory.name}"
     finish_command(
-        replace(feasibility_document(result, title), notes=[*missing_mesh_sentences(arm), *result.notes]),
+        feasibility_document(result, title),
         answer,
         json_file,
         report,

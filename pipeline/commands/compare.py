@@ -9,7 +9,7 @@ import typer
 from armdyn.document import NextStep
 from armdyn.errors import InputError
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repair_result import REPAIR_OUTPUT_OPTIONS
+from pipeline.console.repair_result import repair_output_options
 
 HELP_PANEL = "What a model lacks"
 
@@ -44,7 +44,7 @@ def compare(inputs: StudyInputs, output: ResidualOption = None) -> None:
     steps = (
         []
         if found.explained
-        else [NextStep("what is missing", inputs.proposed_command("repair", *REPAIR_OUTPUT_OPTIONS))]
+        else [NextStep("what is missing", inputs.proposed_command("repair", *repair_output_options(inputs.model)))]
     )
     inputs.finish(
         given,

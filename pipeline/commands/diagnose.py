@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repair_result import REPAIR_OUTPUT_OPTIONS, swings_from_gripper
+from pipeline.console.repair_result import repair_output_options, swings_from_gripper
 
 HELP_PANEL = "What a model lacks"
 
@@ -22,7 +22,7 @@ def diagnose(inputs: StudyInputs) -> None:
         command = inputs.proposed_command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.ranked_effects:
-        steps.append(NextStep("add it", inputs.proposed_command("repair", *REPAIR_OUTPUT_OPTIONS)))
+        steps.append(NextStep("add it", inputs.proposed_command("repair", *repair_output_options(inputs.model))))
     inputs.finish(
         given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),

@@ -245,7 +245,9 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
-    repair = f"then: {shell_quoted_command('repair', 'M.toml', *written)} --output repaired.toml --report repair.html"
+    fitted, last = (written[:-1], ["--held-out", written[-1]]) if len(written) > 2 else (written, [])
+    outputs = "--output repaired.toml --report repair.html"
+    repair = f"then: {shell_quoted_command('repair', 'M.toml', *fitted, *last)} {outputs}"
     if runs[0].joints:
         law = law_of_commands(runs[0])
         known = bool(drives) and all(drive.partition("=")[0] in KNOWN_DRIVES for drive in drives)

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
     from armdyn.identify.repair import Repair
     from armdyn.identify.study import Study
 
-REPAIR_OUTPUT_OPTIONS = ("--output", "repaired.toml", "--report", "repair.html")
+
+def repair_output_options(model: Path) -> tuple[str, ...]:
+    """Options of a proposed repair of a model file, whose outputs are neither this file nor its report."""
+    again = "_again" if model.stem.startswith("repaired") else ""
+    return "--output", f"{model.stem if again else 'repaired'}{again}.toml", "--report", f"repair{again}.html"
+
+
 """Options for the output files in a proposed command `armdyn repair`."""
 
 

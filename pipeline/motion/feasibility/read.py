@@ -185,7 +185,8 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
     for name in channels:
         kind, dot, joint = name.partition(".")
         if dot and kind in ("q", "v", "a") and joint not in robot.joint_names:
-            raise UnknownNameError(f"joint of {robot.name}", joint, robot.joint_names)
+            other = "; of another robot: --model M.toml or --urdf ROBOT.urdf"
+            raise UnknownNameError(f"joint of {robot.name}", joint, robot.joint_names, other)
     _require_joints(channels, robot)
     names = [[f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qva"]
     _refuse_degrees(channels, robot)
