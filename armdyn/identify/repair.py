@@ -198,7 +198,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     return Repair(
         verdict=verdict,
         sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
-        remarks=(law + residual_sentence(unknown) + outlier_sentence(study.runs)).strip(),
+        remarks=(law + residual_sentence(unknown if left.exceeds_noise else None) + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,

@@ -161,7 +161,8 @@ def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
-        typer.echo(f"next: {shell_quoted_command('repair', path)} RUN... --output repaired.toml --report repair.html")
+        runs = "runs/*.csv" if any(Path("runs").glob("*.csv")) else "RUN..."  # where an import has written them
+        typer.echo(f"next: {shell_quoted_command('repair', path)} {runs} --output repaired.toml --report repair.html")
 
 
 def _check_replaced(target: NewModelOptions) -> None:
