@@ -195,10 +195,11 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     repaired = len(path) > 1
     forces = found.missing_force()
     law = force_law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.exceeds_noise else ""
+    beyond = residual_sentence(unknown) if left.exceeds_noise else ""
     return Repair(
         verdict=verdict,
         sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
-        remarks=(law + residual_sentence(unknown if left.exceeds_noise else None) + outlier_sentence(study.runs)).strip(),
+        remarks=(law + beyond + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,
