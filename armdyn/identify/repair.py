@@ -59,6 +59,7 @@ class Repair(Displayable):
         path: errors after each step of the repair; the first step is the model as given.
         after: comparison of the repaired model with the runs.
         residual_character: description of the residual, where it is more than noise.
+        study: what the fits of the steps were made by: of arms that are judged by motion not by the study of torques.
         links: links of an arm whose mass, centre or inertia the added effects change, in kg, m and kg m^2.
         explained: share of the squared error that the repair explains; `identify.explained` defines it.
         steps: fits and effects of each step of `path`.
@@ -73,6 +74,7 @@ class Repair(Displayable):
     path: tuple[RepairStep, ...]
     after: Comparison
     residual_character: ResidualCharacter | None
+    study: Study
     links: tuple["LinkInertiaChange", ...] = ()
     explained: float = 0.0
     steps: tuple[SearchStep, ...] = ()
@@ -205,6 +207,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         path=path,
         after=after,
         residual_character=unknown,
+        study=study,
         links=links,
         explained=explained_share(path[0], path[-1], after.scale),
         steps=found.steps,
@@ -223,6 +226,7 @@ def _lost(study: Study, found: Search) -> Repair:
         path=(repair_step(study, first),),
         after=comparison(study, first.fit, first.tests, process_error=False),
         residual_character=None,
+        study=study,
         steps=(first,),
     )
 

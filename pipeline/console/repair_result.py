@@ -56,7 +56,7 @@ def report_and_save_repair(
         given,
         replace(found.document(given.study.holdout_kinds), next_steps=steps),
         lambda: repair_json(found),
-        lambda: repair_report(given.study, found, steps),
+        lambda: repair_report(found.study, found, steps),
         written,
         failed=lost,
     )

@@ -19,6 +19,8 @@ from armdyn.identify.sentence import Verdict
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.recording.gaps import run_until
 from armdyn.run import Run
+from pipeline.report.overlay import study_overlays
+from pipeline.report.repair import repair_report
 
 SECONDS = 12.0
 
@@ -55,6 +57,12 @@ def test_names_and_values_are_those_that_mujoco_simulated(repaired):
     servo = repaired.model.drives["servo"]
     assert servo.gain.value == pytest.approx(hobby_arm.GAIN, rel=0.02)
     assert servo.delay == pytest.approx(hobby_arm.DELAY, abs=2e-3)
+
+
+def test_the_report_draws_the_held_out_run_as_the_motion_was_judged(repaired):
+    curves = study_overlays(repaired.study, [step.fit for step in repaired.steps])
+    assert {curve.run for curve in curves} == {"motion_0", "motion_1"}
+    assert repair_report(repaired.study, repaired).sections
 
 
 def test_the_motion_is_as_far_off_as_the_encoder_reads_and_the_error_falls(repaired):
