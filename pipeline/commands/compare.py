@@ -48,7 +48,7 @@ def compare(inputs: StudyInputs, output: ResidualOption = None) -> None:
     )
     inputs.finish(
         given,
-        replace(found.document(), next_steps=steps),
+        replace(found.document(), next_steps=steps, notes=[f"Fitted to these runs; {inputs.model} keeps its values."]),
         lambda: comparison_json(given.study, found),
         lambda: comparison_report(given.study, found),
         written,

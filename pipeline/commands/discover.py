@@ -9,6 +9,7 @@ import typer
 from armdyn.document import Document, NextStep
 from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import ModelAndRunInputs, StudyInputsWithoutExam
+from pipeline.console.repair_result import repair_output_options
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -50,14 +51,11 @@ def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | No
     file = output or Path("effect.py")
     own = ["--effects", file] if first.term is not None else []
     held_out = [word for path in inputs.held_out or () for word in ("--held-out", path)]
-    words = (inputs.model, first.label, *inputs.runs, *held_out, *own, "--output", "repaired.toml")
+    outputs = repair_output_options(inputs.model)[:2]
+    words = (inputs.model, first.label, *inputs.runs, *held_out, *own, *outputs)
     steps = [NextStep("add it", shell_quoted_command("add", *words))]
     if len(found.laws) > 1:
-        steps = [
-            NextStep(
-                "add them all", inputs.proposed_command("repair", "--effects", str(file), "--output", "repaired.toml")
-            )
-        ]
+        steps = [NextStep("add them all", inputs.proposed_command("repair", "--effects", str(file), *outputs))]
     rival = next((one for one in found.laws_outside_catalogue if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
         apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]

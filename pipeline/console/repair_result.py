@@ -45,7 +45,7 @@ def report_and_save_repair(
     lost, written = found.verdict is Verdict.LOST, list[str]()
     steps = [] if lost else repair_next_steps(given.study, output, inputs.effects)
     if found.verdict is Verdict.UNKNOWN_EFFECT and given.commanded is None:
-        beyond = replace(inputs, model=output).proposed_command("discover", "--output", "effect.py")
+        beyond = replace(inputs, model=output).proposed_command("discover", "--output", f"{output.stem}_effect.py")
         steps.insert(0, NextStep("a formula for what is left", beyond))
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
