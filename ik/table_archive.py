@@ -126,7 +126,7 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
         if values.shape != shape:
             raise InputError(f"'{name}' has the shape {values.shape}, not {shape}")
         if not np.isfinite(values).all():
-            raise InputError(f"'{name}' holds a number that is none")
+            raise InputError(f"'{name}' holds a number that is not finite")
     steps = np.diff(arrays["s"])
     if not steps.size or not np.all(steps > 0.0) or np.ptp(steps) > RELATIVE_NODE_SPACING_TOLERANCE * np.max(steps):
         raise InputError("'s' does not grow evenly")

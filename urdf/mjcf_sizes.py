@@ -89,7 +89,7 @@ def _named(element: ET.Element, bases: set[Path], folders: set[str]) -> Iterator
 def _check_file(file: Path, what: str) -> int:
     """Check a file, which `what` names in messages, and return the number of points of a picture."""
     if not file.is_file():
-        raise UrdfError(f"{what} is not a file, or a pipe that may never be written to; name a file")
+        raise UrdfError(f"{what} is not a regular file: name one")
     most = MAX_MESH_BYTES if file.suffix.lower() in (".stl", ".png") else MAX_TEXT_MESH_BYTES
     if file.stat().st_size > most:
         raise UrdfError(f"{what} is larger than {most / MIB:g} MiB; reduce it")

@@ -216,7 +216,7 @@ def depends_on_past(effect: Effect) -> bool:
 
 
 def torque_functions_with_effects(effects: Sequence[Effect]) -> JointTorqueFunctions:
-    """Apply effects to a joint, in the given order.
+    """The functions of a joint's torque after effects, applied in the given order.
 
     Raises:
         InputError: an effect lets gain, lag, delay or link change with the motion.

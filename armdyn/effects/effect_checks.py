@@ -147,7 +147,7 @@ def _wrong_with_column(column: RecordedColumn) -> str | None:
     if not (isinstance(column.name, str) and is_auxiliary(column.name)):
         return f"its column is {column.name!r:.60}: write a name such as 'extra.temperature'"
     if not _is_number(column.usual) or not math.isfinite(column.usual):
-        return f"usual is {column.usual!r:.60}: write the number that it is where it was not recorded"
+        return f"usual = {column.usual!r:.60} is not a number: give the value where it was not recorded"
     try:
         base = to_base_units(column.unit) if isinstance(column.unit, str) else None
     except InputError as error:

@@ -125,7 +125,7 @@ class NormalEquations:
         return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
 
     def squared_error(self, change: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """(u,) sums of squared residuals of `units` (u,) after a change (P,) of the unknowns."""
+        """(u,) sums of squared residuals of the units with indices (u,) after a change (P,) of the unknowns."""
         total = self.square[units] - 2.0 * self.slope[units] @ change
         for i, (own, gram) in enumerate(self._moving[unit] for unit in units):
             total[i] += change[own] @ gram @ change[own]

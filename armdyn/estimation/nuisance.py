@@ -42,7 +42,7 @@ class EliminatedNuisance:
 def eliminate_nuisance(
     slopes: np.ndarray, of_nuisance: np.ndarray, weight: np.ndarray, parts: Sequence[slice], held: np.ndarray
 ) -> EliminatedNuisance:
-    """Eliminate the nuisance unknowns of all parts of the samples.
+    """The normal equations of the unknowns of interest, without the nuisance unknowns (Schur complement).
 
     Args:
         slopes: (u, N, c) derivatives of N samples of c channels by the unknowns of interest.

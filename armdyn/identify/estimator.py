@@ -104,7 +104,7 @@ def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.nd
     scale = np.sqrt(np.diag(information))
     if not np.all(scale > 0):
         blind = [n for n, s in zip(names, scale, strict=True) if not s > 0]
-        raise InputError(f"these runs say nothing about {', '.join(blind)}: fix them or give a richer motion")
+        raise InputError(f"these runs do not determine {', '.join(blind)}: give their values, or a richer motion")
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     if values[0] < 1e-14 * values[-1]:
         tangled = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.1]

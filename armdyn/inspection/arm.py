@@ -187,7 +187,7 @@ class SampledArmRun:
         return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.joint_indices])
 
     @cached_property
-    def price_of_positions(self) -> float:
+    def cost_of_positions(self) -> float:
         """Price in nats of the recorded positions beyond the joints' limits."""
         return self._beyond(self.motion)
 

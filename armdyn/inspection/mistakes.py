@@ -69,7 +69,7 @@ def _recorded(runs: SampledArmRuns, kinds: str, joints: Iterable[str]) -> list[s
 def angle_unit_mistakes(runs: SampledArmRuns) -> Iterator[Mistake]:
     """Mistakes of angle units: degrees that are declared as rad, or the reverse."""
     turning = [joint for joint in runs.model.arm.joints if not runs.model.arm.sliding[joint]]
-    beyond_limits = sum(run.price_of_positions for run in runs.runs)
+    beyond_limits = sum(run.cost_of_positions for run in runs.runs)
     for factor, said in WRONG_ANGLE_UNIT_FACTORS:
         yield scaled_channels_mistake("angle_unit", _recorded(runs, "qva", turning), f"angles are in {said}", factor)
         for joint in runs.joints if len(runs.joints) > 1 else ():

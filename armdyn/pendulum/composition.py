@@ -86,7 +86,9 @@ class PendulumComposition:
                 "reading"
             )
         if ca.depends_on(string.length, rate):
-            raise InputError("an effect lets the string's length depend on the swing rate")
+            raise InputError(
+                "an effect makes the string's length depend on the swing rate, which the equations lack: leave it out"
+            )
 
     def moment(self, time: Expression, recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({})) -> Moment:
         """Arguments with which the stages are evaluated at `time`, s since the start of the run.

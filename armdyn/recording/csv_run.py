@@ -76,7 +76,7 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
     for name in channels:
         if set(name) & set(',"[]') or not name.isprintable() or len(name) > MAX_NAME_CHARACTERS:
             raise InputError(
-                f"channel {printable_excerpt(name)}: no table holds such a name: rename its joint, "
+                f"channel {printable_excerpt(name)}: a table cannot hold such a name: rename its joint, "
                 "or map its column to another"
             )
     time = np.unique(np.concatenate([channel.time for channel in channels.values()]))

@@ -198,7 +198,10 @@ def _parse(unit: str) -> _Unit:
     if not math.isclose(two - zero, 2.0 * factor, rel_tol=1e-9):
         raise InputError(f"unit '{unit}' is not a multiple of anything: write what it counts, as a plain number in '1'")
     if not (math.isfinite(factor) and factor > 0.0):
-        raise InputError(f"unit '{unit}' is out of range: write one such as 's', 'mm', 'deg/s', 'mN', 'N m'")
+        raise InputError(
+            f"unit '{unit}' is too large or too small to compute with: write one such as 's', 'mm', 'deg/s', 'mN', "
+            "'N m'"
+        )
     return _Unit(
         factor=factor,
         zero=zero,

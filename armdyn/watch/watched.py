@@ -203,5 +203,8 @@ def _columns(
         if column.nnz() and not ca.simplify(column).is_zero():
             found[short] = column, units
     if not found:
-        raise InputError(f"a change of '{effect.name}' adds to no torque at an instant: leave it out of --changes")
+        raise InputError(
+            f"'{effect.name}' changes no torque at a single instant, so no watch sees it change: leave it out "
+            "of --changes"
+        )
     return found

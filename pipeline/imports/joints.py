@@ -125,7 +125,7 @@ def match_joints(
         groups.setdefault(words_with_numbers_masked(labels[column].words), []).append(column)
     rests = _differing({column: label.rest for column, label in labels.items()})
     headers = _Headers(labels, rests, joints, tuple(groups.values()), spans or {})
-    return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
+    return headers.named_by_robot(names) if joints.arm else headers.named_by_headers()
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class _Headers:
     groups: tuple[Sequence[str], ...]
     spans: Mapping[str, float]
 
-    def named_by_themselves(self) -> dict[str, MatchedJointName]:
+    def named_by_headers(self) -> dict[str, MatchedJointName]:
         """Joints with the names in the headers, where no robot is known."""
         found = {}
         for columns in self.groups:

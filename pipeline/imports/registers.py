@@ -128,7 +128,10 @@ def decoded(value: FloatArray, negative: str) -> tuple[FloatArray, int]:
     half = 2.0 ** (int(number) - (kind == COMPLEMENT))
     beyond = value[value >= 2.0 * half]
     if beyond.size:
-        raise InputError(f"{beyond[0]:.10g} has more bits than '{negative}' writes: give another 'negative', or none")
+        raise InputError(
+            f"{beyond[0]:.10g} has more bits than negative = '{negative}' says: give another 'negative', or leave "
+            "it out"
+        )
     wrapped = value >= half
     mended = value - 2.0 * half if kind == COMPLEMENT else half - value
     return np.where(wrapped, mended, value), int(np.count_nonzero(wrapped))

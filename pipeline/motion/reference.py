@@ -94,7 +94,8 @@ def smooth_reference(
     motion = LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a)
     if not limits.respected_by(s, v, a, 1e-9):
         raise TaskFailedError(
-            "reference: the limits of the line change too fast for it; give it more time, or smooth the limits"
+            "reference: the limits of the line change too fast to follow: give the motion more time, or smooth the "
+            "limits"
         )
     return motion
 

@@ -21,7 +21,7 @@ CHANCE_STDS = 3.0
 
 
 def repeated_square(channel: str, learnt: Sequence[Fit], others: Sequence[Fit]) -> float:
-    """Mean squared residual of a channel that repeats itself in other samples beyond chance, in its squared unit.
+    """Reproducible part of a channel's mean squared residual, which other runs show again, in its squared unit.
 
     Args:
         channel: the channel of a joint's torque.

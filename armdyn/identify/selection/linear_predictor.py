@@ -205,7 +205,7 @@ class LinearPredictor(EffectSetScorer):
 
     @property
     def effective_noise(self) -> dict[tuple[str, str], float]:
-        """Effective noise of the training runs, by run and channel: with it, a sample has the weight of these fits."""
+        """Standard deviation by run and channel of training runs, with which a fit weighs samples as these fits did."""
         return {
             (block.run, block.channel): float(self._weight()[self.sums.channel[i]] ** -0.5)
             for i, block in enumerate(self.sums.blocks)

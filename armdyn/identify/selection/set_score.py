@@ -103,7 +103,7 @@ class EffectSetScorer(ABC):
         """Of the sets with one of the options added to `now`, the one that a report should name first."""
 
     def leading_effects(self, now: EffectSetScore, effects: Sequence[Candidate]) -> list[Candidate]:
-        """Those of some effects that a report adds to a set first, in this order; by default none."""
+        """Effects, out of `effects`, that a report lists before all others, in this order; by default none."""
         del now, effects
         return []
 

@@ -64,8 +64,8 @@ class Sums:
     def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(P,) values of all unknowns, within their bounds, after a change of some of them.
 
-        If an unknown acts through a driver that is smaller than the one at which the derivative was taken, its change
-        is larger by the ratio of the two.
+        Some unknowns act as a product with another one, their driver. If the driver is now smaller than where the
+        derivative was taken, the change is larger by the ratio of the two.
 
         Args:
             columns: (c,) indices of the changed unknowns.
