@@ -171,7 +171,7 @@ class MotionModel(ArmModel):
         return found
 
     def without_predictions(self, run: Run, names: Collection[str]) -> Run:
-        """A copy of a run in which the joints `names`, which are not predicted, rest: a simulation needs all positions."""
+        """A copy of a run in which joints that are not predicted rest, as a simulation needs all positions."""
         still = {name: run.channels[name] for name in names}
         still = {name: Channel(c.time, np.full(len(c), c.value[0]), c.unit) for name, c in still.items()}
         return replace(run, channels={**run.channels, **still})
