@@ -207,8 +207,9 @@ def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, 
     if not left.exceeds_noise:
         if ratio <= MAX_ERROR_TO_NOISE_CALLED_NOISE:
             return f"{size} is noise{ending}."
-        known = f"is a small error of the model ({left.description})" if left.description else "shows no structure"
-        return f"{size} {known}{ending}."
+        if left.description:
+            return f"{size} is a small error of the model ({left.description}){ending}."
+        return f"{size} shows no structure that armdyn looks for{ending}."
     text = f"{size} {'is more than noise' if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE else 'is not white noise'}"
     text += f" ({left.description})" if left.description else ""
     if not left.searched:

@@ -35,7 +35,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     )
     repair(make_study(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
     counts = [tuple(map(int, found.groups())) for text in told if (found := PROGRESS_COUNT_PATTERN.match(text))]
-    assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
+    assert any(re.fullmatch(r"\d+ of \d+ candidates tried, now [\w, ]+", text) for text in told)
     assert all(done < total for done, total in counts)
     assert {done for done, _ in counts} >= {0, 1}
 

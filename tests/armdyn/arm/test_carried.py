@@ -63,7 +63,7 @@ def test_a_joint_that_the_description_lacks_is_told(tmp_path):
     run = recorded(tmp_path)
     lift = Run("a.csv", {**run.channels, "q.lift": run.channels["q.j2"]})
     (check,) = [c for c in inspect_runs([lift], arm_model(tmp_path / "a.urdf")).checks if c.kind == "joint_left_out"]
-    assert "no joint of the model nor of its description" in check.sentence
+    assert "not a joint of the model nor of its description" in check.sentence
 
 
 def test_effects_of_a_joint_that_is_carried_are_not_asked_for(tmp_path):
