@@ -178,3 +178,12 @@ def test_results_are_printed_in_a_line(swing):
     for found in (armdyn.compare(model, run), armdyn.inspect(run), armdyn.add(model, "linear_drag", run)):
         assert repr(found).startswith(type(found).__name__)
         assert len(repr(found)) < 500
+
+
+def test_what_is_given_in_the_wrong_place_is_told_where_it_belongs(tmp_path):
+    with pytest.raises(InputError, match="give the recordings first"):
+        armdyn.inspect(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), [])
+    robot = tmp_path / "arm.urdf"
+    robot.write_text("<robot/>")
+    with pytest.raises(InputError, match=f"armdyn new arm M.toml --urdf {robot}"):
+        armdyn.read_model(robot)

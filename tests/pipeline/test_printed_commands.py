@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.console.repair_result import repair_output_options
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PRINTED = re.compile(r"(?:: |')(armdyn [a-z].*?)(?:'|$)")
 PLACES = {"RUN...": "{run}", "M.toml": "model.toml", "ROBOT.urdf": "arm.urdf", "ANOTHER.csv": "magnet_2.csv"}
@@ -117,3 +119,9 @@ def test_a_backlash_as_discover_writes_it_is_added_and_compared(folder, armdyn):
     assert added[0] == 0, added
     assert "NaN" not in (folder / "a.json").read_text()
     assert armdyn("compare", "r.toml", run, *own)[0] == 0
+
+
+def test_a_proposed_repair_never_writes_over_the_model_that_it_reads():
+    for name in ("m.toml", "repaired.toml", "repaired_again.toml"):
+        option, output, *_ = repair_output_options(Path(name))
+        assert (option, output != name) == ("--output", True)

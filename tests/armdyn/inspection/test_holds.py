@@ -34,12 +34,12 @@ def test_a_joint_that_stands_in_every_pass_sticks_unless_its_command_stands(wait
 
 
 def test_a_joint_that_stands_where_it_turns_round_does_not_stick():
-    """Read with the steps of an encoder, and held by dry friction, it stands there for a while."""
-    time = np.arange(0.0, 40.0, 1.0 / 30.0)
-    slow = 0.3 * np.sin(0.9 * time) + 0.25 * np.sin(0.9 * np.sqrt(5.0) * time)
-    held, q = slow[0], np.empty(len(time))
-    for k, place in enumerate(slow):
-        held = np.clip(held, place - 0.01, place + 0.01)  # what dry friction leaves of a command
-        q[k] = held
-    step = 2.0 * np.pi / 4096.0
-    assert not sticks(time, q=(np.round(q / step) * step)[:, None])
+    """It comes to one place in the middle of its range four times, stands, and goes back."""
+    corners = [(0.0, 0.0)]
+    for _ in range(4):
+        begin = corners[-1][0]
+        corners += [(begin + 0.5 / SPEED, 0.5), (begin + 0.5 / SPEED + 0.6, 0.5), (begin + 1.0 / SPEED + 0.6, 0.0)]
+    begin = corners[-1][0]
+    corners += [(begin + 1.0 / SPEED, 1.0), (begin + 2.0 / SPEED, 0.0)]
+    time = np.arange(0.0, corners[-1][0], 1.0 / RATE)
+    assert not sticks(time, q=np.interp(time, *zip(*corners, strict=True))[:, None])
