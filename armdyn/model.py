@@ -22,6 +22,21 @@ Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
+class AssumedGain:
+    """A gain that readings share and that no fit changes: it is assumed to be 1, within a tolerance.
+
+    Attributes:
+        channels: names of the channels whose readings have it in common.
+        std: its relative standard deviation.
+        relative: names of parameters that are gains of single channels, which are told relative to it.
+    """
+
+    channels: tuple[str, ...]
+    std: float
+    relative: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Prediction:
     """Prediction of a model for one run; the samples of all channels are in one array, channel after channel.
 
@@ -207,6 +222,15 @@ class Model(EffectModel, Displayable):
     @property
     def open_questions(self) -> tuple[str, ...]:
         """What the recordings leave unknown about the model, and what would answer it: sentences without full stops."""
+        return ()
+
+    def assumed_gains(self, freed: Collection[str]) -> Sequence[AssumedGain]:
+        """Gains of sensors that no fit changes, and whose uncertainty counts; by default all sensors are exact.
+
+        Args:
+            freed: names of the parameters that are fitted.
+        """
+        del freed
         return ()
 
     @property

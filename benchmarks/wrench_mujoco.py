@@ -10,8 +10,7 @@ readings, and faults of its sensor. Two recordings of 20 s are fitted, and one i
 - `clean`: positions and a wrench, and a tool that the description has: nothing is wrong.
 
 Counted are: named, every hidden effect; alone, nothing else is named; mass within 1 % and centre within 2 mm, where
-they are determined (where three standard deviations are less than that; no wrench alone tells the mass from a hidden
-gain that all axes share); refused, recordings that count as wrong.
+they are determined (where three standard deviations are less than that); refused, recordings that count as wrong.
 """
 
 import argparse
@@ -63,7 +62,7 @@ def repaired(kind: str, seed: int) -> dict[str, Any]:
     values = [found.model.parameters.get(f"payload.{name}[{joint}]") for name in ("mass", "x", "y", "z")]
     if own and all(p is not None and p.std is not None for p in values):
         mass, *centre = values
-        if SURE * mass.std < MASS * tool.mass and (kind == "torques" or "wrench_gain" not in tool.faults):
+        if SURE * mass.std < MASS * tool.mass:
             row["mass"] = bool(abs(mass.value - tool.mass) < MASS * tool.mass)
         sure = [p.std * SURE < CENTRE for p in centre]
         if all(sure):

@@ -37,7 +37,7 @@ from armdyn.arm.wrench.reading import WrenchReading, wrench_reading
 from armdyn.arm.wrench.sensor import WrenchSensor, read_wrench_sensors
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Model, Prediction, prediction_from_channels
+from armdyn.model import AssumedGain, Model, Prediction, prediction_from_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
@@ -115,8 +115,9 @@ class ArmModel(Model):
     def open_questions(self) -> tuple[str, ...]:
         """Sentences on gains of drives and sensors that are not identifiable, with what would identify them."""
         shared = tuple(
-            f"[wrench.{name}]: a wrench alone does not tell a gain that all its force axes share from the tool's mass, "
-            "which is right per gain of the axis that is held at 1: record joint torques as well, or weigh the tool"
+            f"[wrench.{name}]: a wrench alone does not tell a gain that all its axes share from the tool's mass: it is "
+            f"assumed to be 1 ± {self._gain_std(name, self.names):.2g}, and standard deviations contain that. "
+            "To tell it, record joint torques as well, or weigh the tool; gain_std states a better calibration"
             for name in self.joints_having_effect(SENSOR_GAIN_EFFECT)
         )
         return shared + tuple(
@@ -126,6 +127,23 @@ class ArmModel(Model):
             for name, servo in self.drives.items()
             if servo.gain is not None and not servo.determined
         )
+
+    def assumed_gains(self, freed: Collection[str]) -> Sequence[AssumedGain]:
+        """The gain that all axes of a force/torque sensor share; see `Model.assumed_gains`.
+
+        A sensor whose calibration is not stated counts as exact until its axes are found to be wrong.
+        """
+        own = self.parameter_names_by_joint(SENSOR_GAIN_EFFECT)
+        found = [
+            AssumedGain(sensor.channels, self._gain_std(name, freed), own.get(name, ()))
+            for name, sensor in self.sensors.items()
+        ]
+        return [gain for gain in found if gain.std > 0.0]
+
+    def _gain_std(self, sensor: str, freed: Collection[str]) -> float:
+        stated, own = self.sensors[sensor].gain_std, self.parameter_names_by_joint(SENSOR_GAIN_EFFECT)
+        priors = [self.parameters[name].prior for name in own.get(sensor, ()) if name in freed]
+        return stated if stated is not None else max((p.std for p in priors if p), default=0.0)
 
     @property
     def excluded_effects(self) -> frozenset[str]:

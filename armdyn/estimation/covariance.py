@@ -40,6 +40,20 @@ def sandwich_covariance(inverse: np.ndarray, scores: np.ndarray) -> np.ndarray:
     return np.asarray(inverse @ scores @ inverse)
 
 
+def consider_covariance(change: np.ndarray, std: np.ndarray, known: np.ndarray | float = 0.0) -> np.ndarray:
+    """(P, P) covariance K diag(d^2) K' that quantities which no fit changes add to that of the fitted values.
+
+    Args:
+        change: (P, m) derivatives K of the P fitted values by the m assumed quantities, such as -H^-1 S' s (Schmidt,
+            Advances in Control Systems 3, 1966; Tapley, Schutz & Born, Statistical Orbit Determination, 2004, §6.3).
+        std: (m,) standard deviations of these before the samples.
+        known: (m,) information of the samples on each that the fitted values cannot imitate, s's - s'S H^-1 S's: with
+            it the standard deviation d of a quantity, of which the samples show no error, is less.
+    """
+    spread = change / np.sqrt(std**-2.0 + known)
+    return np.asarray(spread @ spread.T)
+
+
 def covariance_root(information: np.ndarray) -> np.ndarray:
     """(P, P) A with A A' the inverse of an information matrix; directions without information get no error."""
     if not len(information):

@@ -233,7 +233,7 @@ def comparison(
     mixed = {name for one in together for name in one.unidentified_parameters}
     ends = set(fit.at_bound) - set(unnamed)
     needed = failed_fit_sentence(fit) if study.fit_has_failed(fit) else ""
-    bands = None if needed else prediction_bands(study, fit, certain.covariance)
+    bands = None if needed else prediction_bands(study, fit, certain.covariance_with_exact_gains)
     white = all(c.whiteness_p_value > study.settings.search.chance_level / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,

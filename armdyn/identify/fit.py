@@ -79,6 +79,20 @@ class Fit:
         inside = not_held_by_bound(*room, -downhill)
         return embedded(free_covariance(hessian, inside), own, len(self.free))
 
+    def change_by_gain(self, channels: Collection[str]) -> tuple[np.ndarray, float]:
+        """(P,) changes of the fitted values if channels have a gain in common that is larger than 1, over its excess.
+
+        Also the information on this gain that the fitted values cannot imitate.
+        """
+        problem, across, own = self.minimised, np.zeros(len(self.free)), 0.0
+        for block in self.blocks:
+            if block.channel in channels:
+                share, s = (block.noise / problem.noise[block.run, block.channel]) ** 2, block.predicted / block.noise
+                across += share * block.sensitivities.T @ s
+                own += share * float(s @ s)
+        change = -self.posterior_covariance @ across
+        return change, max(own + float(across @ change), 0.0)
+
     @property
     def samples(self) -> int:
         """Number of measured samples."""

@@ -11,8 +11,9 @@ where S_c are the derivatives over the noise and P the priors (White, Econometri
 
 A consider parameter, which no fit changes although it has a prior of standard deviation d, such as the gravity in which
 a pendulum swings, adds K d^2 K', where K = -H^-1 sum_c S_c' s_c is the derivative of the minimum by it, and s_c its
-derivatives over the noise (Tapley, Schutz & Born, Statistical Orbit Determination, 2004, §6.3). A fit of such a
-parameter would absorb errors of the model.
+derivatives over the noise (`consider_covariance`). A fit of such a parameter would absorb errors of the model. A gain
+that all readings of a sensor share is one too, with the predictions y_c over the noise as s_c. It moves the values, and
+no prediction of this sensor's readings.
 
 Measured on simulated recordings of a Baxter arm, with one effect fitted and one that is in no catalogue: 90 % of 336
 values within 3 standard deviations, with whitening 76 % (docs/repair.md). What is missing may still shift a value by
@@ -25,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.estimation.covariance import embedded, free_covariance, sandwich_covariance
+from armdyn.estimation.covariance import consider_covariance, embedded, free_covariance, sandwich_covariance
 from armdyn.estimation.expansion import not_held_by_bound
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
@@ -59,6 +60,11 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P) covariance of all unknowns; zero for unknowns that are fixed or on a bound."""
+        return self.covariance_with_exact_gains + self._by_gains
+
+    @cached_property
+    def covariance_with_exact_gains(self) -> np.ndarray:
+        """(P, P) covariance of all unknowns as if the gains of the sensors were known, for predictions of readings."""
         if self.fit.weighted is not None:
             return self.fit.posterior_covariance
         return (
@@ -66,11 +72,21 @@ class Uncertainty:
         )
 
     @cached_property
+    def _by_gains(self) -> np.ndarray:
+        """(P, P) covariance by the gains that readings share."""
+        problem, found = self.fit.problem, np.zeros((len(self.fit.free), len(self.fit.free)))
+        freed = {column.parameter.name for column, free in zip(problem.columns, self.fit.free, strict=True) if free}
+        for gain in problem.model.assumed_gains(freed):
+            change, known = self.fit.change_by_gain(gain.channels)
+            beside = ~problem.mask_of_unknowns(gain.relative)
+            found += consider_covariance((change * beside)[:, None], np.array([gain.std]), known)
+        return found
+
+    @cached_property
     def covariance_without_priors(self) -> np.ndarray:
         """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
-        return _covariance(
-            self.fit, self.variance_inflation or _inflation(self.fit), REDUCED_PRIOR_WEIGHT, bounded=False
-        )
+        factors = self.variance_inflation or _inflation(self.fit)
+        return _covariance(self.fit, factors, REDUCED_PRIOR_WEIGHT, bounded=False) + self._by_gains
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
@@ -128,7 +144,7 @@ def _covariance(
     covariance = embedded(sandwich_covariance(inverse, meat), free, len(fit.free))
     moved = np.zeros((len(fit.free), len(considered)))
     moved[free], moved[considered] = -inverse @ beside, np.eye(len(considered))
-    return covariance + moved / problem.prior_weight[considered] ** 2 @ moved.T
+    return covariance + consider_covariance(moved, 1.0 / problem.prior_weight[considered])
 
 
 def model_error_dominates(study: Study, fit: Fit) -> bool:

@@ -45,6 +45,7 @@ class WrenchSensor:
         xyz: origin of the sensor's frame in the frame of the link, m.
         rpy: roll, pitch and yaw of the sensor's frame against that of the link, rad.
         axes: axes along which its channels are.
+        gain_std: standard deviation of the gain that all axes share, as a share; None where its maker states none.
     """
 
     name: str
@@ -52,6 +53,7 @@ class WrenchSensor:
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
     axes: WrenchAxes = WrenchAxes.SENSOR
+    gain_std: float | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -65,7 +67,8 @@ class WrenchSensor:
     def entries(self) -> dict[str, Any]:
         """Entries of the sensor's table in a model file."""
         places = {key: list(place) for key in ("xyz", "rpy") if any(place := getattr(self, key))}
-        return {"link": self.link, **places} | ({"axes": self.axes.value} if self.axes is not WrenchAxes.SENSOR else {})
+        axes = {"axes": self.axes.value} if self.axes is not WrenchAxes.SENSOR else {}
+        return {"link": self.link, **places, **axes} | ({} if self.gain_std is None else {"gain_std": self.gain_std})
 
     @property
     def placement(self) -> pin.SE3:
@@ -79,6 +82,7 @@ class _Entry:
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
     axes: WrenchAxes = WrenchAxes.SENSOR
+    gain_std: float | None = None
 
 
 def read_wrench_sensors(table: Mapping[str, Any], arm: Arm) -> dict[str, WrenchSensor]:
@@ -100,7 +104,9 @@ def read_wrench_sensors(table: Mapping[str, Any], arm: Arm) -> dict[str, WrenchS
             for key, unit in (("xyz", "m"), ("rpy", "rad")):
                 if len(getattr(entry, key)) != len("xyz"):
                     raise InputError(f"{key}: write three numbers, in {unit}")
-            found[name] = WrenchSensor(name, entry.link, tuple(entry.xyz), tuple(entry.rpy), entry.axes)
+            if entry.gain_std is not None and not 0.0 <= entry.gain_std < 1.0:
+                raise InputError("gain_std: write a share of 1, such as 0.02 for 2 %")
+            found[name] = WrenchSensor(name, entry.link, tuple(entry.xyz), tuple(entry.rpy), entry.axes, entry.gain_std)
             cut_at_sensor(arm, found[name])
     return found
 

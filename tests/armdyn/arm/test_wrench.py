@@ -171,8 +171,14 @@ def test_a_model_file_holds_its_sensors(tmp_path):
 
 @pytest.mark.parametrize(
     "table",
-    [{"link": "hand"}, {"link": LINK, "xyz": [1.0]}, {"link": LINK, "place": 1}, {"link": LINK, "axes": "tool"}],
-    ids=["link", "xyz", "key", "axes"],
+    [
+        {"link": "hand"},
+        {"link": LINK, "xyz": [1.0]},
+        {"link": LINK, "place": 1},
+        {"link": LINK, "axes": "tool"},
+        {"link": LINK, "gain_std": 2.0},
+    ],
+    ids=["link", "xyz", "key", "axes", "gain"],
 )
 def test_a_wrong_sensor_is_refused(table, complains):
     with complains(InputError):
@@ -202,6 +208,36 @@ def test_a_repair_names_the_faults_of_a_sensor_and_finds_the_tool(seed):
     mass, *centre = (found.value(f"payload.{name}[{model.joints[-1]}]") for name in ("mass", "x", "y", "z"))
     assert mass == pytest.approx(tool.mass, rel=0.01)
     assert centre == pytest.approx(tool.centre, abs=2e-3)
+
+
+GAINS = dict(zip(AXES, (0.08, 0.04, 0.06, 0.05, 0.07, 0.03), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("gains", "torques", "sensor", "share"),
+    [
+        (GAINS, False, {}, 0.3),
+        (GAINS, False, {"gain_std": 0.05}, 0.05),
+        (GAINS, True, {}, 0.0014),
+        (dict.fromkeys(AXES, 0.03), False, {"gain_std": 0.02}, 0.02),
+    ],
+    ids=["as the effect allows", "as its maker states", "told by torques", "seen by nothing"],
+)
+def test_a_mass_is_as_uncertain_as_the_gain_of_the_sensor(gains, torques, sensor, share):
+    tool = replace(TOOL, faults={"wrench_gain": gains})
+    runs = [recorded(tool, 70 + k, seconds=10.0, rate=50.0, torques=torques) for k in range(2)]
+    model = sensed_model(**sensor)
+    found = CheckedStudy.of(model, runs[:1], runs[1:]).repair()
+    mass, x = (found.model.parameters[f"payload.{name}[{model.joints[-1]}]"] for name in ("mass", "x"))
+    assert abs(mass.value - tool.mass) < 3.0 * mass.std
+    assert mass.std / mass.value == pytest.approx(share, rel=0.05)
+    assert x.std < 1e-3  # a place does not depend on it
+    (link,) = (link for link in found.links if link.joint == model.joints[-1])
+    assert link.mass.std == pytest.approx(mass.std)
+    if "wrench_gain" in {effect.name for effect in found.model.effects}:
+        assert found.model.parameters[f"wrench_gain.fx[{SENSOR}]"].std < 0.003  # that of an axis, beside the others
+    for (_, channel), width in found.after.bands.half_width.items():  # and readings are foretold as before
+        assert width.max() < 5.0 * found.after.channels[channel].rmse
 
 
 def test_a_sound_sensor_lacks_nothing(tmp_path):

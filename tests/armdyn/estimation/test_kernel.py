@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from armdyn.estimation.correlation import autocorrelations, correlation_time
-from armdyn.estimation.covariance import covariance_root, free_covariance, sandwich_covariance
+from armdyn.estimation.covariance import consider_covariance, covariance_root, free_covariance, sandwich_covariance
 from armdyn.estimation.equations import NormalEquations
 from armdyn.estimation.posterior import NormalPrior, freedom_nats, size_nats, wald_distance
 from armdyn.estimation.random_effects import RandomEffects
@@ -259,3 +259,14 @@ def test_the_correlation_time_of_an_autoregression_is_its_closed_form():
     assert [lag for lag, _ in autocorrelations([x], 30, 0.5)] == [1, 2, 3]
     assert correlation_time([noise]) < 1.1
     assert list(autocorrelations([np.zeros(5)])) == []
+
+
+@given(SEEDS)
+def test_an_assumed_quantity_widens_values_as_if_it_were_fitted_with_its_prior(seed):
+    X = np.random.default_rng(seed).standard_normal((30, UNKNOWNS + 1))
+    H, width = X.T @ X, 0.3
+    whole = np.linalg.inv(H + np.diag([0.0] * UNKNOWNS + [width**-2]))
+    inverse, across = np.linalg.inv(H[:-1, :-1]), H[:-1, -1]
+    change = -inverse @ across
+    added = consider_covariance(change[:, None], np.array([width]), H[-1, -1] + across @ change)
+    np.testing.assert_allclose(inverse + added, whole[:-1, :-1], rtol=1e-9, atol=1e-12)
