@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 import casadi as ca
 import numpy as np
 from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 from scipy.sparse import csr_matrix
 
 from armdyn.codegen import PreallocatedFunction
@@ -17,6 +18,8 @@ from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF_PER_KNOT, LowPass, Sp
 
 NODE_TOLERANCE = 1e-9
 """Distance of a sample from a node, in intervals between nodes, below which the node's value is used as it is."""
+CACHED_MATRICES = 2
+"""Number of matrices with a dead time that a sampler caches: samples and their time derivative, of one dead time."""
 
 
 class Sampler(ABC):
@@ -57,19 +60,22 @@ class InterpolatingSampler(Sampler):
 
     def __init__(self, nodes: np.ndarray, time: np.ndarray, spread: float = 0.0) -> None:
         self.nodes, self._time, self._spread = nodes, time, spread
-        self._prompt: csr_matrix | None = None
+        self._made_before: dict[tuple[float, int], csr_matrix] = {}
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """The coefficients, which are the signals themselves; see `Sampler.coefficients`."""
         return signals
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """Interpolation matrix, see `Sampler.matrix`; cached without delay, since most sensors have no dead time."""
-        if delay or derivative:
-            return self._made(delay, derivative)
-        if self._prompt is None:
-            self._prompt = self._made(0.0, 0)
-        return self._prompt
+        """Interpolation matrix, see `Sampler.matrix`; the last few are cached, those without delay above all."""
+        found = self._made_before.pop((delay, derivative), None)
+        if found is None:
+            found = self._made(delay, derivative)
+        self._made_before[delay, derivative] = found  # the most recent one is the last
+        late = [key for key in self._made_before if key[0]]
+        if len(late) > CACHED_MATRICES:
+            del self._made_before[late[0]]
+        return found
 
     def _made(self, delay: float, derivative: int) -> csr_matrix:
         found = self._instants(delay, derivative)
@@ -332,7 +338,8 @@ def _recursive(decay: np.ndarray, drive: np.ndarray, first: np.ndarray) -> np.nd
     if not decay.any():  # no lag, as where it is a candidate that is absent
         return np.concatenate([first, drive])
     bands = np.vstack([np.ones(len(decay) + 1), np.append(-decay, 0.0)])
-    return np.asarray(solve_banded((1, 0), bands, np.concatenate([first, drive]), check_finite=False))
+    found, _ = dtbtrs(bands, np.concatenate([first, drive]), uplo="L", diag="U")
+    return np.asarray(found)
 
 
 def _rows(values: np.ndarray, columns: np.ndarray, size: int) -> csr_matrix:

@@ -32,8 +32,6 @@ class SearchSettings:
         pair_residual_ratio: ratio of the residual of a pair of effects to that of the set with the best evidence
             (squared errors above the noise) up to which the pair replaces the set, while errors are not gross: a wrong
             pair had 0.41 with small errors of an encoder, right pairs with less evidence had 0.18 or less.
-        parameters_saved_by_pair: number of parameters that a pair must save, at an equal residual, to replace the set
-            with the best evidence while errors are gross.
         compared_excess: squared error above the noise, over the noise variance, from which on sets are compared by
             simulations of whole runs.
         held_out_error_increase: relative increase of the error on held-out runs up to which an effect is kept.
@@ -50,7 +48,6 @@ class SearchSettings:
     explained_share_per_parameter: float = 0.125
     missing_evidence_share: float = 0.5
     pair_residual_ratio: float = 0.25
-    parameters_saved_by_pair: float = 2.0
     compared_excess: float = 1.0
     held_out_error_increase: float = 0.02
 

@@ -50,15 +50,10 @@ def improve_effect_set_by_run_errors(
     Returns:
         The set, without effects that whole runs show to be absent.
     """
-    search = study.settings.search
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > study.settings.search.compared_excess):
-        needed = (
-            search.needed_share(search.parameters_saved_by_pair)
-            if found.chi2_per_sample > study.settings.noise.gross_chi2
-            else search.pair_residual_ratio
-        )
-        effects = _pair_or(study, scorer, effects, needed, say)
+        gross = found.chi2_per_sample > study.settings.noise.gross_chi2
+        effects = _pair_or(study, scorer, effects, gross, say)
         say("comparing rivals over whole runs")
         effects = _exchanged(study, scorer, effects)
         say("comparing further effects over whole runs")
@@ -78,10 +73,22 @@ def _left(study: StateSpaceStudy, effects: Effects) -> float:
     return left
 
 
+def _excess(study: StateSpaceStudy, effects: Effects) -> np.ndarray:
+    """Squared error above the noise by kind of runs, of a quick fit of a set; see `Study.excess`."""
+    return study.excess(study.quick_fit((*study.present, *effects)))
+
+
+def _value_count(effects: Effects) -> int:
+    return sum(len(c.names) for c in effects)
+
+
 def _pair_or(
-    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float, say: Callable[[str], None]
+    study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, gross: bool, say: Callable[[str], None]
 ) -> Effects:
-    """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
+    """A set, or one of one or two effects with a clearly smaller residual of whole runs.
+
+    Where errors are gross, the residual alone decides: each value that one has more must explain its share of it.
+    """
 
     def compared(sets: Sequence[Effects]) -> list[Effects]:
         for k, one in enumerate(sets):
@@ -97,10 +104,15 @@ def _pair_or(
     pairs = sorted(combinations(each, 2), key=lambda pair: min(foretold[a][b] for a, b in (pair, pair[::-1])))
     sets = [*alone, *compared(pairs[:FORETOLD_SETS_FITTED])]
     best = min(sets, key=lambda one: _left(study, one) / study.settings.search.needed_share(len(one)))
-    more = max(len(best) - len(whole), 0)
-    return (
-        best if _left(study, best) < study.settings.search.needed_share(more) * needed * _left(study, whole) else whole
-    )
+    if not gross:
+        share = study.settings.search.pair_residual_ratio
+        share *= study.settings.search.needed_share(max(len(best) - len(whole), 0))
+        return best if _left(study, best) < share * _left(study, whole) else whole
+    more = _value_count(best) - _value_count(whole)
+    if more < 0:
+        return whole if _explains(study, best, whole) else best
+    share = study.settings.search.needed_share(max(more, 1))
+    return best if np.all(_excess(study, best) < share * _excess(study, whole)) else whole
 
 
 def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
@@ -111,7 +123,7 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
     refused = {frozenset(whole)}
     while True:
         now = scorer.optimise(whole)
-        most = study.excess(study.quick_fit((*study.present, *whole)))
+        most = _excess(study, whole)
         options = list[Effects]()
         for gone in whole:
             rest = tuple(c for c in whole if c != gone)
@@ -123,7 +135,7 @@ def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects)
             ]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
-        left = {one: study.excess(study.quick_fit((*study.present, *one))) for one in options}
+        left = {one: _excess(study, one) for one in options}
         better = [one for one in options if np.all(left[one] < study.settings.search.needed_share(1) * most)]
         if not better:
             return whole
@@ -171,8 +183,7 @@ def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate)
     """Whether held-out runs are predicted better without an effect."""
     if not study.held_out:
         return False
-    without = study.quick_fit((*study.present, *(c for c in effects if c is not one)))
-    before, after = study.excess(found), study.excess(without)
+    before, after = study.excess(found), _excess(study, tuple(c for c in effects if c is not one))
     return bool(before[1] + 1.0 > (1.0 + study.settings.search.held_out_error_increase) ** 2 * (after[1] + 1.0))
 
 
@@ -218,5 +229,5 @@ def _rise(found: Fit, own: np.ndarray, values: np.ndarray) -> float:
 
 def _explains(study: StateSpaceStudy, fewer: Effects, more: Effects) -> bool:
     """Whether each value of the larger set explains the needed share of the smaller's residual."""
-    values = sum(len(c.names) for c in more) - sum(len(c.names) for c in fewer)
-    return _left(study, more) < study.settings.search.needed_share(values) * _left(study, fewer)
+    share = study.settings.search.needed_share(_value_count(more) - _value_count(fewer))
+    return _left(study, more) < share * _left(study, fewer)

@@ -108,7 +108,7 @@ class MotionPieces:
         self._of = {c: self._placed(self.run.channels[c].time) for c in self.channels}
         nodes = self._path.start + self._path.dt * np.arange(edges[0], edges[-1] + 1)
         given = ((c, self.run.channels[c].time, self.run.spread.get(c, 0.0)) for c in self.channels)
-        self._matrices = {c: InterpolatingSampler(nodes, time, spread).matrix(0.0) for c, time, spread in given}
+        self._samplers = {c: InterpolatingSampler(nodes, time, spread) for c, time, spread in given}
 
     def split_marked_pieces(self, which: np.ndarray) -> bool:
         """Cut the pieces that `which` (J,) marks into halves, if long enough; return whether any piece was cut."""
@@ -288,12 +288,8 @@ class MotionPieces:
     ) -> ChannelSamples:
         """Sensor readings of (K, 1 + q + 3 n) signals at the pieces' nodes, with `wanted` derivatives."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
-        read = None
-        if sensor.lags or sensor.delays:
-            nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
-            read = sensor.read(
-                signal, InterpolatingSampler(nodes, given.time, self.run.spread.get(channel, 0.0)), physics
-            )
+        sampler = self._samplers[channel]
+        read = sensor.read(signal, sampler, physics) if sensor.lags or sensor.delays else None
         N, n = len(given), join.by_theta.shape[1]
         value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
         back = pseudo_inverses(join.transition, LOST_SHARE)
@@ -301,7 +297,7 @@ class MotionPieces:
         kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
         signal = signal[:, kept] if read is None else signal
         for some in (slice(first, first + SAMPLES_AT_ONCE) for first in range(0, N, SAMPLES_AT_ONCE)):
-            these = self._matrices[channel][some] @ signal if read is None else read[some][:, kept]
+            these = sampler.matrix(0.0)[some] @ signal if read is None else read[some][:, kept]
             by_theta[some, own] = these[:, 1 : 1 + len(own)]
             around = these[:, 1 + len(own) :].reshape(len(these), MAX_PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.estimation.equations import NormalEquations
+from armdyn.identify.state_space.kalman import kalman_covariances, semidefinite_cholesky
 from armdyn.physics.pieces import ChannelSamples
 
 MAX_ROWS_PER_PIECE = 100
@@ -29,8 +30,6 @@ MAX_ROWS_PER_PIECE = 100
 NUMBERS_AT_ONCE = 2**20
 """Largest size of the arrays that are processed at once (8 MB), as a long run has thousands of pieces, evaluated at
 hundreds of noise settings. Larger arrays would not be faster."""
-ROUNDING_INFORMATION_SHARE = 1e-14
-"""Ratio of a pivot to the diagonal in a Cholesky factorisation up to which the pivot is only rounding."""
 ALL_PIECES = slice(None)
 """Slice of all pieces of a run."""
 
@@ -171,6 +170,10 @@ class LinearisedChannelSamples:
         """
         m, J, width = value.shape
         stamps, there = self.time[pieces], self.there[:, pieces]
+        if not any(c.variance_ratio for c in colours):  # no row depends on those before it
+            share, logs = (np.where(there, own, 0.0) for own in (1.0 / np.sqrt(white), 0.5 * np.log(white)))
+            rows = (share[:, :, None] * value)[:, None]
+            return np.repeat(rows, len(colours), axis=1), np.repeat(logs.sum(axis=0)[None], len(colours), axis=0)
         ratio = np.array([c.variance_ratio for c in colours])[:, None]
         time = np.array([c.correlation_time for c in colours])[:, None]
         rows = np.empty((m, len(colours), J, width))
@@ -300,61 +303,22 @@ class _Filter:
         """
         chain, n, here = self._chain, self._chain.gap.shape[1], self._next
         C, b, K, width = len(sums), sums.shape[1], len(self._noise), sums.shape[-1] - n
-        M = np.empty((C, K, b, n, width))
-        eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
-        mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
+        T, phi, cross = chain.transition[here : here + b], sums[:, None, :, :n, :n], sums[:, None, :, :n, n:]
+        variance = np.broadcast_to(self._variance, (C, K, n, n)).reshape(C * K, n, n)
+        told = np.repeat(semidefinite_cholesky(phi[:, 0]), K, axis=0)
+        after, size, self._variance = kalman_covariances(variance, told, T, np.tile(self._noise, (C, 1, 1)))
+        after = after.reshape(C, K, b, n, n)
         drive = np.concatenate(
             [-chain.end_state_by_unknowns[here : here + b], chain.gap[here : here + b, :, None]], axis=2
         )
-        logs, told = np.zeros((C, K)), semidefinite_cholesky(sums[:, :, :n, :n])[:, None]
+        gain = T @ after
+        keep, add = T - gain @ phi, gain @ cross + drive
+        M, mean = np.empty((C, K, b, n, width)), np.broadcast_to(self._mean, (C, K, n, width))
         for j in range(b):
             M[:, :, j] = mean
-            now, size = kalman_update(variance, told[:, :, j])
-            e = sums[:, None, j, :n, n:] - sums[:, None, j, :n, :n] @ mean
-            eta[:, :, j], after[:, :, j] = e, now
-            logs += size
-            T = chain.transition[here + j]
-            mean = T @ (mean + now @ e) + drive[j]
-            variance = T @ now @ T.T + self._noise
-        self._mean, self._variance, self._next = mean, variance, here + b
-        return M, eta, after, 0.5 * logs
-
-
-def semidefinite_cholesky(matrices: np.ndarray) -> np.ndarray:
-    """(..., n, n) Cholesky factors L, L L' = A, of positive semidefinite matrices A; rounding errors become 0."""
-    left, found = matrices.copy(), np.zeros_like(matrices)
-    for k in range(left.shape[-1]):
-        pivot = left[..., k, k]
-        # A pivot that is only rounding would be a measurement without information.
-        pivot = np.where(pivot <= ROUNDING_INFORMATION_SHARE * matrices[..., k, k], np.inf, pivot)
-        found[..., k:, k] = left[..., k:, k] / np.sqrt(pivot)[..., None]
-        below = found[..., k + 1 :, k]
-        left[..., k + 1 :, k + 1 :] -= below[..., :, None] * below[..., None, :]
-    return found
-
-
-def kalman_update(variance: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Update the covariance P of a state by a measurement with the information matrix L L' (Kalman filter).
-
-    The columns of L are used one by one, each as the measurement of one number, with a square root of P. So no matrix
-    that may be singular is inverted, and a state that was unknown before is accurate to all digits afterwards (Potter's
-    algorithm: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
-
-    Args:
-        variance: (..., n, n) covariance P before the measurement.
-        factor: (..., n, n) factor L.
-
-    Returns:
-        (..., n, n) covariances after the measurement, and log-determinants of 1 + P L L'.
-    """
-    root, size = semidefinite_cholesky(variance), np.ones(variance.shape[:-2])
-    for k in range(factor.shape[-1]):
-        seen = root.swapaxes(-1, -2) @ factor[..., k, None]
-        across = seen.swapaxes(-1, -2)
-        spread = 1.0 + across @ seen
-        root = root - root @ seen * (across / (spread + np.sqrt(spread)))
-        size = size * spread[..., 0, 0]
-    return root @ root.swapaxes(-1, -2), np.log(size)
+            mean = keep[:, :, j] @ mean + add[:, :, j]
+        self._variance, self._mean, self._next = self._variance.reshape(C, K, n, n), mean, here + b
+        return M, cross - phi @ M, after, 0.5 * size.reshape(C, K)
 
 
 @np.errstate(all="ignore")
@@ -373,15 +337,18 @@ def smooth_run(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndar
     Returns:
         (J, n) change of the states at the beginning of the pieces, and (J, n) kicks there.
     """
+    J, n = chain.gap.shape
     M, eta, after, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
-    weights = np.append(-change, 1.0)
+    weights, phi = np.append(-change, 1.0), sums[:, :n, :n]
     mean, e, now = M[0, 0] @ weights, eta[0, 0] @ weights, after[0, 0]
-    J, n = mean.shape
-    pulls, moved, back = np.zeros((J + 1, n)), np.empty((J, n)), np.swapaxes(chain.transition, 1, 2)
+    back = np.swapaxes(chain.transition, 1, 2)
+    pulls = np.zeros((J + 1, n))
+    left = np.eye(n) - phi @ now
+    through, own = left @ back, (left @ e[:, :, None])[:, :, 0]
     for j in range(J - 1, -1, -1):
-        pull = back[j] @ pulls[j + 1] + e[j]
-        moved[j] = now[j] @ pull
-        pulls[j] = pull - sums[j, :n, :n] @ moved[j]
+        pulls[j] = through[j] @ pulls[j + 1] + own[j]
+    pull = (back @ pulls[1:, :, None])[:, :, 0] + e
+    moved = (now @ pull[:, :, None])[:, :, 0]
     kicks = pulls[:-1] @ (kick**2 * chain.process_noise_covariance)
     kicks[0] = 0.0
     return mean + moved, kicks

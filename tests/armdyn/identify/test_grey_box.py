@@ -14,10 +14,9 @@ from armdyn.identify.state_space.innovations import (
     ColouredNoise,
     add_channels,
     filter_run,
-    kalman_update,
-    semidefinite_cholesky,
     smooth_run,
 )
+from armdyn.identify.state_space.kalman import PIECES_PER_BLOCK, kalman_covariances, semidefinite_cholesky
 from armdyn.identify.studies import make_study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import MotionPieces
@@ -104,11 +103,19 @@ def test_the_smoother_gives_the_mean_of_the_dense_posterior():
     assert np.allclose(states.ravel(), posterior, rtol=1e-5, atol=1e-8)
 
 
+def measured(variance, information):
+    """Covariances (S, n, n) after a measurement by Kalman's filter, and the (S,) log-determinants."""
+    n = variance.shape[-1]
+    told = semidefinite_cholesky(information)[:, None]
+    after, size, _ = kalman_covariances(variance, told, np.eye(n)[None], np.zeros_like(variance))
+    return after[:, 0], size
+
+
 def test_variances_after_a_measurement_are_those_of_the_dense_formula():
     rng = np.random.default_rng(3)
     factors, told = rng.normal(size=(2, 6, 4, 4))
     variance, information = (x @ np.swapaxes(x, 1, 2) for x in (factors, told * [3.0, 1.0, 0.1, 0.0]))
-    after, size = kalman_update(variance, semidefinite_cholesky(information))
+    after, size = measured(variance, information)
     assert np.allclose(after, np.linalg.inv(np.linalg.inv(variance) + information), rtol=1e-6, atol=1e-9)
     assert np.allclose(size, np.linalg.slogdet(np.eye(4) + variance @ information)[1], rtol=1e-9)
 
@@ -116,16 +123,33 @@ def test_variances_after_a_measurement_are_those_of_the_dense_formula():
 def test_states_that_were_not_known_at_all_are_known_to_all_digits_after_a_measurement():
     factors = np.random.default_rng(3).normal(size=(6, 4, 4))
     information = factors @ np.swapaxes(factors, 1, 2) + np.eye(4)
-    after, _ = kalman_update(1e12 * np.eye(4), semidefinite_cholesky(information))
+    after, _ = measured(np.broadcast_to(1e12 * np.eye(4), (6, 4, 4)), information)
     assert np.allclose(after, np.linalg.inv(information + 1e-12 * np.eye(4)), rtol=1e-9, atol=1e-9)
 
 
 def test_what_a_divergence_tells_ends_in_no_singular_matrix():
     exploded = 1e39 * np.ones((4, 1)) @ np.ones((1, 4))
-    after, size = kalman_update(np.eye(4), semidefinite_cholesky(exploded @ exploded.T))
+    after, size = measured(np.eye(4)[None], (exploded @ exploded.T)[None])
     assert np.isfinite(after).all()
     assert size == pytest.approx(np.log(16e78))
-    assert np.isnan(kalman_update(np.eye(4), semidefinite_cholesky(np.full((4, 4), np.nan)))[1])
+    assert np.isnan(measured(np.eye(4)[None], np.full((1, 4, 4), np.nan))[1])
+
+
+def test_covariances_of_many_pieces_are_those_of_one_piece_after_the_other():
+    rng = np.random.default_rng(3)
+    pieces = PIECES_PER_BLOCK + 3
+    told, transition = 0.3 * rng.normal(size=(2, pieces, 3, 3)), 0.3 * rng.normal(size=(pieces, 3, 3)) + np.eye(3)
+    variance, kicks = np.stack([np.eye(3), 1e4 * np.eye(3)]), np.stack([1e-3 * np.eye(3), np.diag([0.0, 1.0, 0.0])])
+    after, size, following = kalman_covariances(
+        variance, semidefinite_cholesky(told @ np.swapaxes(told, 2, 3)), transition, kicks
+    )
+    total = np.zeros(2)
+    for j in range(pieces):
+        now, spread = measured(variance, told[:, j] @ np.swapaxes(told[:, j], 1, 2))
+        assert np.allclose(after[:, j], now, rtol=1e-9, atol=1e-12)
+        total, variance = total + spread, transition[j] @ now @ transition[j].T + kicks
+    assert np.allclose(size, total, rtol=1e-9)
+    assert np.allclose(following, variance, rtol=1e-9, atol=1e-12)
 
 
 def test_a_motion_goes_on_where_a_piece_is_cut():

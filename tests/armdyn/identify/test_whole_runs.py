@@ -95,6 +95,13 @@ def test_a_pair_that_leaves_much_less_than_one_effect_is_taken_also_where_traini
     assert chosen(left, EVIDENCE, LOAD) == {DRY, DRAG}
 
 
+@pytest.mark.parametrize(("pair", "kept"), [(11.0, {DRY, DRAG}), (13.0, {LOAD, BIAS, DRAG})])
+@pytest.mark.usefixtures("all_are_there")
+def test_a_set_gives_way_to_a_pair_beside_which_its_further_value_explains_little_of_gross_errors(pair, kept):
+    left = {(LOAD, BIAS, DRAG): (10.0, 10.0), (DRY, DRAG): (pair, pair)}
+    assert chosen(left, {**EVIDENCE, BIAS: 30.0, DRAG: 20.0}, LOAD, BIAS, DRAG) == kept
+
+
 @pytest.mark.usefixtures("all_are_there")
 def test_what_makes_held_out_runs_worse_goes():
     left = {(): (50.0, 50.0), (LOAD, BIAS): (0.05, 0.09), (LOAD,): (0.06, 0.0), (BIAS,): (40.0, 40.0)}
