@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from pipeline.fields import attributes_as_json, json_value
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import ExperimentPlan, ProposedExperiment
+    from armdyn.experiments.recorded import ArmQuestion
     from pipeline.motion.excitation import Excitation
     from pipeline.trial.investigation import Investigation
 
@@ -52,6 +54,35 @@ def proposed_experiment_json(proposal: ProposedExperiment, output: Path | None =
     return answer
 
 
+def next_motion_json(asked: ArmQuestion, found: Excitation | None, output: Path | None) -> dict[str, Any]:
+    """JSON output of the command `next` for an arm, ``armdyn.next/1``.
+
+    Args:
+        asked: what the recordings leave open.
+        found: the designed motion; None where nothing is open.
+        output: the file with the motion; None where it was not written.
+    """
+    answer: dict[str, Any] = {"schema": "armdyn.next/1", "verdict": asked.verdict.key, "sentence": asked.sentence}
+    if found is None:
+        return answer | {"rivals": [], "belief": {}, "experiments": [], "inseparable": []}
+    goal, told = found.goal, set(determinable_parameter_indices(found).tolist())
+    separation = float(rival_separations(found)[:, 0].min()) if goal.rivals else None
+    motion = {
+        "kind": "motion",
+        "what": excitation_sentence(found),
+        "separation": separation,
+        "probability": None if separation is None else right_verdict_probability(separation),
+        "output": None if output is None else str(output),
+        "seconds": float(found.trajectory.time[-1]),
+        "determines": [
+            attributes_as_json(goal.columns.unknowns[i], "name unit") | {"std": float(std) if k in told else None}
+            for k, (i, std) in enumerate(zip(goal.wanted, found.expected.std, strict=True))
+        ],
+    }
+    pairs = [{"effects": list(goal.rivals), "why": why} for why in goal.inseparable]
+    return answer | {"rivals": list(goal.rivals), "belief": {}, "experiments": [motion], "inseparable": pairs}
+
+
 def investigation_json(found: Investigation) -> list[dict[str, Any]]:
     """JSON of the experiments that a trial made to find missing effects, one entry per experiment.
 
@@ -66,6 +97,16 @@ def investigation_json(found: Investigation) -> list[dict[str, Any]]:
         )
         for stage in found.stages
     ]
+
+
+def right_verdict_probability(separation: float) -> float:
+    """Probability that a diagnosis then finds one of two effects alone, for their separation in standard deviations.
+
+    If the rise of chi2 without noise is s^2, noise makes it normal with a standard deviation of 2 s.
+    """
+    from armdyn.experiments.separation import TIE_CHI2
+
+    return float(ndtr((separation**2 - TIE_CHI2) / (2.0 * separation))) if separation > 0.0 else 0.0
 
 
 def rival_separations(found: Excitation) -> np.ndarray:

@@ -93,10 +93,10 @@ class ArmProblem(MotionProblem):
         return self.columns.rate * self.series.seconds / len(self.torque_basis.time)
 
     def information(self, x: np.ndarray) -> np.ndarray:
-        """(P, P) Fisher information of a recording of the motion with coefficients x."""
-        columns = self.columns.values_along(self.torque_basis.motion(x))
+        """(P, P) Fisher information of a recording of the motion with coefficients x, and of the earlier ones."""
+        columns = self.columns.values_along(self.torque_basis.motion(x), self.torque_basis.time)
         X = columns.reshape(-1, columns.shape[2])
-        return np.asarray(self.weight * X.T @ X)
+        return np.asarray(self.weight * X.T @ X + self.columns.information_of_earlier_runs)
 
     def cost(self, x: np.ndarray) -> float:
         """Value of the criterion for the motion with coefficients x."""
@@ -159,9 +159,9 @@ class ArmProblem(MotionProblem):
     def cost_and_constraints(self, x: np.ndarray) -> EvaluatedMotion:
         """Criterion of a motion, and its constraints on torques and postures, with their gradient."""
         effort = self.limits.effort
-        columns, torque, by_motion = self.columns.with_gradient(self.torque_basis.motion(x))
+        columns, torque, by_motion = self.columns.with_gradient(self.torque_basis.motion(x), self.torque_basis.time)
         X = columns.reshape(-1, columns.shape[2])
-        value, by_information = self.criterion(self.weight * X.T @ X)
+        value, by_information = self.criterion(self.weight * X.T @ X + self.columns.information_of_earlier_runs)
         by_columns = (2.0 * self.weight * X @ by_information).reshape(columns.shape)
         beyond = [two_sided_excess(torque / effort)]
         if self.posture_half_spaces is not None:

@@ -34,6 +34,25 @@ STATE_DIFFERENCE = 1e-5
 MotionGradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
+LONGEST_RANDOM_TIME_SECONDS = 20.0
+"""Time since the start of a run up to which random states are drawn, s."""
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierRuns:
+    """Recordings before the designed motion: what they contain, how noisy it is, and how the arm moved.
+
+    Attributes:
+        noise: (nc,) standard deviations of a sample of each torque, N m or N, and of each axis of the sensors, N and
+            N m, at the sampling rate of the designed recording; infinite for those that no run contains.
+        motions: of each run n states of the arm, (n,) times since its start, s, and the number of samples that a
+            recording with the designed rate has for each of them.
+    """
+
+    noise: np.ndarray
+    motions: tuple[tuple[AxisMotion, np.ndarray, float], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class TorqueRegressor:
     """Regressor of an arm's torques: one column for each unknown of its model.
@@ -42,10 +61,12 @@ class TorqueRegressor:
         model: model with every effect that is wanted or may be present, at the values of
             `with_all_parameters_active`.
         rate: sampling rate of the recording, Hz.
+        earlier: recordings that there are already; None without any, where all torques and sensors are recorded.
     """
 
     model: ArmModel
     rate: float
+    earlier: EarlierRuns | None = None
 
     @property
     def arm(self) -> Arm:
@@ -71,6 +92,8 @@ class TorqueRegressor:
     @cached_property
     def noise(self) -> np.ndarray:
         """(nc,) standard deviation of a torque sample, N m or N, and then of each axis of the sensors."""
+        if self.earlier is not None:
+            return self.earlier.noise
         torques = TORQUE_NOISE_SHARE_OF_EFFORT_LIMIT * np.asarray(self.arm.robot.limits.effort)
         return np.concatenate([torques, np.tile(WRENCH_NOISE, len(self.model.sensors))])
 
@@ -78,19 +101,31 @@ class TorqueRegressor:
         """Column indices of an effect's unknowns, on one joint or on all."""
         return np.flatnonzero([p.effect == effect and joint in (None, p.joint) for p in self.unknowns])
 
-    def values_along(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nc, P) regressor along a motion: changes of readings over their noise, for changes of typical size."""
-        return self._columns(self._states(motion))
+    @cached_property
+    def information_of_earlier_runs(self) -> np.ndarray:
+        """(P, P) Fisher information of the recordings that there are already."""
+        found = np.zeros((len(self.unknowns), len(self.unknowns)))
+        for motion, time, weight in self.earlier.motions if self.earlier is not None else ():
+            X = self.values_along(motion, time).reshape(-1, len(found))
+            found += weight * X.T @ X
+        return found
+
+    def values_along(self, motion: AxisMotion, time: np.ndarray | None = None) -> np.ndarray:
+        """(n, nc, P) regressor along a motion: changes of readings over their noise, for changes of typical size.
+
+        (n,) times since the start of the run, s, matter for drifts; None where there is none.
+        """
+        return self._columns(self._states(motion, time))
 
     def described_torque(self, motion: AxisMotion) -> np.ndarray:
         """(n, nj) motor torques of the arm as described, N m or N, with damping, rotors and springs."""
         return self._torque(self._states(motion))
 
-    def _states(self, motion: AxisMotion) -> MotionSamples:
+    def _states(self, motion: AxisMotion, time: np.ndarray | None = None) -> MotionSamples:
         slow = SLOW_SHARE_OF_SPEED_LIMIT * np.asarray(self.arm.robot.limits.velocity)
         direction = erf(motion.v / (np.sqrt(2.0) * slow))
-        apart = np.zeros(len(motion.q))  # no effect here depends on time
-        return MotionSamples(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
+        time = np.zeros(len(motion.q)) if time is None else time
+        return MotionSamples(self.arm.model, Motion(time, motion.q, motion.v, motion.a, direction), time)
 
     def _columns(self, states: MotionSamples) -> np.ndarray:
         found = [self.model.at_states(states)[1], self.model.wrenches_at_states(states)]
@@ -102,8 +137,12 @@ class TorqueRegressor:
         drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a
         return states.described + drives + springs
 
-    def with_gradient(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, MotionGradient]:
+    def with_gradient(
+        self, motion: AxisMotion, time: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, MotionGradient]:
         """The regressor and the torques along a motion, with a function for derivatives by the motion.
+
+        The (n,) times are those of `values_along`.
 
         Returns:
             (n, nc, P) regressor, (n, nj) torques, and a function: from the derivatives of a number with respect to
@@ -113,7 +152,7 @@ class TorqueRegressor:
         shifts = np.vstack([np.zeros((1, 3 * nj)), STATE_DIFFERENCE * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
         moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
-        states = self._states(AxisMotion(*moved))
+        states = self._states(AxisMotion(*moved), None if time is None else np.tile(time, len(shifts)))
         columns = self._columns(states)
         columns = columns.reshape(1 + 3 * nj, n, *columns.shape[1:])
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
@@ -135,9 +174,8 @@ def with_all_parameters_active(model: ArmModel) -> ArmModel:
     Effects are at their null values, except where a parameter acts through another one, as a payload's place acts
     through its mass: then the other one is at its typical size.
     """
-    columns = TorqueRegressor(model, 1.0).values_along(
-        random_joint_states(model.arm, RANDOM_STATES_FOR_ACTIVE_PARAMETERS)
-    )
+    count = RANDOM_STATES_FOR_ACTIVE_PARAMETERS
+    columns = TorqueRegressor(model, 1.0).values_along(random_joint_states(model.arm, count), random_times(count))
     acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
@@ -158,3 +196,8 @@ def random_joint_states(arm: Arm, count: int) -> AxisMotion:
     q = rng.uniform(lower, upper, shape)
     v, a = (rng.uniform(-1.0, 1.0, shape) * np.asarray(x) for x in (limits.velocity, limits.acceleration))
     return AxisMotion(q, v, a)
+
+
+def random_times(count: int) -> np.ndarray:
+    """(count,) random times since the start of a run, s, from a fixed seed."""
+    return np.random.default_rng(1).uniform(0.0, LONGEST_RANDOM_TIME_SECONDS, count)

@@ -12,7 +12,7 @@ from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.effects.wrench import wrench_offset
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.columns import TorqueRegressor, with_all_parameters_active
+from armdyn.experiments.columns import EarlierRuns, TorqueRegressor, with_all_parameters_active
 from armdyn.experiments.criteria import (
     InformationCriterion,
     RivalSeparation,
@@ -76,18 +76,21 @@ def usual_effects(model: ArmModel) -> tuple[str, ...]:
 
 
 @one_thread
-def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) -> MotionGoal:
+def goal_to_determine(
+    model: ArmModel, wanted: Sequence[Effect], rate: float, earlier: EarlierRuns | None = None
+) -> MotionGoal:
     """The goal to determine the unknowns of effects, by default of `USUAL_EFFECTS`.
 
-    `rate` is the sampling rate of the recording, Hz.
+    `rate` is the sampling rate of the recording, Hz; `earlier` are recordings that there are already.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
     effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.joints_effect_can_act_on(find(name))]
     usual = usual_effects(model)
-    columns = _columns(model, effects, usual, rate)
+    columns = _columns(model, effects, usual, rate, earlier)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
+    shown = np.flatnonzero(rows.any(axis=0))
     alone = unidentifiable_unknowns(rows, own, NO_INDICES)
 
     def confused(beside: Sequence[str]) -> str | None:
@@ -95,8 +98,9 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
         lost = np.setdiff1d(unidentifiable_unknowns(rows, own, others), alone)
         return f"no motion could tell it from {columns.unknowns[lost[0]].name}" if len(lost) else None
 
-    beside, left_out = _nuisance([n for n in usual if len(np.setdiff1d(columns.column_indices(n), own))], confused)
-    columns = _columns(model, effects, beside, rate)
+    usual = tuple(n for n in usual if len(np.setdiff1d(np.intersect1d(columns.column_indices(n), shown), own)))
+    beside, left_out = _nuisance(usual, confused)
+    columns = _columns(model, effects, beside, rate, earlier)
     rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     criterion = partial(d_optimality, prior=columns.prior, wanted=own)
     return MotionGoal(
@@ -111,10 +115,13 @@ def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) ->
 
 
 @one_thread
-def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float) -> MotionGoal:
+def goal_to_separate(
+    model: ArmModel, first: Effect, second: Effect, rate: float, earlier: EarlierRuns | None = None
+) -> MotionGoal:
     """The goal to distinguish two effects, one of which is present.
 
-    `rate` is the sampling rate of the recording, Hz.
+    `rate` is the sampling rate of the recording, Hz. Beside recordings that there are already, all effects that the
+    model has are fitted anew.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
@@ -123,7 +130,9 @@ def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float
     if first.name == second.name:
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair, names = (first, second), (first.name, second.name)
-    columns = _columns(model, pair, usual_effects(model), rate)
+    own_effects = () if earlier is None else tuple(effect.name for effect in model.effects)
+    possible = tuple(dict.fromkeys((*own_effects, *usual_effects(model))))
+    columns = _columns(model, pair, possible, rate, earlier)
     rows = regressor_at_random_states(columns)
 
     def ranks(beside: Sequence[str]) -> list[int]:
@@ -134,9 +143,10 @@ def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float
         return "with it no motion could tell some of their changes apart" if fewer else None
 
     at_best = ranks(())
-    usual = [name for name in usual_effects(model) if name not in names and len(columns.column_indices(name))]
+    shown = np.flatnonzero(rows.any(axis=0))
+    usual = [n for n in possible if n not in names and len(np.intersect1d(columns.column_indices(n), shown))]
     beside, left_out = _nuisance(usual, confused)
-    columns = _columns(model, pair, beside, rate)
+    columns = _columns(model, pair, beside, rate, earlier)
     rows, own = regressor_at_random_states(columns), _indices(columns, pair)
     cases = _cases(columns, rows, pair, beside)
     hidden = tuple(case for case in cases if case.directions.shape[1])
@@ -169,7 +179,9 @@ def _nuisance(
     return beside, left_out
 
 
-def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> TorqueRegressor:
+def _columns(
+    model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float, earlier: EarlierRuns | None
+) -> TorqueRegressor:
     """Regressor of wanted effects, and of nuisance effects on all joints on which they can act."""
     for effect in effects:
         if all(own.name != effect.name for own in model.effects):
@@ -177,7 +189,7 @@ def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], 
     for effect in map(find, beside):
         if model.joints_effect_can_act_on(effect) and model.can_add_effect(effect):
             model = model.with_effect(effect)
-    return TorqueRegressor(with_all_parameters_active(model), rate)
+    return TorqueRegressor(with_all_parameters_active(model), rate, earlier)
 
 
 def _indices(columns: TorqueRegressor, effects: Sequence[Effect]) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import orth, qr
 
-from armdyn.experiments.columns import TorqueRegressor, random_joint_states
+from armdyn.experiments.columns import TorqueRegressor, random_joint_states, random_times
 
 RANDOM_STATE_COUNT = 300
 """Number of random states of an arm at which linear dependence of regressor columns is decided."""
@@ -24,7 +24,7 @@ unidentifiable."""
 
 def regressor_at_random_states(columns: TorqueRegressor) -> np.ndarray:
     """(N, P) regressor at random states within the arm's limits, for changes of typical size; a row is one torque."""
-    found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATE_COUNT))
+    found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATE_COUNT), random_times(RANDOM_STATE_COUNT))
     rows = found.reshape(-1, found.shape[2])
     rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_CHANGE_PER_NOISE] = 0.0
     return rows

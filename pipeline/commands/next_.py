@@ -2,13 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armdyn.errors import InputError
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import StudyInputsWithoutExam
 from pipeline.console.options import split_names
-from pipeline.console.screen import finish_command
+from pipeline.console.screen import ProgressDisplay, finish_command
+
+if TYPE_CHECKING:
+    from armdyn.checked_study import CheckedStudy
 
 HELP_PANEL = "What a model lacks"
 
@@ -24,7 +29,11 @@ def next_(
     seconds: Annotated[float, typer.Option(help="Duration of the designed motion [s].")] = 8.0,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "--out", help="CSV file for the designed motion, the gripper's position on the line."),
+        typer.Option(
+            "--output",
+            "--out",
+            help="CSV file for the designed motion: the gripper's position on the line, or an arm's joints.",
+        ),
     ] = None,
     travel: Annotated[
         float | None,
@@ -41,7 +50,8 @@ def next_(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random motions from which the design starts.")] = 0,
 ) -> None:
-    """Plan the experiment that best distinguishes effects which may be missing, with the motion of the gripper."""
+    """Plan the experiment that best distinguishes effects which may be missing, or tells values that are not known."""
+    from armdyn.arm.model import ArmModel
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import rivals_of_study
     from pipeline.answers_motion import next_experiment_json
@@ -52,6 +62,12 @@ def next_(
     limits = user_given_gripper_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
+        if given.study.model.capability(ArmModel) is not None:
+            if limits is not None:
+                raise InputError(
+                    "--travel, --speed, --acceleration and --swing are of a gripper: an arm has its URDF's"
+                )
+            return _next_of_arm(inputs, given, split_names(rivals), seconds, output, seed, say)
         verdict, sentence, found = rivals_of_study(given.study, split_names(rivals), say)
         made, offer = None, None
         if found is not None:
@@ -70,5 +86,45 @@ def next_(
         inputs.json_file,
         inputs.report,
         lambda: next_experiment_report(document, made),
+        [] if written is None else [f"motion {written}"],
+    )
+
+
+def _next_of_arm(
+    inputs: StudyInputsWithoutExam,
+    given: "CheckedStudy",
+    rivals: list[str] | None,
+    seconds: float,
+    output: Path | None,
+    seed: int,
+    say: ProgressDisplay,
+) -> None:
+    """The next motion of an arm, by the criterion of `armdyn excite`."""
+    import numpy as np
+
+    from armdyn.atomic import write_text
+    from armdyn.document import NextStep
+    from armdyn.experiments.recorded import question_of_study
+    from armdyn.recording.csv_run import csv_text
+    from pipeline.answers_motion import next_motion_json
+    from pipeline.motion.excitation import design_excitation
+    from pipeline.motion.feasibility.as_modelled import ModelledArm
+    from pipeline.report.excitation import next_motion_document, next_motion_report
+
+    asked, found = question_of_study(given.study, rivals, say), None
+    if asked.goal is not None:
+        arm = ModelledArm(asked.model, np.zeros(len(asked.model.arm.joints)))
+        found = design_excitation(asked.goal, seconds, compare=False, seed=seed, say=say, modelled=arm)
+        if output is not None:
+            write_text(output, csv_text(found.motion.channels))
+    written = output if found is not None else None
+    steps = [NextStep("check it", shell_quoted_command("check", output, "--model", inputs.model))] if written else []
+    notes = [f"{text}." for text in given.set_aside]
+    finish_command(
+        replace(next_motion_document(asked, found, notes), next_steps=steps),
+        lambda: next_motion_json(asked, found, written),
+        inputs.json_file,
+        inputs.report,
+        lambda: next_motion_report(asked, found, notes),
         [] if written is None else [f"motion {written}"],
     )

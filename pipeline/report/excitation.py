@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
+from armdyn.document import MAX_CARD_ROWS, Chart, Column, Document, KeyFigure, ResultLevel, Section, Table
 from armdyn.experiments.columns import WRENCH_NOISE
+from armdyn.experiments.goal import MotionGoal
+from armdyn.experiments.recorded import ArmQuestion
 from pipeline.answers_motion import (
     compare_with_other_motions,
     determinable_parameter_indices,
@@ -37,15 +39,6 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
         notes: further sentences for the reader.
     """
     goal, series = found.goal, found.series
-    noise, sensors = goal.columns.noise[: len(goal.columns.arm.joints)], ", ".join(goal.columns.model.sensors)
-    sensed = (
-        f", and the wrench of {sensors} one of {WRENCH_NOISE[0]:g} N and {WRENCH_NOISE[-1]:g} N m" if sensors else ""
-    )
-    told = (
-        f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
-        f"{number_text(float(noise.min()))} to {number_text(float(noise.max()))} N m, 0.2 % of each joint's limit"
-        f"{sensed}; less noise makes all figures better alike."
-    )
     again = f", run through {series.repeats} times" if series.repeats > 1 else ""
     moves = (
         f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
@@ -57,12 +50,52 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
         f"A motion of {goal.columns.arm.robot.name} to record",
         excitation_sentence(found),
         [
-            Section("What it tells", told, tables=[_expectation_table(found, most)]),
+            Section("What it tells", _premise(goal), tables=[_expectation_table(found, most)]),
             Section("The motion", moves, tables=[_peak_table(found)]),
         ],
         ResultLevel.GOOD,
         notes=[*left_out, *hopeless, *notes],
     )
+
+
+def _premise(goal: MotionGoal) -> str:
+    """The recording of which figures are expected, in a sentence."""
+    if goal.columns.earlier is not None:
+        return (
+            f"Expected of the recordings that there are and one of this motion, at {goal.columns.rate:g} Hz, with the "
+            "same channels and as much noise as the fit leaves."
+        )
+    noise, sensors = goal.columns.noise[: len(goal.columns.arm.joints)], ", ".join(goal.columns.model.sensors)
+    sensed = (
+        f", and the wrench of {sensors} one of {WRENCH_NOISE[0]:g} N and {WRENCH_NOISE[-1]:g} N m" if sensors else ""
+    )
+    return (
+        f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
+        f"{number_text(float(noise.min()))} to {number_text(float(noise.max()))} N m, 0.2 % of each joint's limit"
+        f"{sensed}; less noise makes all figures better alike."
+    )
+
+
+def next_motion_document(asked: ArmQuestion, found: Excitation | None, notes: Sequence[str]) -> Document:
+    """Document of `armdyn next` for an arm: the diagnosis of its recordings, and the motion that tells what it lacks.
+
+    Args:
+        asked: what the recordings leave open.
+        found: the designed motion; None where nothing is open.
+        notes: further sentences for the reader.
+    """
+    return _after(asked, None if found is None else excitation_document(found, MAX_CARD_ROWS, notes), notes)
+
+
+def next_motion_report(asked: ArmQuestion, found: Excitation | None, notes: Sequence[str]) -> Document:
+    """Report of `armdyn next` for an arm; see `next_motion_document` and `excitation_report`."""
+    return _after(asked, None if found is None else excitation_report(found), notes)
+
+
+def _after(asked: ArmQuestion, motion: Document | None, notes: Sequence[str]) -> Document:
+    said = asked.sentence if motion is None else f"{asked.sentence} Next: {motion.verdict}"
+    document = Document("", "", notes=list(notes)) if motion is None else motion
+    return replace(document, title="The next experiment", verdict=said, level=ResultLevel.GOOD)
 
 
 def excitation_report(found: Excitation) -> Document:

@@ -17,7 +17,7 @@ JOINTS = 6
 @pytest.fixture(scope="module")
 def model():
     found = tools.sensed_model()
-    for name in ("payload", "wrench_gain", "wrench_rotation"):
+    for name in ("payload", "wrench_gain", "wrench_rotation", "wrench_drift"):
         found = found.with_effect(CATALOGUE[name])
     joint = found.joints[-1]
     return found.with_values(
@@ -30,7 +30,7 @@ def test_rows_of_a_sensor_are_what_its_readings_gain_in_a_run(model):
     angle = rate * time[:, None]
     motion = AxisMotion(0.5 * np.sin(angle), 0.5 * rate * np.cos(angle), -0.5 * rate**2 * np.sin(angle))
     columns = TorqueRegressor(model, 100.0)
-    found = columns.values_along(motion)[:, JOINTS:] * columns.noise[JOINTS:, None] / columns.typical
+    found = columns.values_along(motion, time)[:, JOINTS:] * columns.noise[JOINTS:, None] / columns.typical
     values = {"q": motion.q} | {f"{axis}.ft": np.zeros(len(time)) for axis in tools.AXES}
     run = Run.from_arrays(time, values, joints=tools.robot().joint_names)
     for k, name in enumerate(model.names):
