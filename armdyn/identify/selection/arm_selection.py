@@ -13,13 +13,16 @@ from armdyn.identify.selection.background import background_widths, sure_unnamed
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import EffectPath, ProgressCallback, SearchStep
-from armdyn.identify.selection.select_effects import search_set
+from armdyn.identify.selection.select_effects import SCORED_CHANGES_PER_KIND, larger_sets, search_set
 from armdyn.identify.selection.set_score import EffectSetScore
 from armdyn.identify.uncertainty import uncertainty
 
 MAX_SUCCESSIVE_LINEARISATIONS = 5
 """Largest number of linearisations, each at the fit of the set that the one before chose; two or three suffice nearly
 always."""
+
+FITTED_REPLACEMENTS = 2
+"""Number of effects, those with the largest predicted score, that are fitted in place of a load or a link's inertia."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,20 +156,28 @@ def _to_fixed_point(found: LinearPath, say: ProgressCallback) -> LinearPath:
 
 
 def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> LinearPath:
-    """The best path after a search from the fit without each body, such as a load, that has a rival on its joint.
+    """The best path after each body, such as a load, was replaced by the effects that promise most without it.
 
-    From a link that is changed much, a load with the same influence is not visible, since sums are at its optimum.
+    A load's place multiplies its mass, and a link that is changed much hides a load with the same influence, so sums at
+    the fit with a body promise little of what replaces it: the best replacements are fitted.
     """
     bodies = _bodies(found)
     rivals = [c for c in bodies if any(other.joints == c.joints and other is not c for other in bodies)]
-    for body in rivals:
+    for body in bodies:
         for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
             if body in found.chosen_set.effects:
                 others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
                 other = found.with_effects([*others, simpler]).relinearised()
                 found = best_path([found, other], found.study.settings.search.acceptance_nats)
-        if body in found.chosen_set.effects and body not in found.scorer.given:
-            without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
+        if body not in found.chosen_set.effects or body in found.scorer.given:
+            continue
+        without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
+        others = larger_sets(without.scorer, without.chosen_set, SCORED_CHANGES_PER_KIND)
+        promising = [one for one in others if body not in one.effects][:FITTED_REPLACEMENTS]
+        best = best_path([found, *(without.with_set(one) for one in promising)])
+        if best is not found:
+            found = _to_fixed_point(best, say)
+        elif body in rivals:
             again = without.with_set(search_set(without.scorer, without.chosen_set, say))
             if set(again.effects) != set(found.effects):
                 found = best_path([found, _to_fixed_point(again, say)])
