@@ -140,7 +140,7 @@ class Discovery(Displayable):
         known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
         rivals = dict.fromkeys(r for one in self.laws for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
-        text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""
+        text += f" These runs cannot distinguish it from {'; '.join(rivals)}." if rivals else ""
         return text + (
             " More than noise is left." if self.residual_exceeds_noise and self.explained_share < 0.99 else ""
         )
@@ -195,7 +195,7 @@ class Discovery(Displayable):
         if self.held_out_rmse:
             text += f"; of runs not fitted {errors(self.held_out_rmse_before, self.held_out_rmse)}"
         if one.rivals:
-            text += f". These runs cannot tell it from {'; '.join(one.rivals)}"
+            text += f". These runs cannot distinguish it from {'; '.join(one.rivals)}"
         parts = [f"{text}.", "\n".join(one.value_texts.values())]
         drawn = _curve_of(one, self.missing_force)
         if drawn is not None:

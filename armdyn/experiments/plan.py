@@ -166,7 +166,7 @@ class ExperimentPlan(Displayable):
         ]
         promise = (
             "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the two "
-            "that are hardest to tell apart. Right verdict: probability that the diagnosis of all runs then names one "
+            "that are hardest to distinguish. Right verdict: probability that the diagnosis of all runs then names one "
             "effect, and the right one."
         )
         names = [h.name for h in self.rivals.hypotheses]

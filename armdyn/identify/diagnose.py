@@ -85,10 +85,12 @@ class Diagnosis(Displayable):
         if not self.ranked_effects:
             text = "Nothing in the catalogue makes a difference."
         elif best := self.ranked_effects[0].tied_with:
-            text = f"These runs cannot tell {self.ranked_effects[0].effect} from {', '.join(best)}."
+            text = f"These runs cannot distinguish {self.ranked_effects[0].effect} from {', '.join(best)}."
             text += f" What would: {'; '.join(self.remedies)}." if self.remedies else ""
         else:
-            text = f"{self.ranked_effects[0].effect} explains most, and these runs can tell it from every other effect."
+            text = (
+                f"{self.ranked_effects[0].effect} explains most, and these runs distinguish it from every other effect."
+            )
         unseen = (
             f"{name} cannot be identified in these runs: {', '.join(imitators)} has the same influence."
             for name, imitators in self.unidentified_effects.items()
@@ -230,9 +232,9 @@ def _sentence(
     if verdict is Verdict.CANNOT_TELL_APART:
         added, tied = _added(found), ", ".join(at_most_named([t.name_in_sentence for t in ties]))
         if len(added) == 1:
-            tied = f"Something is missing, and these runs cannot tell which: {added[0].name_in_sentence}, {tied}"
+            tied = f"Something is missing, and these runs cannot show which: {added[0].name_in_sentence}, {tied}"
         else:
-            tied = f"{_names(found)} are missing, and these runs cannot tell {tied} from one of them"
+            tied = f"{_names(found)} are missing, and these runs cannot distinguish {tied} from one of them"
         return f"{tied}. To find out: {'; '.join(advice)}."
     return verdict.value
 

@@ -108,7 +108,9 @@ def parameter_covariance(names: Sequence[str], information: np.ndarray) -> np.nd
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     if values[0] < 1e-14 * values[-1]:
         tangled = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.1]
-        raise InputError(f"these runs cannot tell {' from '.join(tangled)}: fix one of them or give a richer motion")
+        raise InputError(
+            f"these runs cannot distinguish {' from '.join(tangled)}: fix one of them or give a richer motion"
+        )
     return free_covariance(information, np.ones(len(names), dtype=bool), negligible=0.0)
 
 

@@ -23,7 +23,7 @@ class Verdict(Enum):
 
     EXPLAINED = "The model explains these runs: what is left is noise."
     EFFECT_MISSING = "An effect is missing, and these runs name it."
-    CANNOT_TELL_APART = "Something is missing, and these runs cannot tell which of several effects it is."
+    CANNOT_TELL_APART = "Something is missing, and these runs cannot show which of several effects it is."
     UNKNOWN_EFFECT = "Something is missing, and nothing in the catalogue explains it."
     NOT_EXPLAINED = "The model does not explain these runs: what is left is more than noise."
     LOST = "The fit is lost: it says nothing of what the model lacks."
@@ -36,7 +36,7 @@ class Verdict(Enum):
 
 HOLDOUT_KIND_TEXT = {
     HoldoutKind.EXAM: "on the exam",
-    HoldoutKind.HELD_OUT: "on the held-out runs, which helped to choose,",
+    HoldoutKind.HELD_OUT: "on the held-out runs",
     HoldoutKind.LEAVE_ONE_OUT: "of runs predicted from the others",
     HoldoutKind.TRAINING: "on the run that was fitted",
 }
@@ -174,7 +174,7 @@ def _found(
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
-    text = f"{join_names([one.text for one in added if one.headline] + rest)} {verb} {is_missing}" if added else ""
+    text = f"{_grouped(added, rest)} {verb} {is_missing}" if added else ""
     if held:
         text += f", and {held} was added" if added else f"{held[:1].upper()}{held[1:]} was added"
     if helps:
@@ -182,6 +182,19 @@ def _found(
             f": {'they explain' if several or (held and added) else 'it explains'} {percent_text(share)} of the misfit"
         )
     return f"{text}{', and' if helps else ';'} the error {HOLDOUT_KIND_TEXT[judge]} {_change(before, after)}."
+
+
+def _grouped(added: Sequence[NamedEffect], rest: Sequence[str]) -> str:
+    """The effects of a first sentence, those on the same joints together, with a text on the `rest` of them."""
+    groups = dict[frozenset[str], list[NamedEffect]]()
+    for one in added:
+        if one.headline:
+            groups.setdefault(frozenset(one.joints or [one.effect]), []).append(one)
+    texts = [_on(join_names([one.effect for one in own]), own[0].joints) for own in groups.values()]
+    every = [*texts, *rest]
+    if not any(" and " in text for text in texts):
+        return join_names(every)
+    return ", and ".join(part for part in ("; ".join(every[:-1]), every[-1]) if part)
 
 
 def _ties(steps: Sequence[RepairStep]) -> str:
@@ -192,26 +205,21 @@ def _ties(steps: Sequence[RepairStep]) -> str:
         return ""
     of = {name for step in steps if not names.issuperset(step.tied_with) for name in step.added}
     it = "it" if len(names) == 1 else next(iter(of)) if len(of) == 1 else "one of them"
-    return f"; these runs cannot tell {join_names(at_most_named(ties), 'or')} from {it}"
+    return f"; these runs cannot distinguish {join_names(at_most_named(ties), 'or')} from {it}"
 
 
 def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, float], left: RepairResidual) -> str:
     last, ending = steps[-1], _ties(steps) + "".join(f"; but {warning}" for warning in left.warnings[:1])
     noise = total_errors({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
-    size = (
-        f"What is left, {_number(ratio, 2)} times the noise,"
-        if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE
-        else "What is left"
-    )
+    small = ratio <= MAX_ERROR_TO_NOISE_CALLED_NOISE
+    if not left.exceeds_noise and small:
+        return f"The remaining error is noise{ending}."
+    size = "as small as the noise, but not random" if small else f"{_number(ratio, 2)} times the noise"
+    described = f" ({left.description})" if left.description else ""
+    text = f"The remaining error is {size}{described}"
     if not left.exceeds_noise:
-        if ratio <= MAX_ERROR_TO_NOISE_CALLED_NOISE:
-            return f"{size} is noise{ending}."
-        if left.description:
-            return f"{size} is a small error of the model ({left.description}){ending}."
-        return f"{size} shows no structure that armdyn looks for{ending}."
-    text = f"{size} {'is more than noise' if ratio > MAX_ERROR_TO_NOISE_CALLED_NOISE else 'is not white noise'}"
-    text += f" ({left.description})" if left.description else ""
+        return f"{text}{'' if described else ', and armdyn finds no structure in it'}{ending}."
     if not left.searched:
         text += ": run `armdyn diagnose` to look for more"
     elif left.further_effect:

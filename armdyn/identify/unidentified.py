@@ -54,13 +54,11 @@ class UnidentifiedCombination:
     def sentence(self) -> str:
         """One sentence for a reader: which parameters change together, and what would identify them."""
         moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
-        text = f"These runs do not tell {join_names(list(self.changes))} from one another: together they may move "
-        text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
+        text = f"These runs do not determine {join_names(list(self.changes))} one by one: if they change together "
+        text += f"({', '.join(moves)}), no prediction changes. State the value of one of them"
         first = next(iter(self.changes))
-        text += f', --set {first}="... +/- ..."'
-        return text + (
-            f", or a recording of {join_names(self.identifying_states, 'or')}" if self.identifying_states else ""
-        )
+        text += f' (--set {first}="... +/- ...")'
+        return text + (f", or record {join_names(self.identifying_states, 'or')}" if self.identifying_states else "")
 
 
 @cached_with_first_argument

@@ -278,7 +278,7 @@ class ContactDetector:
         torque = replace(torque, what=", ".join(names))
         sentence = (
             f"something touches the arm, or it took up a load{', or the sensor was zeroed' * zeroed}; one moment "
-            "cannot tell which: "
+            "cannot show which: "
             f"{torque} so far, since {since:.2f} s."
         )
         found = self._report.event(EventKind.UNIDENTIFIED, step.time, now.since, torque, sentence)

@@ -79,8 +79,8 @@ def residual_dependence_section(fit: Fit, whose: str) -> Section:
                 by_tab.setdefault(tab, []).append(_dependence(tab, name, unit, at, residual))
     return Section(
         "What the residual depends on",
-        f"Residual of {whose}. A line that leaves the band has a cause: a step at zero speed is dry friction, a slope "
-        "is viscous.",
+        f"Residual of {whose}. The quantity over which a line leaves the band is one on which the missing effect "
+        "depends; over a speed, a step at zero is dry friction and a slope viscous friction.",
         [chart for found in by_tab.values() for _, chart in nlargest(MAX_CHARTS_PER_TAB, found, key=lambda f: f[0])],
         tabs={tab: channel_short_name(tab) for tab in by_tab},
     )
@@ -88,17 +88,17 @@ def residual_dependence_section(fit: Fit, whose: str) -> Section:
 
 def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.ndarray) -> tuple[float, Chart]:
     """Strength of a dependence, and its figure: residual (n,) in units of the noise, and its mean in bins."""
-    edges = np.quantile(at, np.linspace(0, 1, RESIDUAL_BINS + 1))
-    place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, RESIDUAL_BINS - 1)
-    count = np.maximum(np.bincount(place, minlength=RESIDUAL_BINS), 1)
-    mean, middle = (np.bincount(place, values, minlength=RESIDUAL_BINS) / count for values in (residual, at))
+    edges = np.unique(np.quantile(at, np.linspace(0, 1, RESIDUAL_BINS + 1)))  # an input may rest at one value
+    place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, max(len(edges) - 2, 0))
+    count = np.bincount(place)
+    mean, middle = (np.bincount(place, values)[count > 0] / count[count > 0] for values in (residual, at))
     every = slice(None, None, max(1, len(at) // MAX_SCATTER_POINTS))
     figure = go.Figure(layout={"height": 280})
     figure.update_xaxes(title_text=f"{channel_full_name(against, unit)} [{unit}]")
     figure.update_yaxes(title_text="residual [std of noise]")
     figure.add_scatter(x=at[every], y=residual[every], name="samples", opacity=0.4, **MEASURED_STYLE)
     figure.add_scatter(x=middle, y=mean, name="mean", **MODEL_STYLE)
-    bound = 3 / np.sqrt(count)
+    bound = 3 / np.sqrt(count[count > 0])
     for sign in (-1, 1):
         figure.add_scatter(x=middle, y=sign * bound, name="3 std of the mean", showlegend=sign > 0, **LIMIT_STYLE)
     caption = f"Residual of the {channel_full_name(tab)} against {channel_full_name(against)}."

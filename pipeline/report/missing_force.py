@@ -26,6 +26,11 @@ MISSING_FORCE_HINT = (
     "What the model cannot explain, averaged. Over the speed, a step at zero is dry friction, a straight line viscous "
     "friction; a flat line at zero means that nothing is missing there."
 )
+MISSING_RATE_TITLE = "The missing rates"
+MISSING_RATE_HINT = (
+    "By how much the model is wrong about the rate at which each state changes, averaged. The quantity over which a "
+    "line leaves zero is the one on which the missing term depends."
+)
 BAND_STANDARD_ERRORS = 2.0
 """Half width of a drawn uncertainty band [standard errors]."""
 PANEL_GAP_SHARE_OF_WIDTH = 0.025
@@ -46,7 +51,9 @@ def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> lis
     """
     charts = missing_force_charts(curves, added)
     tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts if chart.tab}
-    return [Section(MISSING_FORCE_TITLE, MISSING_FORCE_HINT, charts, tabs=tabs)] if charts else []
+    forces = any(curve.unit in QUANTITY_BY_UNIT for curve in curves)
+    title, hint = (MISSING_FORCE_TITLE, MISSING_FORCE_HINT) if forces else (MISSING_RATE_TITLE, MISSING_RATE_HINT)
+    return [Section(title, hint, charts, tabs=tabs)] if charts else []
 
 
 def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:

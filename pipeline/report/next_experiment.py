@@ -111,7 +111,7 @@ def investigation_section(found: "Investigation") -> Section:
         )  # fmt: skip
     charts.append(Chart(moved, "Dotted: as SAC chose, to learn the length. The others were designed for rivals."))
     caption = (
-        "Expected: standard deviations between the rivals that are hardest to tell apart, and probability of a "
+        "Expected: standard deviations between the rivals that are hardest to distinguish, and probability of a "
         "right verdict. What came: by how much χ² of the second best effect is larger than that of the best."
     )
     table = Table([

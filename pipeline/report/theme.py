@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.recording.channels import Channel, FloatArray
+from armdyn.recording.channels import EXTRA_PREFIX, Channel, FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
@@ -178,7 +178,7 @@ def channel_quantity(channel: str, unit: str = "N m") -> str:
     kind, dot, _ = channel.partition(".")
     if dot and kind in _OF_A_JOINT:
         return "force" if kind == "tau" and unit == "N" else _OF_A_JOINT[kind]
-    return _PENDULUM.get(channel, channel.replace("_", " "))
+    return _PENDULUM.get(channel, channel.removeprefix(f"{EXTRA_PREFIX}.").replace("_", " "))
 
 
 def channel_short_name(channel: str) -> str:

@@ -143,7 +143,7 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
         listed = ", ".join(joints) if len(joints) <= MAX_LISTED_JOINTS else f"{len(joints)} joints"
         places = f" on {listed}" if joints else ""
         label = f"{effect}:{','.join(joints)}" if joints else effect
-        tie = f"<br><span class='tie'>these runs cannot tell it from {escape(ties)}</span>" if ties else ""
+        tie = f"<br><span class='tie'>these runs cannot distinguish it from {escape(ties)}</span>" if ties else ""
         left = ", ".join(number_text(error, unit) for unit, error in after.items())
         rows.append(
             f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar_cell_html(left, share, judged=False)}"

@@ -102,19 +102,19 @@ class ResidualCharacter:
         """The description of the residual in one sentence, for a reader."""
         parts = []
         if self.process_error is not None:
-            share = f"({100 * self.process_error:.0f} % vanish with a free state)"
+            share = f"({100 * self.process_error:.0f} % of it vanishes if short pieces start from states of their own)"
             parts.append(f"{probable_cause_text(self.process_error)} {share}")
         if self.terms:
             parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
         if self.peaks:
-            parts.append("strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
+            parts.append("it is strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
         return "; ".join(parts)
 
 
 def residual_sentence(character: ResidualCharacter | None) -> str:
     """Sentence on what is left after a fit, followed by a blank; empty where that is noise."""
     said = character.sentence if character is not None else ""
-    return f"What is left: {said}. " if said else ""
+    return f"The remaining error {said.removeprefix('it ')}. " if said else ""
 
 
 def probable_cause_text(process_error: float) -> str:
@@ -124,7 +124,7 @@ def probable_cause_text(process_error: float) -> str:
     return (
         "it behaves like a sensor error"
         if process_error < MAX_SENSOR_PROCESS_ERROR_SHARE
-        else "dynamics or sensor: undecided"
+        else "it may be missing dynamics or a sensor error"
     )
 
 

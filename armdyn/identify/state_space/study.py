@@ -219,8 +219,8 @@ class StateSpaceStudy(Study):
                         ", ..." if len(when) > MAX_LISTED_GLITCHES else ""
                     )
                     found.append(
-                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples lie far off (a touch, "
-                        f"a switch, a lost marker) and count little in choosing: at {times} s"
+                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples lie far off "
+                        f"and count little in the choice of effects: at {times} s"
                     )
         return found
 

@@ -27,6 +27,9 @@ def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
 GIVEN = step({"tau.a": 30.0, "tau.b": 40.0})
 SPRING = step({"tau.a": 3.0, "tau.b": 4.0}, ["gravity_spring"], ["left_s1"])
 LAST = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload", "torque_delay", "torque_gain"], ["b"])
+BOTH = step({"tau.a": 3.0, "tau.b": 4.0}, ["joint_coulomb_friction"], ["a", "b"])
+VISCOUS = step({"tau.a": 0.3, "tau.b": 0.4}, ["joint_viscous_friction"], ["b", "a"])
+LOADED = step({"tau.a": 0.3, "tau.b": 0.39}, ["payload"], ["b"])
 EXAM = [
     step({"tau.a": 30.0}, exam={"tau.a": 20.0}), step({"tau.a": 3.0}, ["gravity_spring"], ["b"], exam={"tau.a": 10.0}),
 ]  # fmt: skip
@@ -44,6 +47,7 @@ REPAIRS = {
     "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, Rest(True)),
     "several effects": ([GIVEN, SPRING, LAST], HELD_OUT, ARM, NOISE),
     "many effects": ([GIVEN, step(SPRING.rmse, [f"effect_{i}" for i in range(6)])], HELD_OUT, ARM, NOISE),
+    "effects on the same joints": ([GIVEN, BOTH, VISCOUS, LOADED], HELD_OUT, ARM, NOISE),
     "ties and warnings": (TIED, HELD_OUT, CELL, Rest(False, warnings=["the link of b weighs 241 kg in the model"])),
     "nothing": ([GIVEN], HoldoutKind.TRAINING, ARM, NOISE),
 }

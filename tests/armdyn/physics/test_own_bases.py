@@ -207,7 +207,7 @@ def test_a_state_that_the_runs_cannot_tell_from_the_one_named_is_said():
     found = repair(physics_model(chain, own_effects=[source]), [run(1), run(2)])
     (step,) = found.path[1:]
     assert {f"{step.added[0]}:{step.joints[0]}", *step.tied_with} == {"source:hidden", "source:shown"}
-    assert f"cannot tell {step.tied_with[0]}" in found.sentence
+    assert f"cannot distinguish {step.tied_with[0]}" in found.sentence
 
 
 def test_what_a_base_allows_is_plausible_however_slow():

@@ -14,7 +14,10 @@ from scipy.stats import binomtest
 
 from armdyn.document import Chart, Column, Document, KeyFigure, NextStep, ResultLevel, Section, Table
 from armdyn.errors import InputError
+from armdyn.identify.residual.missing_force import ForceCurve
 from pipeline.report.feasibility import joint_motion_sections, limit_margin_section
+from pipeline.report.fit import _dependence
+from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.page import gzip_base64, page_html, table_html, write_page
 from pipeline.report.table import success_interval, table_one_report
 from pipeline.report.theme import number_text
@@ -215,3 +218,21 @@ def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_report):
         tab.go((tmp_path / "report.html").as_uri())
         tab.wait(f"document.querySelectorAll('.chart.js-plotly-plot').length == {len(figures(trial_report))}")
         assert tab.errors == []
+
+
+def test_a_mean_over_an_input_that_rests_at_few_values_has_no_empty_interval():
+    at = np.repeat([5.0, 20.0, 60.0], [10, 100, 30])
+    chart = _dependence("extra.t", "extra.heater", "W", at, np.repeat([1.0, -2.0, 3.0], [10, 100, 30]))[1]
+    mean = next(trace for trace in chart.figure.data if trace.name == "mean")
+    assert np.all(np.diff(mean.x) > 0.0)
+    assert mean.x[0] == 5.0  # no empty interval, whose mean would be drawn at 0
+    assert mean.y[0] == 1.0
+
+
+def test_a_process_lacks_a_rate_and_an_arm_a_force():
+    def curve(unit):
+        x = np.linspace(0.0, 1.0, 20)
+        return ForceCurve("run", None, unit, "block", "K", x, x, 0.1 + 0 * x)
+
+    assert missing_force_sections([curve("K/s")])[0].title == "The missing rates"
+    assert missing_force_sections([curve("N m")])[0].title == "The missing force"
