@@ -26,23 +26,32 @@ def column_map_json(found: "ColumnMap") -> dict[str, object]:
 
 
 def print_proposal(found: "ColumnMap", recordings: "Sequence[ForeignRecording]") -> None:
-    """Print a proposed mapping as a table, and the columns that are left out or have an open question."""
+    """Print a proposed mapping as a table, its open questions, each once, and the columns that are left out."""
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
-    from pipeline.imports.mapping import reason_comment
+    asked: dict[str, list[str]] = {}
+    if found.check:
+        asked[found.check] = [found.time]
+    for column, entry in found.entries.items():
+        if entry.check:
+            asked.setdefault(entry.check, []).append(column)
+    number = {question: i for i, question in enumerate(asked, 1)}
+
+    def reason(why: str, check: str) -> str:
+        return "; ".join(part for part in (why, f"CHECK {number[check]}" if check else "") if part)
 
     table = borderless_table("column", "channel", "unit", "why")
     if found.time:
-        table.add_row(found.time, "time", found.time_unit, reason_comment(found.why, found.check))
+        table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
     for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason_comment(entry.why, entry.check))
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason(entry.why, entry.check))
     screen_console().print(table)
-    asked = [column for column, entry in found.entries.items() if entry.check]
-    asked += [found.time] if found.check else []
+    for question, names in asked.items():
+        typer.echo(f"CHECK {number[question]}: {question} ({_listed(names)})")
     used = {found.time, *found.entries, *(entry.height for entry in found.entries.values())}
-    for what, names in (
-        ("left out", [name for name in columns if name not in used]),
-        ("to be looked at", asked),
-    ):
-        if names:
-            more = len(names) - MAX_LISTED_COLUMNS
-            typer.echo(f"{what}: {', '.join(names[:MAX_LISTED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
+    if unused := [name for name in columns if name not in used]:
+        typer.echo(f"left out: {_listed(unused)}")
+
+
+def _listed(names: "Sequence[str]") -> str:
+    more = len(names) - MAX_LISTED_COLUMNS
+    return ", ".join(names[:MAX_LISTED_COLUMNS]) + (f" and {more} more" if more > 0 else "")

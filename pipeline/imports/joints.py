@@ -232,7 +232,7 @@ class _Headers:
         if first is None:
             first = next(iter(firsts)) if len(firsts) == 1 else 0 if 0 in numbers.values() else 1
             certain = len(firsts) == 1 and set(numbers.values()) <= set(range(first, first + len(arm)))
-        of_these = f": number {first} is taken as the first"
+        of_these = f": is number {first} that of {arm[0]}?"
         doubts = {
             f"{len(columns)} numbers for {len(arm)} joints{of_these}": not certain,
             f"or is it of {' '.join(self.joints.others[:1])} and its like?": self.joints.others,

@@ -166,7 +166,7 @@ def _without_unit(text: str, unit: str) -> ColumnHeaderParts:
         command_words -= {"as"}
         quantity, doubt = ("current" if unit and is_unit_like(unit, "A") else "tau"), "a torque made of a current?"
     elif "motor" in words and "joint" not in words and quantity in ("q", "v", "tau"):
-        doubt = "the motor's or the joint's? gear_ratio"
+        doubt = "is this the motor's value or the joint's? Write gear_ratio for the motor's"
     elif quantity == "tau" and {"est", "estimate", "estimated"} & set(words):
         doubt = "an estimate"
     elif {"mp", "mt", "qm"} & set(words):

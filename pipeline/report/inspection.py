@@ -42,9 +42,14 @@ def checks_section(checks: Sequence[Check]) -> Section:
     """Section with a table of an inspection's findings: severity, channels, time, sentence and remedy."""
     if not checks:
         return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
+    runs: dict[Check, list[str]] = {}
+    for check in checks:  # the same finding in several runs is one row
+        runs.setdefault(replace(check, run=None, correction=None), []).append(check.run or "")
+    checks = list(runs)
     columns = [
         Column("severity", [c.severity.key for c in checks], title=" "),
-        *attribute_columns(checks, kind="", run=""),
+        *attribute_columns(checks, kind=""),
+        Column("run", [", ".join(names) for names in runs.values()]),
         Column("channels", [", ".join(c.channels[:4]) for c in checks], dropped_when_narrow=True),
         Column("from, to [s]", [_span(c) for c in checks], dropped_when_narrow=True),
         Column("what", [c.sentence for c in checks]),

@@ -99,7 +99,7 @@ def test_of_more_motors_than_the_arm_has_joints_those_that_move_are_taken(armdyn
     for i, joint in enumerate(("hip", "calf"), 3):
         for kind, channel in (("q", "q"), ("dq", "v"), ("tau_est", "tau")):
             assert f'"motor_state[{i}].{kind}" = {{ channel = "{channel}.{joint}"' in text
-    assert "5 numbers for 2 joints: number 3 is taken as the first" in text
+    assert "5 numbers for 2 joints: is number 3 that of hip?" in text
     armdyn("import", "log.csv", "--output", "runs", "--map", "runs/map.toml", "--urdf", "leg.urdf")
     armdyn("inspect", "runs/log.csv", "--json", "j.json")
     asked = [c for c in json.loads(Path("j.json").read_text())["recording_checks"] if c["kind"] == "unanswered_check"]
