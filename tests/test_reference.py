@@ -11,7 +11,7 @@ import armdyn
 import ik
 import urdf
 
-PAGE = (Path(__file__).parents[1] / "docs" / "python.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "reference.md").read_text()
 
 
 def documented():

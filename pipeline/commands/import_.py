@@ -256,6 +256,8 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         typer.echo(f"next: {shell_quoted_command('new', 'arm', 'M.toml', *_words(choice), *drive)}")
         if drive:
             typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")
+            if not known:
+                typer.echo(f"  servos with known gains, as in '--drive sts3215=all': {', '.join(KNOWN_DRIVES)}")
         silent = not drive and not runs[0].predictable_channels
         typer.echo("no torque was recorded: only what is measured can be compared" if silent else repair)
     else:
