@@ -30,7 +30,7 @@ def site(tmp_path_factory):
 
 
 def test_the_reference_shows_the_front_door(site):
-    page = (site / "python/index.html").read_text()
+    page = (site / "reference/index.html").read_text()
     for name in ("armdyn.front.repair", "armdyn.run.Run.from_arrays", "armdyn.displayable.Displayable.to_dataframe"):
         assert f'id="{name}"' in page
     assert "recordings that help to choose effects, but are never fitted" in page
