@@ -213,7 +213,8 @@ def _assemble(described: _Description, srdf: Path | None, settings: RobotSetting
 
         check_torques(described.mjcf, model, dynamics)
     if not model.existFrame(tool.frame):
-        raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
+        known = ", ".join(link.get("name", "") for link in root.findall("link"))
+        raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool: {known}")
     defects += [*(one.sentence for one in judged), *_weightless(model)]
     lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limit_sentences(model)]
     notes = [*described.notes, *described.left_out(joints), *_held(root, carried, joints), *lacking]

@@ -16,6 +16,10 @@ from urdf.robot import Limits
 
 MAX_VIOLATION_ROWS = 50
 """Largest number of violations that a table lists; the JSON lists all."""
+LIMIT_TABLE_CAPTION = (
+    "The tightest limit of each kind comes first. Used: for a position from the middle of its range to its bound, else "
+    "from 0. Singularity: the smallest singular value of the tool's Jacobian, 0 where the tool cannot move one way."
+)
 MAX_LIMIT_CURVE_POINTS = 1500
 """Largest number of drawn samples of a curve of a limit's used share."""
 
@@ -60,7 +64,8 @@ def _violation_section(report: FeasibilityReport) -> Section:
         Column("at [s]", [v.time for v in listed], ".3f"),
         *attribute_columns(listed, value=".4g", bound=".4g", unit=""),
     ]
-    sentence = f"{len(report.violations)} stretches of the motion break a limit.{more}"
+    times = f"{len(report.violations)} times" if len(report.violations) > 1 else "once"
+    sentence = f"The motion breaks a limit {times}.{more}"
     return Section("Violations", sentence, tables=[Table(columns)])
 
 
@@ -102,7 +107,7 @@ def limit_margin_section(margins: Sequence[LimitMargin]) -> Section:
         Column("at [s]", [margin.time for margin in ordered], ".2f"),
         Column("used", list(map(percent_text, used)), bar_lengths=used, bar_coloured_by_length=True),
     ]
-    return Section("Limits", sentence, tables=[Table(columns)])
+    return Section("Limits", sentence, tables=[Table(columns, LIMIT_TABLE_CAPTION)])
 
 
 def limit_use_section(report: FeasibilityReport) -> Section:
