@@ -27,7 +27,7 @@ def read_bytes(path: Path, largest: int = MAX_RECORDING_BYTES) -> bytes:
         raise InputError(f"{path} is a directory: give the recording's file") from error
     except FileNotFoundError as error:
         beside = get_close_matches(path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")], NAMED_FILES, 0.0)
-        there = f"; beside it there are {', '.join(beside)}" if beside else ""
+        there = f" (its folder has {', '.join(beside)})" if beside else ""
         raise InputError(f"{path}: no such file{there}") from error
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error

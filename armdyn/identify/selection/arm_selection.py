@@ -172,8 +172,8 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
         if body not in found.chosen_set.effects or body in found.scorer.given:
             continue
         without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
-        others = larger_sets(without.scorer, without.chosen_set, SCORED_CHANGES_PER_KIND)
-        promising = [one for one in others if body not in one.effects][:FITTED_REPLACEMENTS]
+        larger = larger_sets(without.scorer, without.chosen_set, SCORED_CHANGES_PER_KIND)
+        promising = [one for one in larger if body not in one.effects][:FITTED_REPLACEMENTS]
         best = best_path([found, *(without.with_set(one) for one in promising)])
         if best is not found:
             found = _to_fixed_point(best, say)
