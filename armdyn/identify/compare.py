@@ -151,7 +151,12 @@ class Comparison(Displayable):
             return [f"{text}." for text in self.left_out]
         found = [self.uncertainty_sentence]
         for name in self.at_bound:
-            found.append(f"{name} ended on its physical bound: it may stand in for something else.")
+            one = self.parameters[name]
+            found.append(
+                f"{name} ended on its physical bound, {one.value:.4g} {one.unit}: it may stand in for a missing effect."
+                if one.value
+                else f"{name} ended at 0, its least possible value: these runs show nothing of it."
+            )
         found += [f"{one.sentence}." for one in self.unidentified_combinations]
         for name in self.undetermined:
             kept = self.parameters.get(name)
