@@ -25,7 +25,7 @@ from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.problem import transfer_values
+from armdyn.identify.problem import transfer_mask, transfer_values
 from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
@@ -142,9 +142,11 @@ def predicts_better(study: Study, found: Search) -> bool:
 
 def _promising(study: Study, terms: Mapping[str, CandidateTerm], known: SearchStep) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution beside known effects, few of a kind."""
-    at = study.fit_base_with_effects(
-        known.effects, known.fit, transfer_values(known.fit.values, known.fit.problem, study.problem)
-    )
+    before = known.fit.problem
+    values = transfer_values(known.fit.values, before, study.problem)
+    free = transfer_mask(known.fit.free, before, study.problem)
+    near = replace(known.fit, problem=study.problem, free=free, values=values, weighted=None)
+    at = study.fit_base_with_effects(known.effects, near, values)
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
     for score in study.scores(study.with_thresholds(at), known.effects):

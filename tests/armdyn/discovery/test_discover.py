@@ -9,7 +9,7 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_formula_candidates
-from armdyn.discovery.discover import describe_discovery, discover, predicts_better, steps_that_explain
+from armdyn.discovery.discover import _promising, describe_discovery, discover, predicts_better, steps_that_explain
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
@@ -19,7 +19,7 @@ from armdyn.identify.residual.missing_force import compare_missing_forces
 from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import SearchStep
-from armdyn.identify.selection.search import Search
+from armdyn.identify.selection.search import Search, search
 from armdyn.identify.studies import make_study
 from armdyn.identify.thresholds import THRESHOLD_RANGE_TYPICAL_SIZES
 from armdyn.parameter import quantity
@@ -160,6 +160,17 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
     (law,) = found.laws
     assert law.joints == ("shoulder", "elbow")
     assert law.explained_share == pytest.approx(found.explained_share)
+
+
+def test_terms_are_ranked_beside_known_effects_that_another_study_found(model):
+    """The study with terms has more unknowns than the one that found the known effects; armdyn once stopped here."""
+    given = world("cogging", 0)
+    known = [e for e in available_effects(model) if e.name in ("joint_viscous_friction", "joint_coulomb_friction")]
+    study = make_study(model, given.runs, [given.held_out], known)
+    terms = named_terms(arm_formula_candidates(study.first()))
+    wider = study.with_other_catalogue([*known, *effects_of_terms(list(terms.values()))])
+    names = _promising(wider, terms, search(study).last)
+    assert any(terms[name].kind == "cogging" and terms[name].location.joint == "elbow" for name in names)
 
 
 @pytest.mark.slow
