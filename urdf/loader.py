@@ -61,8 +61,8 @@ def load(
         path = SETTINGS_DIRECTORY / f"{name}.toml"
     elif path.suffix.lower() not in (".toml", ".urdf", ".xml") and not path.exists():
         close = difflib.get_close_matches(name, known_robots(), n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"
-        raise UrdfError(f"unknown robot '{name}': {hint} Or give the path of a URDF file")
+        hint = f"did you mean '{close[0]}'? If not," if close else f"choose one of {', '.join(known_robots())}, or"
+        raise UrdfError(f"unknown robot '{name}': {hint} give the path of a URDF file")
     if path.suffix.lower() == ".toml":
         text, settings = read_robot_settings(path)
         urdf_path, srdf = _locate(settings, path)

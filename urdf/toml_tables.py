@@ -117,15 +117,34 @@ def _check_spelling(text: str) -> None:
             raise TomlFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
+MIN_WORD_LENGTH = 4
+"""Least length of a name that counts as a word of the valid names that contain it."""
+MAX_SUGGESTED_NAMES = 4
+"""Largest number of valid names that are suggested because they contain the given one."""
 MAX_LISTED_NAMES = 60
 """Largest number of valid names that an error message lists."""
 
 
 def name_suggestion(name: str, valid: Sequence[str]) -> str:
     """Advice for an unknown name, as the end of a message: the most similar valid name, or a list of the valid ones."""
+    holding = [each for each in valid if len(name) >= MIN_WORD_LENGTH and name in each][:MAX_SUGGESTED_NAMES]
+    if holding:
+        return f"did you mean {' or '.join(map(repr, holding))}?"
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
+
+
+MAX_NAMED_FILES = 4
+"""Largest number of files, those with the most similar names, that are named where a file is missing."""
+
+
+def files_beside(path: Path) -> str:
+    """Names of files of the same kind in a missing file's folder, as the end of a message; empty without any."""
+    beside = difflib.get_close_matches(
+        path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")], MAX_NAMED_FILES, 0.0
+    )
+    return f" (its folder has {', '.join(beside)})" if beside else ""
 
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:

@@ -16,6 +16,7 @@ from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
 from armdyn.recording.units import sliding_unit
+from urdf.toml_tables import files_beside
 
 REFERENCE_EFFORT_LIMIT_NM = 50.0
 """Effort limit, N m, of the joint for which typical sizes of effects are written."""
@@ -147,7 +148,7 @@ def load_arm_description(
     if (urdf_path is None) == (robot is None):
         raise InputError("an arm needs its URDF or a known robot's name: give one of urdf and robot")
     if urdf_path is not None and not Path(urdf_path).exists():
-        raise InputError(f"{urdf_path}: no such URDF file")
+        raise InputError(f"{urdf_path}: no such URDF file{files_beside(Path(urdf_path).with_suffix('.urdf'))}")
     chosen = None if joints is None else tuple(joints)
     if chosen is not None and len(chosen) == 0:
         raise InputError("an arm needs at least one joint: name some, or leave them out to take all of the arm")

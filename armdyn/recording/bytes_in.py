@@ -1,13 +1,10 @@
 """Read the bytes of a file up to a largest number, so that an endless device does not fill the memory."""
 
-from difflib import get_close_matches
 from pathlib import Path
 
 from armdyn.errors import InputError
 from urdf.bounds import MAX_RECORDING_BYTES
-
-NAMED_FILES = 4
-"""Number of files, those with the most similar names, that are named where a file is missing."""
+from urdf.toml_tables import files_beside
 
 
 def read_bytes(path: Path, largest: int = MAX_RECORDING_BYTES) -> bytes:
@@ -26,9 +23,7 @@ def read_bytes(path: Path, largest: int = MAX_RECORDING_BYTES) -> bytes:
     except IsADirectoryError as error:
         raise InputError(f"{path} is a directory: give the recording's file") from error
     except FileNotFoundError as error:
-        beside = get_close_matches(path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")], NAMED_FILES, 0.0)
-        there = f" (its folder has {', '.join(beside)})" if beside else ""
-        raise InputError(f"{path}: no such file{there}") from error
+        raise InputError(f"{path}: no such file{files_beside(path)}") from error
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if len(data) > largest:

@@ -1,9 +1,11 @@
 """The command `armdyn add`: add effects to a model, and fit it again."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from armdyn.errors import InputError
 from pipeline.console.inputs import StudyInputs
 from pipeline.console.options import NamedOnlyOption, OutputOption
 from pipeline.console.repair_result import report_and_save_repair
@@ -25,6 +27,10 @@ def add(
     """Add one or several effects to a model, and fit it again."""
     from armdyn.effects.catalogue import find_several
 
+    if Path(effect).is_file():
+        raise InputError(
+            f"{effect}: is a file; the effect comes before the recordings: armdyn add M.toml EFFECT RUN..."
+        )
     with inputs.begin(output, over_model=True, adding=effect) as (given, say):
         wanted = find_several(effect, given.known.catalogue)
         for each in wanted:

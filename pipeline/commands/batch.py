@@ -23,7 +23,10 @@ def batch(
         Path, typer.Argument(metavar="SPEC.toml", help="File that lists models and recordings; see docs/batch.md.")
     ],
     output: Annotated[
-        Path, typer.Option("--output", "--out", help="Directory for results and report; a batch in it is continued.")
+        Path,
+        typer.Option(
+            "--output", "--out", metavar="DIR", help="Directory for results and report; a batch in it is continued."
+        ),
     ],
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask scheduler whose workers compute, such as tcp://host:8786.")

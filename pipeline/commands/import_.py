@@ -40,7 +40,9 @@ class ImportOptions:
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
     ]
-    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is created.")]
+    output: Annotated[
+        Path, typer.Option("--output", "--out", metavar="DIR", help="Directory for the runs; it is created.")
+    ]
     mapping: Annotated[
         Path | None, typer.Option("--map", help="TOML file that says which column is which channel.")
     ] = None

@@ -160,6 +160,8 @@ def _say_why(error: BaseException, interrupts: SignalHandler) -> int:
         return _say("interrupted", 130)
     if isinstance(error, TyperException):
         usage = _usage(error)
+        if not error.format_message():  # a group of commands without a command, whose help was shown
+            return _say(f"name a command{usage}", 2)
         return _say((error.format_message().rstrip(".?") if usage else error.format_message()) + usage, 2)
     if isinstance(error, TaskFailedError):
         return _say(str(error), 1)
@@ -186,9 +188,9 @@ def _usage(error: TyperException) -> str:
         return f"; '{command} --help' lists all" if command == "armdyn" else f"; choose from {', '.join(subcommands)}"
     words = command
     for each in context.command.params:
-        value = "FILE" if each.name == "output" else each.name.upper()
+        value = each.metavar or ("FILE" if each.name == "output" else each.name.upper())
         if each.param_type_name == "argument":
-            words += f" {(each.metavar or value).strip('{}')}"
+            words += f" {value.strip('{}')}"
         elif each.required:
             words += f" {each.opts[0]} {value}"
     more = f"'{command} --help' lists its options"

@@ -47,7 +47,7 @@ NamedOnlyOption = Annotated[
     bool,
     typer.Option("--named-only", help="Leave the background, the force without a named effect, out of the file."),
 ]
-RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
+RosOption = Annotated[str, typer.Option("--ros", metavar="ws://HOST:9090", help="Address of the rosbridge.")]
 ArmOption = Annotated[
     str, typer.Option("--arm", help="The arm: name of a known robot, or a settings file with a table for ROS.")
 ]
